@@ -1,0 +1,32 @@
+"""mipbake: bakes PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
+
+from __future__ import annotations
+
+import pkgutil
+
+# The build maps models/, training/, cli/ and the native core into this package. When Python runs from the root of
+# a checkout, this folder shadows the installed package; extending the path finds those rooms there all the same.
+__path__ = pkgutil.extend_path(__path__, __name__)
+
+__version__ = "0.1.0"
+
+# These modules import NumPy and nothing heavier: readers, colour science and torch are imported where they are used.
+from mipbake.bake import bake
+from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
+from mipbake.stack import MipStack, open_stack
+from mipbake.texture_set import TextureSet, load
+from mipbake.validate import Validation, validate
+
+__all__ = [
+    "InputError",
+    "MipStack",
+    "MipbakeError",
+    "OutputError",
+    "TextureSet",
+    "UsageError",
+    "Validation",
+    "bake",
+    "load",
+    "open_stack",
+    "validate",
+]

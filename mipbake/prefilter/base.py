@@ -1,0 +1,50 @@
+"""The interface that every prefilter implements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.prefilter.pixel_filter import Wrap
+
+Progress = Callable[[float], None]
+"""Told the finished share of the work, from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class PrefilterResult:
+    """Every level of a stack, and which trained weights made it.
+
+    Args:
+        levels: (H_L, W_L, C) float32 stored channels of the target model, level 0 to 1 x 1.
+        weights: name of the trained weights; None for closed forms.
+        weights_sha256: their hash; None for closed forms.
+    """
+
+    levels: list[NDArray[np.float32]]
+    weights: str | None = None
+    weights_sha256: str | None = None
+
+
+class Prefilter(Protocol):
+    """A method that prefilters materials. Implementations are stateless."""
+
+    @property
+    def name(self) -> str:
+        """What users call it."""
+
+    @property
+    def summary(self) -> str:
+        """One line for help texts."""
+
+    def __call__(
+        self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """Prefilters (H, W, C) stored channels of model `source` into levels of model `target`.
+
+        Raises UsageError for a target or pixel filter that the method does not have.
+        """

@@ -1,0 +1,28 @@
+"""`linear`: average every stored channel and renormalise the normal.
+
+With the box filter this is what GPUs and most tools do; with a pixel filter, level 0 is filtered too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
+
+
+class Linear:
+    """Averages of the stored channels of the target model, under the pixel filter."""
+
+    name = "linear"
+    summary = "average of every stored channel (what GPUs do, with the pixel filter in place of the box)"
+
+    def __call__(
+        self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter."""
+        channels = material.convert(stored, source, target)
+        levels = filtered_levels(channels, pixel_filter, wrap, progress)
+        return PrefilterResult([material.regularise(level, target) for level in levels])
