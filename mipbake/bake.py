@@ -1,0 +1,90 @@
+"""The pipeline: a texture set in, a MIP stack out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mipbake import __version__
+from mipbake.errors import UsageError
+from mipbake.material import MODELS
+from mipbake.prefilter import method_named
+from mipbake.prefilter.pixel_filter import filter_named, filtered_levels
+from mipbake.stack import MipStack, Provenance
+from mipbake.texture_set import TextureSet
+
+DEFAULT_METHOD = "neural"
+DEFAULT_FILTER = "gaussian"
+AUTO_TARGET = "auto"
+"""`gltf-anisotropic` for a set with an anisotropy map, `gltf` for any other."""
+
+TARGETS = (AUTO_TARGET, *MODELS)
+
+StageProgress = Callable[[str, float], None]
+"""Told the name of the stage and its finished share, from 0 to 1."""
+
+
+def resolve_target(texture_set: TextureSet, target: str) -> str:
+    """The material model that a target name means for this set; UsageError with the list of names for an unknown one."""
+    if target not in TARGETS:
+        raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
+    if target == AUTO_TARGET:
+        return texture_set.source_model
+    return target
+
+
+def bake(
+    texture_set: TextureSet,
+    method: str = DEFAULT_METHOD,
+    target: str = AUTO_TARGET,
+    pixel_filter: str = DEFAULT_FILTER,
+    progress: StageProgress = lambda _stage, _share: None,
+) -> MipStack:
+    """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
+
+    Args:
+        texture_set: from `mipbake.load` or `TextureSet.from_arrays`.
+        method: a name in `mipbake.prefilter.METHODS`.
+        target: a material model in `mipbake.material.MODELS`, or "auto".
+        pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`; what the engine's pixels are filtered with.
+        progress: told stage and share as the work goes on.
+
+    Returns:
+        The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
+        that do not shade (ambient occlusion, height, emissive, opacity), whose level 0 is never altered.
+
+    Raises:
+        UsageError: an unknown method, target or filter, or one that the method does not have.
+    """
+    prefilter = method_named(method)
+    model = resolve_target(texture_set, target)
+    kernel = filter_named(pixel_filter).name
+    source = texture_set.source_model
+    stored = texture_set.material(source)
+    result = prefilter(stored, source, model, kernel, texture_set.wrap, lambda share: progress("prefilter", share))
+    if not all(np.isfinite(level).all() for level in result.levels):
+        raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
+    extra = {}
+    for index, (role, pixels) in enumerate(texture_set.passive_maps.items()):
+        extra[role] = filtered_levels(pixels, "box", texture_set.wrap)
+        progress("other maps", (index + 1) / len(texture_set.passive_maps))
+    return MipStack(
+        name=texture_set.name,
+        model=model,
+        levels=result.levels,
+        extra=extra,
+        wrap=texture_set.wrap,
+        provenance=Provenance(
+            method=method,
+            pixel_filter=kernel,
+            weights=result.weights,
+            weights_sha256=result.weights_sha256,
+            tool_version=__version__,
+            sources=texture_set.sources,
+            source_hash=texture_set.source_hash,
+            warnings=texture_set.warnings,
+        ),
+    )
+
+

@@ -1,0 +1,84 @@
+"""Renders in texture space: every pixel looks straight at the surface and covers 2^lod texels of level 0.
+
+Lighting and viewing directions are constant over a pixel (section 3.2 of Kemppinen et al. 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import sampling, shading
+from mipbake.metrics.pairs import LightViewPairs
+from mipbake.prefilter.pixel_filter import Wrap, filter_named
+
+_CHUNK = 2048  # texels shaded at a time: 128 pairs of them stay in the cache
+
+# The plastic number's generalised golden ratios: the additive recurrence of lowest known discrepancy in two dimensions
+# (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+_PLASTIC = 1.32471795724474602596
+_RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
+
+
+def random_points(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """(count, 2) texture coordinates: a low-discrepancy sequence with a random shift, at random sub-texel offsets."""
+    return (rng.random(2) + np.arange(count)[:, None] * _RECURRENCE) % 1.0
+
+
+def reference(
+    stored: NDArray[np.float32],
+    model: str,
+    wrap: Wrap,
+    uv: NDArray[np.float64],
+    lod: float,
+    pixel_filter: str,
+    pairs: LightViewPairs,
+    samples: int,
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """Unbiased Monte Carlo estimate of equation 3: the integral of p((x', y') / 2^lod) f(theta(x - x', y - y'), l, v).
+
+    Args:
+        stored: (H, W, C) stored channels of level 0, interpolated bilinearly before anything else happens to them.
+        uv: (P, 2) pixel centres; lod the same for all.
+        pairs: K light-view pairs.
+        samples: surface samples per pixel, importance-sampled from p: a quasirandom sequence under a random shift
+            of its own for each pixel, so that estimates from different generators are independent.
+
+    Returns:
+        (K, P, 3) float32 linear radiance.
+    """
+    kernel = filter_named(pixel_filter)
+    height, width = stored.shape[:2]
+    pixel = 2.0**lod / np.array([width, height])
+    sequence = np.arange(samples)[:, None] * _RECURRENCE
+    shading_pixels = max(1, _CHUNK // samples)
+    out = np.empty((len(pairs.light), len(uv), 3), np.float32)
+    for start in range(0, len(uv), shading_pixels):
+        centre = uv[start : start + shading_pixels]
+        u = (rng.random((len(centre), 1, 2)) + sequence) % 1.0
+        offset, sign = kernel.offsets(u)
+        where = (centre[:, None] + offset * pixel).reshape(-1, 2)
+        texels = sampling.sample([stored], where.astype(np.float64), 0.0, wrap)
+        radiance = shading.shade(model, texels, pairs.light, pairs.view).reshape(-1, len(centre), samples, 3)
+        weight = sign.prod(-1).astype(np.float32) / samples
+        out[:, start : start + len(centre)] = np.einsum("kpsc,ps->kpc", radiance, weight)
+    return out
+
+
+def candidate(
+    levels: Sequence[NDArray[np.float32]],
+    model: str,
+    wrap: Wrap,
+    uv: NDArray[np.float64],
+    lod: float,
+    pairs: LightViewPairs,
+) -> NDArray[np.float32]:
+    """What an unchanged engine shows: one trilinear lookup of the stack at each of (P, 2) uv, shaded once.
+
+    Returns (K, P, 3) float32 linear radiance.
+    """
+    texels = sampling.sample(list(levels), uv, lod, wrap)
+    return shading.shade(model, texels, pairs.light, pairs.view)
