@@ -1,0 +1,19 @@
+#include <nanobind/nanobind.h>
+
+#include "ops.h"
+
+namespace nb = nanobind;
+
+void bind_shading(nb::module_& m);
+void bind_sampling(nb::module_& m);
+
+NB_MODULE(_native, m) {
+    m.doc() = "The native core of mipbake. Arguments are checked by the Python modules that call it, not here.";
+    m.def("isa", &mipbake::active_isa_name, "Instruction set of the CPU kernels: 'baseline', 'avx2' or 'avx512'.");
+    m.def("num_threads", &mipbake::num_threads, "Threads that a CPU kernel may use, the caller included.");
+    m.def("set_num_threads", &mipbake::set_num_threads, nb::arg("count"));
+    m.def("cuda_compiled", &mipbake::cuda_compiled, "Whether this build has CUDA kernels.");
+    m.def("cuda_available", &mipbake::cuda_available, "Whether it also finds a CUDA device to run them on.");
+    bind_shading(m);
+    bind_sampling(m);
+}
