@@ -203,18 +203,20 @@ def make(name: str, height: int = 256, width: int = 256) -> dict[str, NDArray[np
 
 def write(name: str, folder: Path, height: int = 256, width: int = 256) -> list[Path]:
     """Makes a set and writes each map to folder/<map>.png; returns the files."""
-    import OpenImageIO as oiio
+    import OpenImageIO
 
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for file, pixels in make(name, height, width).items():
         path = folder / f"{file}.png"
         image = pixels[..., None] if pixels.ndim == 2 else pixels
-        out = oiio.ImageOutput.create(str(path))
-        spec = oiio.ImageSpec(width, height, image.shape[-1], "uint8")
+        out = OpenImageIO.ImageOutput.create(str(path))
+        spec = OpenImageIO.ImageSpec(width, height, image.shape[-1], "uint8")
         spec.attribute("png:compressionLevel", 9)
-        if not (out.open(str(path), spec) and out.write_image(np.ascontiguousarray(image)) and out.close()):
-            raise OSError(out.geterror())
+        if out is None or not (
+            out.open(str(path), spec) and out.write_image(np.ascontiguousarray(image)) and out.close()
+        ):
+            raise OSError(out.geterror() if out else OpenImageIO.geterror())
         files.append(path)
     return files
 

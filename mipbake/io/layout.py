@@ -1,0 +1,132 @@
+"""How a MIP stack lies in files: which map holds which stored channels, and what a value in a file means.
+
+A *file value* is what a map's texel holds, as a real number: 0 to 1 in an 8-bit file (an integer over 255), the
+number itself in a float file. An *encoding* says, channel by channel, how it follows from the stored channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.io.colour import srgb_to_linear
+from mipbake.io.options import COLOUR_ROLES
+
+COLOUR, UNIT, SIGNED, LOG = "colour", "unit", "signed", "log"
+"""Encodings. `colour`: linear Rec.709, which integer containers store sRGB-encoded; `unit`: the value itself;
+`signed`: (x + 1) / 2 of a value from -1 to 1; `log`: the value itself, a logarithm that only float containers hold."""
+
+
+@dataclass(frozen=True)
+class MapLayout:
+    """One map of a stack.
+
+    Args:
+        name: the stem of its files.
+        channels: its slice of the stored channels; of a map that does not shade, all of them.
+        encodings: encoding of each of its channels.
+        meanings: what each of its channels holds, in words.
+        shades: whether the material model reads it.
+    """
+
+    name: str
+    channels: slice
+    encodings: tuple[str, ...]
+    meanings: tuple[str, ...]
+    shades: bool = True
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the channels in a file, in the order of the stored channels."""
+        return ("Y",) if len(self.encodings) == 1 else ("R", "G", "B", "A")[: len(self.encodings)]
+
+    @property
+    def is_colour(self) -> bool:
+        """Whether the map is a colour image, which integer containers store sRGB-encoded."""
+        return self.encodings[0] == COLOUR
+
+
+def _rgb(what: str) -> tuple[str, ...]:
+    return tuple(f"{what}, {c}" for c in ("red", "green", "blue"))
+
+
+def _xyz(what: str, axes: str) -> tuple[str, ...]:
+    return tuple(f"{what}, {axis}" for axis in axes)
+
+
+_GLTF = (
+    MapLayout("base_color", slice(0, 3), (COLOUR,) * 3, _rgb("base colour")),
+    MapLayout("metallic", slice(3, 4), (UNIT,), ("metallic",)),
+    MapLayout("roughness", slice(4, 5), (UNIT,), ("perceptual roughness r; alpha = r^2",)),
+    MapLayout("normal", slice(5, 8), (SIGNED,) * 3, _xyz("normal", "xyz")),
+)
+
+LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
+    "gltf": _GLTF,
+    "gltf-anisotropic": (
+        *_GLTF,
+        MapLayout(
+            "anisotropy",
+            slice(8, 11),
+            (SIGNED, SIGNED, UNIT),
+            (*_xyz("anisotropy direction, along the rougher axis", "xy"), "anisotropy strength"),
+        ),
+    ),
+    "ggx": (
+        MapLayout("diffuse", slice(0, 3), (COLOUR,) * 3, _rgb("diffuse albedo")),
+        MapLayout("specular", slice(3, 6), (COLOUR,) * 3, _rgb("specular reflectance at normal incidence")),
+        MapLayout("normal", slice(6, 8), (SIGNED,) * 2, _xyz("normal", "xy")),
+        MapLayout(
+            "log_roughness",
+            slice(8, 11),
+            (LOG,) * 3,
+            tuple(f"log-roughness tensor, {entry}" for entry in ("a (xx)", "b (yy)", "c (xy)")),
+        ),
+    ),
+}
+"""The maps of each material model; together they hold every stored channel once."""
+
+PARAMETRISATIONS: Mapping[str, str] = {
+    "gltf": "glTF 2.0 metallic-roughness (its appendix B)",
+    "gltf-anisotropic": "glTF 2.0 metallic-roughness with KHR_materials_anisotropy",
+    "ggx": "anisotropic GGX with roughness tensor S = exp([[a, c], [c, b]]), eigenvalues alpha_x^2 and alpha_y^2; "
+    "normal z = sqrt(1 - x^2 - y^2)",
+}
+
+
+def extra_layout(role: str, channels: int) -> MapLayout:
+    """The layout of a map that does not shade, of that many channels."""
+    encoding = COLOUR if role in COLOUR_ROLES else UNIT
+    meanings = (role,) if channels == 1 else _rgb(role) if channels == 3 else tuple(f"{role}, {c}" for c in "RGBA")
+    return MapLayout(role, slice(0, channels), (encoding,) * channels, meanings[:channels], shades=False)
+
+
+def to_file(texels: NDArray[np.float32], layout: MapLayout, srgb: bool) -> NDArray[np.float64]:
+    """(..., C) stored channels of one map to file values; `srgb` where the container stores colours sRGB-encoded."""
+    values = texels.astype(np.float64)
+    for channel, encoding in enumerate(layout.encodings):
+        if encoding == SIGNED:
+            values[..., channel] = (values[..., channel] + 1) / 2
+        elif encoding == COLOUR and srgb:
+            values[..., channel] = _srgb_encode(values[..., channel])
+    return values
+
+
+def from_file(values: NDArray[np.floating], layout: MapLayout, srgb: bool) -> NDArray[np.float32]:
+    """Inverse of to_file: (..., C) file values to float32 stored channels."""
+    texels = values.astype(np.float64)
+    for channel, encoding in enumerate(layout.encodings):
+        if encoding == SIGNED:
+            texels[..., channel] = texels[..., channel] * 2 - 1
+        elif encoding == COLOUR and srgb:
+            texels[..., channel] = srgb_to_linear(texels[..., channel])
+    return texels.astype(np.float32)
+
+
+def _srgb_encode(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """IEC 61966-2-1, the inverse of srgb_to_linear from 0 up."""
+    powered = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, powered)

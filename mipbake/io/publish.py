@@ -1,0 +1,97 @@
+"""Writing a folder so that it is either there, whole, or not there at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mipbake.errors import OutputError
+
+IsOurs = Callable[[Path], bool]
+"""Whether an existing folder holds an earlier result and nothing else, so that it may be replaced."""
+
+
+def check_target(target: Path, is_ours: IsOurs) -> None:
+    """Raises OutputError when publishing to `target` cannot succeed; writes nothing. Call it before long work."""
+    if target.is_symlink() and not target.exists():
+        raise OutputError(f"cannot write to {target}: it is a link to nothing, remove it or choose another folder")
+    if target.exists():
+        if not target.is_dir():
+            raise OutputError(f"cannot write to {target}: it is a file, choose another folder")
+        if _listed(target) and not is_ours(target):
+            raise OutputError(
+                f"cannot write to {target}: it holds files that are not mipbake's, empty it or choose another folder"
+            )
+    # The closest folder that exists must let us create what is missing below it.
+    existing = next(p for p in target.resolve().parents if p.exists())
+    if not existing.is_dir():
+        raise OutputError(f"cannot write to {target}: {existing} is a file, choose another folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f"cannot write to {target}: no permission to write in {existing}, choose another folder")
+
+
+@contextlib.contextmanager
+def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
+    """A temporary folder beside `target`, renamed to it when the block ends and removed when it raises.
+
+    Parent folders are made as needed, and removed again when the block raises. An earlier result stands until the new
+    one is complete, and comes back if the final rename fails.
+
+    Raises:
+        OutputError: what check_target says, and whatever the file system refuses on the way.
+    """
+    check_target(target, is_ours)
+    target = target.resolve()
+    made: list[Path] = []
+    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+    done = False
+    try:
+        try:
+            for parent in reversed([p for p in target.parents if not p.exists()]):
+                with contextlib.suppress(FileExistsError):  # another process was as quick
+                    parent.mkdir()
+                    made.append(parent)
+            partial.mkdir()
+            yield partial
+            _swap(partial, target)
+        except OSError as error:
+            raise OutputError(f"cannot write to {target}: {_reason(error)}") from error
+        done = True
+    finally:
+        if not done:
+            shutil.rmtree(partial, ignore_errors=True)
+            for parent in reversed(made):
+                with contextlib.suppress(OSError):  # not empty: another process writes there too
+                    parent.rmdir()
+
+
+def _swap(partial: Path, target: Path) -> None:
+    if not target.exists():
+        partial.rename(target)
+        return
+    old = partial.with_suffix(".old")
+    target.rename(old)
+    try:
+        partial.rename(target)
+    except BaseException:
+        old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _listed(folder: Path) -> bool:
+    try:
+        return any(folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {_reason(error)}") from error
+
+
+def _reason(error: OSError) -> str:
+    if error.errno == errno.ENOSPC:
+        return "the disk is full, make room or choose another folder"
+    return f"{error.strerror or error}, check the folder's permissions or choose another"

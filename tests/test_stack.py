@@ -1,0 +1,361 @@
+"""Stacks on disk: both containers give back what was saved, within the rounding that they declare."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import OpenImageIO
+import pytest
+
+from mipbake import material
+from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.io.containers import FORMATS
+from mipbake.io.layout import LAYOUTS, extra_layout, from_file, to_file
+from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.stack import MANIFEST, MipStack, Provenance, open_stack
+
+SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
+HOLDS = [(model, fmt) for model in material.MODELS for fmt in FORMATS if (model, fmt) != ("ggx", "png")]
+
+
+def make_stack(model="gltf", size=(8, 8), extra=True, seed=0, wrap=("wrap", "clamp")):
+    rng = np.random.default_rng(seed)
+    low, high = np.array(material.MODELS[model].limits).T
+
+    def level(shape):
+        values = rng.uniform(low, high, (*shape, len(low))).astype(np.float32)
+        return material.regularise(values, model)
+
+    def plain(shape, channels):
+        return [rng.random((*s, channels), np.float32) for s in level_sizes(*shape)]
+
+    return MipStack(
+        name="sample",
+        model=model,
+        levels=[level(s) for s in level_sizes(*size)],
+        extra={"occlusion": plain(size, 1), "emissive": plain((3, 5), 3)} if extra else {},
+        wrap=wrap,
+        provenance=Provenance(
+            method="linear",
+            pixel_filter="gaussian",
+            weights="w",
+            weights_sha256="00",
+            tool_version="0",
+            sources={"normal.png": "ab"},
+            source_hash="cd",
+            warnings=("one thing to know.",),
+        ),
+    )
+
+
+def tree(folder):
+    return sorted(str(p.relative_to(folder)) for p in Path(folder).rglob("*"))
+
+
+def assert_same(found, expected, fmt):
+    assert (found.name, found.model, found.wrap) == (expected.name, expected.model, expected.wrap)
+    assert found.provenance == expected.provenance
+    assert list(found.extra) == list(expected.extra)
+    for (layout, levels), (_, originals) in zip(found.maps(), expected.maps(), strict=True):
+        assert len(levels) == len(originals)
+        for level, original in zip(levels, originals, strict=True):
+            assert level.dtype == np.float32 and level.shape == original.shape
+            stored, wanted = (to_file(x, layout, FORMATS[fmt].srgb) for x in (level, original))
+            # Half has 11 significant bits; 8 bits round to the nearest of 255 steps.
+            tolerance = 0.5 / 255 + 1e-6 if fmt == "png" else np.abs(wanted) * 2.0**-11 + 1e-7
+            assert (np.abs(stored - wanted) <= tolerance).all(), layout.name
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("model", "fmt"), HOLDS)
+def test_round_trip(tmp_path, model, fmt, size):
+    stack = make_stack(model, size)
+    files = stack.save(tmp_path / "a" / "b", format=fmt)
+    assert {p.name for p in files} == {p.name for p in (tmp_path / "a" / "b").iterdir()}
+    assert files[0].name == MANIFEST
+    found = open_stack(tmp_path / "a" / "b")
+    assert_same(found, stack, fmt)
+    # What was read is exactly representable: a second round changes nothing.
+    found.save(tmp_path / "again", format=fmt)
+    for first, second in zip(found.levels, open_stack(tmp_path / "again").levels, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_same_bake_gives_the_same_bytes(tmp_path, fmt):
+    for name in ("a", "b"):
+        make_stack().save(tmp_path / name, format=fmt)
+    for file in tree(tmp_path / "a"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def test_openexr_reads_level_0(tmp_path):
+    stack = make_stack("gltf-anisotropic", (12, 20))
+    stack.save(tmp_path / "s")
+    for layout in LAYOUTS[stack.model]:
+        with OpenEXR.File(str(tmp_path / "s" / f"{layout.name}.exr"), separate_channels=True) as file:
+            assert file.header()["wrapmodes"] == "periodic,clamp"
+            channels = [file.channels()[name].pixels for name in layout.channel_names]
+        expected = to_file(stack.levels[0][..., layout.channels], layout, srgb=False).astype(np.float16)
+        np.testing.assert_array_equal(np.stack(channels, -1), expected)
+
+
+def test_openimageio_finds_every_level(tmp_path):
+    make_stack(size=(5, 12)).save(tmp_path / "s")
+    buffer = OpenImageIO.ImageBuf(str(tmp_path / "s" / "normal.exr"))
+    assert buffer.nmiplevels == 4
+    assert buffer.spec().get_string_attribute("textureformat") == "Plain Texture"
+
+
+def test_png_values_are_the_nearest(tmp_path):
+    stack = make_stack(size=(32, 32), extra=False)
+    stack.save(tmp_path / "s", format="png")
+
+    def pixels(name):
+        return OpenImageIO.ImageBuf(str(tmp_path / "s" / f"{name}.png")).get_pixels("uint8")
+
+    for index, level in enumerate(stack.levels):
+        normal, roughness = pixels(f"normal_mip{index:02}"), pixels(f"roughness_mip{index:02}")
+        np.testing.assert_array_equal(normal, np.rint((level[..., 5:8].astype(float) + 1) / 2 * 255))
+        np.testing.assert_array_equal(roughness, np.rint(level[..., 4:5].astype(float) * 255))
+        linear = level[..., 0:3].astype(float)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        np.testing.assert_array_equal(pixels(f"base_color_mip{index:02}"), np.rint(encoded * 255))
+
+
+def test_png_covers_its_range():
+    layout = extra_layout("occlusion", 1)
+    codes = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
+    png = FORMATS["png"]
+    for values in (png.dequantise(codes) + 0.49 / 255, png.dequantise(codes) - 0.49 / 255):
+        np.testing.assert_array_equal(png.quantise(values, layout), codes)
+    colour = extra_layout("emissive", 3)
+    triple = np.repeat(codes, 3, -1)
+    linear = from_file(png.dequantise(triple), colour, srgb=True)
+    np.testing.assert_array_equal(png.quantise(to_file(linear, colour, srgb=True), colour), triple)
+
+
+def test_data_pngs_carry_no_gamma(tmp_path):
+    make_stack().save(tmp_path / "s", format="png")
+    assert b"gAMA" not in (tmp_path / "s" / "normal_mip00.png").read_bytes()
+    assert b"sRGB" in (tmp_path / "s" / "base_color_mip00.png").read_bytes()
+
+
+@pytest.mark.parametrize(("model", "fmt"), HOLDS)
+def test_manifest_declares_every_convention(tmp_path, model, fmt):
+    stack = make_stack(model, (6, 10))
+    stack.save(tmp_path / "s", format=fmt)
+    manifest = json.loads((tmp_path / "s" / MANIFEST).read_text())
+    assert (manifest["schema"], manifest["schema_version"], manifest["format"]) == ("mipbake-stack", 1, fmt)
+    assert (manifest["width"], manifest["height"], manifest["model"]) == (10, 6, model)
+    assert manifest["wrap"] == {"u": "wrap", "v": "clamp"}
+    assert manifest["conventions"]["normal_convention"] == "OpenGL"
+    assert manifest["provenance"]["sources"] == {"normal.png": "ab"}
+    colour = manifest["maps"]["diffuse" if model == "ggx" else "base_color"]
+    assert colour["colour_space"] == ("sRGB" if fmt == "png" else "linear Rec.709")
+    assert [c["encoding"] for c in manifest["maps"]["normal"]["channels"]][:2] == ["(x + 1) / 2"] * 2
+    assert manifest["maps"]["normal"]["levels"][1] == {"width": 5, "height": 3}
+    assert manifest["maps"]["emissive"]["levels"][0] == {"width": 5, "height": 3}
+    assert not manifest["maps"]["occlusion"]["shades"] and manifest["maps"]["normal"]["shades"]
+    shading = [n for m in LAYOUTS[model] for n in range(*m.channels.indices(99))]
+    assert shading == list(range(material.MODELS[model].channels))
+
+
+def test_png_refuses_what_8_bits_cannot_hold(tmp_path):
+    with pytest.raises(UsageError, match=r"log_roughness.*format exr"):
+        make_stack("ggx").save(tmp_path / "s", format="png")
+    stack = make_stack()
+    high = replace(stack, extra={"height": [3 * level for level in stack.extra["occlusion"]]})
+    with pytest.raises(UsageError, match=r"height.*outside 0 to 1"):
+        high.save(tmp_path / "s", format="png")
+    high.save(tmp_path / "fits")
+    with pytest.raises(UsageError, match="expected one of exr, png"):
+        stack.save(tmp_path / "s", format="dds")
+    assert tree(tmp_path / "fits") and not (tmp_path / "s").exists()
+
+
+def test_half_refuses_what_overflows(tmp_path):
+    stack = make_stack()
+    bright = replace(stack, extra={"emissive": [1e6 * level + 7e4 for level in stack.extra["emissive"]]})
+    with pytest.raises(UsageError, match=r"emissive.*65504"):
+        bright.save(tmp_path / "s")
+    assert tree(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"model": "phong"},
+        {"levels": []},
+        {"levels": make_stack().levels[:-1]},
+        {"levels": make_stack("ggx").levels},
+        {"levels": [level.astype(np.float64) for level in make_stack().levels]},
+        {"levels": [np.full_like(level, np.nan) for level in make_stack().levels]},
+        {"extra": {"normal": make_stack().extra["emissive"]}},
+        {"extra": {"height": make_stack().extra["emissive"][1:2]}},
+    ],
+    ids=["model", "empty", "incomplete", "channels", "dtype", "nan", "name", "extra"],
+)
+def test_impossible_stacks_are_refused(change):
+    with pytest.raises(UsageError):
+        replace(make_stack(), **change)
+
+
+def test_replaces_an_earlier_stack(tmp_path):
+    make_stack(seed=1).save(tmp_path / "s", format="png")
+    stack = make_stack(seed=2)
+    stack.save(tmp_path / "s", format="exr")
+    assert_same(open_stack(tmp_path / "s"), stack, "exr")
+    assert not list((tmp_path / "s").glob("*.png"))
+    assert tree(tmp_path) == ["s", *(f"s/{name}" for name in tree(tmp_path / "s"))]
+
+
+def test_an_empty_folder_is_filled(tmp_path):
+    (tmp_path / "s").mkdir()
+    make_stack().save(tmp_path / "s")
+    assert open_stack(tmp_path / "s").size == (8, 8)
+
+
+def test_foreign_files_are_left_alone(tmp_path):
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "mine.txt").write_text("keep")
+    with pytest.raises(OutputError, match="not mipbake's"):
+        make_stack().save(tmp_path / "s")
+    make_stack().save(tmp_path / "t")
+    (tmp_path / "t" / "notes.txt").write_text("keep")
+    before = tree(tmp_path)
+    with pytest.raises(OutputError, match="not mipbake's"):
+        make_stack().save(tmp_path / "t")
+    assert tree(tmp_path) == before
+    assert (tmp_path / "s" / "mine.txt").read_text() == "keep"
+
+
+def test_unwritable_targets(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for target in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / "file" / "far" / "below"):
+        with pytest.raises(OutputError, match="is a file"):
+            make_stack().save(target)
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(OutputError, match="link to nothing"):
+        make_stack().save(tmp_path / "dangling")
+    assert tree(tmp_path) == ["dangling", "file"]
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(28, "No space left on device"), RuntimeError("defect")])
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_an_interrupted_save_leaves_nothing(tmp_path, monkeypatch, fault, earlier, fmt):
+    target = tmp_path / "new" / "s"
+    if earlier:
+        make_stack(seed=1).save(target, format=fmt)
+    before = {p: (tmp_path / p).is_file() and (tmp_path / p).read_bytes() for p in tree(tmp_path)}
+    container = type(FORMATS[fmt])
+    write = container.write
+
+    def breaks(self, folder, layout, levels, wrap):
+        write(self, folder, layout, levels, wrap)
+        if layout.name == "normal":
+            raise fault
+
+    monkeypatch.setattr(container, "write", breaks)
+    expected = OutputError if isinstance(fault, OSError) else fault if isinstance(fault, type) else type(fault)
+    with pytest.raises(expected) as caught:
+        make_stack(seed=2).save(target, format=fmt)
+    if expected is OutputError:
+        assert "disk is full" in str(caught.value)
+    assert {p: (tmp_path / p).is_file() and (tmp_path / p).read_bytes() for p in tree(tmp_path)} == before
+
+
+def test_a_failing_rename_restores_the_earlier_stack(tmp_path, monkeypatch):
+    target = tmp_path / "s"
+    make_stack(seed=1).save(target)
+    before = (target / "normal.exr").read_bytes()
+    rename = Path.rename
+
+    def refuses(self, other):
+        if self.suffix == ".partial":
+            raise PermissionError(13, "Permission denied")
+        return rename(self, other)
+
+    monkeypatch.setattr(Path, "rename", refuses)
+    with pytest.raises(OutputError, match="Permission denied"):
+        make_stack(seed=2).save(target)
+    monkeypatch.undo()
+    assert (target / "normal.exr").read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["s"]
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
+    container = type(FORMATS[fmt])
+    write = container.write
+
+    def loses_levels(self, folder, layout, levels, wrap):
+        write(self, folder, layout, levels[:-1], wrap)
+
+    monkeypatch.setattr(container, "write", loses_levels)
+    with pytest.raises(OutputError, match="did not read back"):
+        make_stack().save(tmp_path / "s", format=fmt)
+
+    def changes_a_texel(self, folder, layout, levels, wrap):
+        changed = [level.copy() for level in levels]
+        changed[1][0, 0, 0] = 0 if changed[1][0, 0, 0] else 1
+        write(self, folder, layout, changed, wrap)
+
+    monkeypatch.setattr(container, "write", changes_a_texel)
+    with pytest.raises(OutputError, match="changed while it was written"):
+        make_stack().save(tmp_path / "s", format=fmt)
+    assert tree(tmp_path) == []
+
+
+def edit(folder, **changes):
+    path = folder / MANIFEST
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_broken_stacks_are_input_errors(tmp_path, fmt):
+    good = tmp_path / "good" / "s"
+    make_stack().save(good, format=fmt)
+    normal = sorted(p.name for p in good.glob("normal*"))[0]
+
+    def broken(action):
+        copy = tmp_path / "bad"
+        shutil.rmtree(copy, ignore_errors=True)
+        shutil.copytree(good, copy)
+        action(copy)
+        with pytest.raises(InputError) as caught:
+            open_stack(copy)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    assert normal in broken(lambda s: (s / normal).unlink())
+    assert normal in broken(lambda s: (s / normal).write_bytes((good / normal).read_bytes()[:200]))
+    assert normal in broken(lambda s: (s / normal).write_text("no image"))
+    other = normal.replace("normal", "metallic")
+    assert "channels" in broken(lambda s: shutil.copy(s / other, s / normal))
+    assert MANIFEST in broken(lambda s: (s / MANIFEST).write_text("{"))
+    assert "schema" in broken(lambda s: edit(s, schema="other"))
+    assert "version" in broken(lambda s: edit(s, schema_version=99))
+    assert "gltf" in broken(lambda s: edit(s, model="phong"))
+    assert "describe" in broken(lambda s: edit(s, format="dds"))
+    assert "describe" in broken(lambda s: edit(s, maps={}))
+    assert "describe" in broken(lambda s: edit(s, maps={"../good/s/normal": {"channels": [], "levels": []}}))
+    assert "describe" in broken(lambda s: edit(s, provenance={}))
+    with pytest.raises(InputError, match="no such folder"):
+        open_stack(tmp_path / "none")
+    with pytest.raises(InputError, match=r"did you mean .*s"):
+        open_stack(tmp_path / "good")
+
+
+def test_importing_the_stack_imports_no_image_library():
+    code = (
+        "import sys, mipbake.stack; print([m for m in ('torch', 'OpenImageIO', 'colour', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
