@@ -1,0 +1,1 @@
+"""Finding, reading and writing maps: one file per concern, image libraries imported where they are used."""

@@ -1,0 +1,94 @@
+"""Colour decoding: encoded file values to linear Rec.709."""
+
+from __future__ import annotations
+
+import difflib
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+
+SRGB, LINEAR = "sRGB", "linear Rec.709"
+
+_LINEAR_NAMES = {"linear rec.709", "linear srgb", "lin_rec709", "linear rec709", "linear itu-r bt.709", "linear"}
+
+
+def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
+    """IEC 61966-2-1 decoding, (...) to (...), dtype kept; odd around zero, so that values outside [0, 1] survive."""
+    size = np.abs(encoded)
+    return np.copysign(np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4), encoded)
+
+
+@lru_cache(maxsize=4)
+def _srgb_table(dtype: str) -> NDArray[np.float32]:
+    top = np.iinfo(dtype).max
+    return srgb_to_linear(np.arange(top + 1) / top).astype(np.float32)
+
+
+def unit_range(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
+    """Integers of 8 and 16 bit to [0, 1]; floating-point values as they are. (...) to (...) of float32."""
+    if pixels.dtype.kind == "u":
+        scale = np.float32(1 / np.iinfo(pixels.dtype).max)
+        return np.multiply(pixels, scale, dtype=np.float32)
+    return pixels.astype(np.float32, copy=False)
+
+
+def default_colour_space(is_integer: bool) -> str:
+    """sRGB for integer files, linear Rec.709 for floating-point ones."""
+    return SRGB if is_integer else LINEAR
+
+
+def canonical_colour_space(name: str) -> str:
+    """The name under which `decode` knows a colour space; UsageError with the nearest names when there is none."""
+    lowered = name.strip().lower()
+    if lowered == "srgb":
+        return SRGB
+    if lowered in _LINEAR_NAMES:
+        return LINEAR
+    import colour
+
+    linear = lowered.startswith("linear ")
+    wanted = lowered.removeprefix("linear ")
+    known = {k.lower(): k for k in colour.RGB_COLOURSPACES}
+    if wanted not in known:
+        near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.4)
+        hint = ", ".join([SRGB, LINEAR, *(known[n] for n in near)])
+        raise UsageError(
+            f"unknown colour space {name!r}: expected a name that colour-science knows, with or without 'linear ' "
+            f"before it, for example {hint}"
+        )
+    return ("linear " if linear else "") + known[wanted]
+
+
+def decode(pixels: NDArray[np.generic], colour_space: str) -> NDArray[np.float32]:
+    """File values (H, W, 3) of uint8, uint16 or floating point to linear Rec.709 (H, W, 3) float32, not clipped.
+
+    Args:
+        pixels: values as the file stores them.
+        colour_space: a name that `canonical_colour_space` returned. Other primaries than Rec.709's are converted with
+            Bradford's chromatic adaptation.
+    """
+    if colour_space == LINEAR:
+        return unit_range(pixels)
+    if colour_space == SRGB:
+        if pixels.dtype.kind == "u":
+            return _srgb_table(pixels.dtype.name)[pixels]
+        return srgb_to_linear(pixels.astype(np.float32, copy=False)).astype(np.float32, copy=False)
+    return _decode_named(pixels, colour_space)
+
+
+def _decode_named(pixels: NDArray[np.generic], colour_space: str) -> NDArray[np.float32]:
+    import colour
+
+    space = colour.RGB_COLOURSPACES[colour_space.removeprefix("linear ")]
+    if colour_space.startswith("linear ") or space.cctf_decoding is None:
+        values = unit_range(pixels)
+    elif pixels.dtype.kind == "u":
+        top = np.iinfo(pixels.dtype).max
+        values = np.asarray(space.cctf_decoding(np.arange(top + 1) / top), np.float32)[pixels]
+    else:
+        values = np.asarray(space.cctf_decoding(pixels.astype(np.float64)), np.float32)
+    matrix = colour.matrix_RGB_to_RGB(space, colour.RGB_COLOURSPACES["ITU-R BT.709"], "Bradford")
+    return np.asarray(values @ np.asarray(matrix, np.float32).T, np.float32)

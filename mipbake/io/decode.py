@@ -1,0 +1,169 @@
+"""From the stored values of a file to the values of a role: decoding, inversion, clipping, resampling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+from mipbake.io.colour import decode, unit_range
+from mipbake.io.discover import MapSource, taken
+from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
+from mipbake.io.options import COLOUR_ROLES
+from mipbake.io.read import Image
+
+Pixels = NDArray[np.float32]
+
+_CLIPPED_ROLES = ("base_color", "roughness", "metallic", "occlusion", "opacity")
+
+
+@dataclass(frozen=True)
+class TextureMap:
+    """One decoded map: `pixels` (H, W, C) float32 in linear units, and where they come from.
+
+    C is 3 for base_color and emissive (linear Rec.709), normal (unit, green up) and anisotropy (direction x and y,
+    unit; strength), 1 for everything else.
+    """
+
+    pixels: Pixels
+    source: MapSource
+
+
+@dataclass(frozen=True)
+class DecodedMap:
+    """A map at its own size, green of normals as stored; `lost_variance` (H, W) where normals were shorter than one."""
+
+    map: TextureMap
+    warnings: tuple[str, ...] = ()
+    lost_variance: Pixels | None = None
+
+
+def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMap:
+    """The values of one role out of a file's image; InputError when they cannot be that role's."""
+    stored = taken(source, image)
+    source = replace(source, sha256=image.sha256)
+    if source.role == "normal":
+        return _normal(source, stored, normal_length)
+    if source.role == "anisotropy":
+        return DecodedMap(TextureMap(_anisotropy(stored), source))
+    if source.role in COLOUR_ROLES:
+        pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
+    else:
+        pixels = unit_range(stored)
+    if source.inverted:
+        pixels = np.float32(1) - pixels
+    warnings: tuple[str, ...] = ()
+    if source.role == "roughness" and source.channels == "R" and _channels_differ(image):
+        warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
+    if source.role in _CLIPPED_ROLES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
+        pixels, notes = _clipped(pixels, source)
+        source = replace(source, notes=(*source.notes, *notes))
+    return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
+
+
+def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
+    """A source without a file, at a size."""
+    value = np.array(source.constant, np.float32)
+    if not value.any():
+        return TextureMap(np.zeros((height, width, len(value)), np.float32), source)
+    return TextureMap(np.ascontiguousarray(np.broadcast_to(value, (height, width, len(value)))), source)
+
+
+def resized(texture: TextureMap, width: int, height: int, wrap: tuple[str, str]) -> TextureMap:
+    """A map at a size no smaller than its own; vectors are made unit again."""
+    if texture.pixels.shape[:2] == (height, width):
+        return texture
+    pixels = upsample(texture.pixels, width, height, wrap)
+    if texture.source.role == "normal":
+        pixels = normalised(pixels)
+    elif texture.source.role == "anisotropy":
+        pixels[..., :2] = unit_directions(pixels[..., :2])
+    return replace(texture, pixels=pixels)
+
+
+def upsample(pixels: Pixels, width: int, height: int, wrap: tuple[str, str]) -> Pixels:
+    """Bilinear between texel centres, (H, W, C) to (height, width, C), neighbours beyond the border by `wrap`."""
+    if pixels.shape[:2] == (1, 1):
+        return np.ascontiguousarray(np.broadcast_to(pixels, (height, width, pixels.shape[2])))
+    for axis, size, mode in ((0, height, wrap[1]), (1, width, wrap[0])):
+        count = pixels.shape[axis]
+        if count == size:
+            continue
+        at = (np.arange(size) + 0.5) * count / size - 0.5
+        low = np.floor(at).astype(np.intp)
+        weight = (at - low).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        pair = [i % count if mode == "wrap" else np.clip(i, 0, count - 1) for i in (low, low + 1)]
+        first, second = (np.take(pixels, i, axis) for i in pair)
+        second -= first
+        second *= weight
+        second += first
+        pixels = second
+    return pixels
+
+
+def widened(roughness: Pixels, variance: Pixels) -> Pixels:
+    """Perceptual roughness (H, W, 1) with `variance` (H, W) added to alpha^2, at most 1."""
+    alpha2 = np.square(np.square(roughness)) + variance[..., None]
+    return np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1))
+
+
+def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) -> DecodedMap:
+    if source.path is None:
+        raise InputError("a normal map from a file needs its path")
+    decoded = decode_normals(stored, source.path)
+    notes = [f"{source.path.name}: {n}" for n in decoded.notes]
+    variance, warnings = None, ()
+    if decoded.length is not None and normal_length == "roughness":
+        variance = lost_variance(decoded.length, length_resolution(source.depth))
+        mean = float(variance.mean(dtype=np.float64))
+        notes.append(
+            f"{source.path.name}: its mean length {decoded.mean_length:.3f} adds {mean:.3g} to the squared "
+            "roughness alpha on average"
+        )
+    elif decoded.mean_length < SHORT_LENGTH:
+        warnings = (
+            f"{source.path.name}: its normals are shorter than one (mean length {decoded.mean_length:.3f}), as "
+            "averaging leaves them; they are renormalised, and normal_length=roughness would count what is missing as roughness",
+        )
+    return DecodedMap(TextureMap(decoded.vectors, replace(source, notes=tuple(notes))), warnings, variance)
+
+
+def _anisotropy(stored: NDArray[np.generic]) -> Pixels:
+    """KHR_materials_anisotropy: direction in red and green, strength in blue; grey is a strength along +X."""
+    values = unit_range(stored)
+    out = np.empty((*values.shape[:2], 3), np.float32)
+    if values.shape[-1] == 1:
+        out[..., 0], out[..., 1] = 1, 0
+    else:
+        out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
+    np.clip(values[..., -1], 0, 1, out=out[..., 2])
+    return out
+
+
+def unit_directions(xy: Pixels) -> Pixels:
+    """Unit (..., 2); where there is hardly a direction (less than 8-bit noise), +X, as in the extension."""
+    length = np.linalg.norm(xy, axis=-1, keepdims=True)
+    return np.where(length > 0.02, xy / np.maximum(length, 0.02), np.array([1, 0], np.float32))
+
+
+def _channels_differ(image: Image) -> bool:
+    colours = image.pixels[..., :3]
+    if colours.shape[-1] < 3:
+        return False
+    step = max(1, max(colours.shape[:2]) // 256)
+    values = unit_range(colours[::step, ::step])
+    return float(np.abs(values - values[..., :1]).max()) > 0.1
+
+
+def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str]]:
+    outside = np.count_nonzero(((pixels < 0) | (pixels > 1)).any(-1))
+    if not outside:
+        return pixels, ()
+    low, high = float(pixels.min()), float(pixels.max())
+    label = source.path.name if source.path else source.role
+    count = f"{outside} texel{'s' if outside > 1 else ''}"
+    note = f"{label}: {count} outside [0, 1] clipped (from {low:.4g} to {high:.4g})"
+    return np.clip(pixels, 0, 1), (note,)

@@ -1,0 +1,85 @@
+"""The choices that loading a texture set leaves to the user; every interface shares these defaults."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from mipbake.errors import UsageError
+
+MapChoice: TypeAlias = "str | os.PathLike[str] | float | None"
+
+SHADING_ROLES = ("base_color", "normal", "roughness", "metallic", "anisotropy")
+"""Roles that enter the shading model and are filtered together, at one common size."""
+
+PLAIN_ROLES = ("occlusion", "height", "emissive", "opacity")
+"""Roles that do not shade: kept at their own size and with their own values."""
+
+ROLES = SHADING_ROLES + PLAIN_ROLES
+SCALAR_ROLES = ("roughness", "metallic", "occlusion", "height", "opacity")
+COLOUR_ROLES = ("base_color", "emissive")
+
+NORMAL_CONVENTIONS = ("opengl", "directx")
+NORMAL_LENGTHS = ("ignore", "roughness")
+WRAP_MODES = ("wrap", "clamp")
+
+
+@dataclass(frozen=True)
+class LoadOptions:
+    """How a texture set is read. Whatever is set here overrides what file names and pixels suggest.
+
+    Args:
+        maps: role to what fills it. `"FILE"` takes that file (relative to the folder, else to the working directory);
+            `"FILE:G"` or `"FILE:RGB"` takes those channels of it, as they stand; a number is a constant in linear units
+            (roughness, metallic and the maps that do not shade; a grey base colour); None leaves the role empty,
+            whatever lies in the folder: a normal map left out is flat. Roles: base_color, normal, roughness, metallic,
+            anisotropy, occlusion, height, emissive, opacity.
+        colour_space: RGB colour space of base colour and emissive, by its name in colour-science ("sRGB", "ACEScg",
+            "Display P3", "ITU-R BT.2020"), with "linear " before it for its linear values ("linear Rec.709"). None:
+            sRGB in integer files, linear Rec.709 in floating-point files.
+        normal_convention: "opengl" (green points up) or "directx" (green points down). None: the file's name decides,
+            and where it is silent the integrability of its pixels.
+        normal_length: what becomes of normals shorter than one. "ignore" renormalises them; "roughness" also widens the
+            roughness by the spread that the missing length stands for.
+        roughness_is_gloss: True inverts the roughness map, False does not. None: the file's name decides.
+        wrap: addressing along u and v, each "wrap" or "clamp".
+    """
+
+    maps: Mapping[str, MapChoice] = field(default_factory=dict)
+    colour_space: str | None = None
+    normal_convention: str | None = None
+    normal_length: str = "ignore"
+    roughness_is_gloss: bool | None = None
+    wrap: tuple[str, str] = ("wrap", "wrap")
+
+    def __post_init__(self) -> None:
+        """UsageError when a value is none of those listed."""
+        for role, choice in self.maps.items():
+            _check_choice(role, choice)
+        _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
+        _check_member("normal_length", self.normal_length, NORMAL_LENGTHS)
+        if not isinstance(self.wrap, tuple) or len(self.wrap) != 2:
+            raise UsageError(f"wrap is {self.wrap!r}: expected two modes, one for u and one for v")
+        for mode in self.wrap:
+            _check_member("wrap", mode, WRAP_MODES)
+
+
+def _check_member(option: str, value: object, allowed: tuple[object, ...]) -> None:
+    if value not in allowed:
+        raise UsageError(f"{option} is {value!r}: expected one of {', '.join(str(a) for a in allowed)}")
+
+
+def _check_choice(role: str, choice: MapChoice) -> None:
+    if role not in ROLES:
+        raise UsageError(f"unknown map {role!r}: expected one of {', '.join(ROLES)}")
+    if isinstance(choice, bool) or not (choice is None or isinstance(choice, (str, os.PathLike, float, int))):
+        raise UsageError(f"map {role} is {choice!r}: expected a file, a number or None")
+    if isinstance(choice, (float, int)):
+        if role not in (*SCALAR_ROLES, "base_color"):
+            raise UsageError(f"map {role} cannot be the number {choice}: expected a file or None")
+        if role != "height" and not 0 <= choice <= 1:
+            raise UsageError(f"map {role} is {choice}: expected a number from 0 to 1")
+    if role == "roughness" and choice is None:
+        raise UsageError("map roughness cannot be left out: expected a file, or a number from 0 to 1 for a constant")

@@ -1,0 +1,167 @@
+"""Reading image files through OpenImageIO: headers, and pixels in the type that the file stores."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+
+if TYPE_CHECKING:
+    import OpenImageIO
+
+IMAGE_SUFFIXES = frozenset(
+    f".{s}"
+    for s in (
+        *("png", "jpg", "jpeg", "tif", "tiff", "tga", "exr", "hdr", "bmp", "webp", "dds", "psd", "jp2", "jxl"),
+        *("sgi", "ppm", "pgm", "pnm", "tx"),
+    )
+)
+
+_NATIVE = ("uint8", "uint16", "half", "float")
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type."""
+
+    path: Path
+    width: int
+    height: int
+    channels: int
+    alpha: int
+    depth: str
+    subimages: int
+
+    @property
+    def is_integer(self) -> bool:
+        """Whether values are stored as integers that stand for [0, 1]."""
+        return self.depth not in ("half", "float", "double")
+
+
+def read_header(path: Path) -> Header:
+    """The header of an image file; InputError when it is not an image or has no texels."""
+    return _header(path, _open(path))
+
+
+@dataclass(frozen=True)
+class Image:
+    """A file's first image: pixels (H, W, C) of uint8, uint16, float16 or float32 with the colours as stored (alpha not
+    multiplied into them), its header, and the file's SHA-256 in hexadecimal.
+    """
+
+    pixels: NDArray[np.generic]
+    header: Header
+    sha256: str
+
+
+def read_image(path: Path) -> Image:
+    """Every texel of the first image in a file.
+
+    Raises:
+        InputError: the file is no image, is damaged or cut short, or holds NaN or infinity.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if data.startswith(_PNG_SIGNATURE):
+        _check_png(path, data)
+    digest = hashlib.sha256(data).hexdigest()
+    del data
+    image = _open(path)
+    header = _header(path, image)
+    stored = header.depth if header.depth in _NATIVE else "float"
+    pixels = image.read_image(0, 0, 0, header.channels, stored)
+    if pixels is None or image.has_error:
+        reason = _one_line(image.geterror())
+        raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
+    image.close()
+    values: NDArray[np.generic] = np.asarray(pixels).reshape(header.height, header.width, header.channels)
+    _check_finite(path, values)
+    return Image(values, header, digest)
+
+
+def _open(path: Path) -> OpenImageIO.ImageInput:
+    import OpenImageIO
+
+    try:
+        with path.open("rb") as file:
+            start = file.read(24)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if not start:
+        raise InputError(f"{path} is empty (0 bytes): export or download it again")
+    if start.startswith(_PNG_SIGNATURE) and len(start) == 24:
+        _check_size(path, int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"))
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    image = OpenImageIO.ImageInput.open(str(path), config)
+    if image is None:
+        raise InputError(
+            f"{path} is not a readable {path.suffix or 'image'} image ({_one_line(OpenImageIO.geterror())})"
+        )
+    return image
+
+
+def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
+    spec = image.spec()
+    _check_size(path, spec.width, spec.height)
+    count = 1
+    if path.suffix.lower() == ".exr":
+        while image.seek_subimage(count, 0):
+            count += 1
+        image.seek_subimage(0, 0)
+    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count)
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width < 1 or height < 1:
+        raise InputError(f"{path} is {width} x {height} texels: expected at least 1 x 1; export it again")
+
+
+def _unreadable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions")
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split()) or "no reason given"
+
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def _check_png(path: Path, data: bytes) -> None:
+    """Walks the chunks of a PNG: libpng fills what is missing silently, or prints to the standard error itself."""
+    at = len(_PNG_SIGNATURE)
+    while at + 12 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        kind, end = data[at + 4 : at + 8], at + 8 + length
+        if end + 4 > len(data):
+            break
+        if zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            name = kind.decode("ascii", "replace")
+            raise InputError(f"{path} is damaged (checksum of {name} at byte {at}): export or download it again")
+        if kind == b"IEND":
+            return
+        at = end + 4
+    raise InputError(f"{path} is cut short after {len(data)} bytes: export or download it again")
+
+
+def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:
+    if pixels.dtype.kind != "f":
+        return
+    bad = ~np.isfinite(pixels)
+    count = int(np.count_nonzero(bad))
+    if count:
+        row, column, channel = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        raise InputError(
+            f"{path} holds {count} NaN or infinite value{'s' if count > 1 else ''}, the first at row {row}, "
+            f"column {column}, channel {channel}: replace them before baking"
+        )

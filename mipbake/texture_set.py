@@ -1,0 +1,286 @@
+"""What an input is: the maps of one material, decoded to linear float32, and what was found and assumed on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mipbake.errors import InputError, UsageError
+from mipbake.io.colour import LINEAR
+from mipbake.io.decode import (
+    DecodedMap,
+    TextureMap,
+    constant_map,
+    decode_map,
+    resized,
+    unit_directions,
+    upsample,
+    widened,
+)
+from mipbake.io.discover import DATA, Discovery, IgnoredFile, MapSource, NormalConvention, find, settle_convention
+from mipbake.io.normal import normalised
+from mipbake.io.options import COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
+from mipbake.io.read import read_image
+from mipbake.material import convert
+
+__all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
+
+
+@dataclass(frozen=True)
+class TextureSet:
+    """The maps of one material.
+
+    Args:
+        name: of the set, safe as a folder name.
+        maps: role to map. base_color, normal, roughness and metallic are always there; with anisotropy, where it is,
+            they are height x width. Occlusion, height, emissive and opacity are there where the source has them, at
+            their own sizes. Pixels are (H, W, C) float32: see `TextureMap`.
+        width, height: size of the maps that shade, in texels.
+        wrap: addressing along u and v, each "wrap" or "clamp".
+        convention: of the source's normal map, and how it was decided; the pixels here always have green up.
+        source_hash: SHA-256 in hexadecimal over the sources and how they were read: equal hashes, equal pixels.
+        notes: what was found and assumed, in sentences.
+        warnings: what the user should look at, in sentences.
+        ignored: files of the folder that fill no role, and why.
+    """
+
+    name: str
+    maps: Mapping[str, TextureMap]
+    width: int
+    height: int
+    wrap: tuple[str, str]
+    convention: NormalConvention
+    source_hash: str
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    ignored: tuple[IgnoredFile, ...] = ()
+
+    @property
+    def anisotropic(self) -> bool:
+        """Whether there is an anisotropy map."""
+        return "anisotropy" in self.maps
+
+    @property
+    def plain_maps(self) -> Mapping[str, TextureMap]:
+        """The maps that do not shade, by role."""
+        return {role: m for role, m in self.maps.items() if role not in SHADING_ROLES}
+
+    @property
+    def source_model(self) -> str:
+        """The material model that the source is given in: "gltf-anisotropic" with an anisotropy map, else "gltf"."""
+        return "gltf-anisotropic" if self.anisotropic else "gltf"
+
+    def material(self, model: str) -> NDArray[np.float32]:
+        """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""
+        order = ("base_color", "metallic", "roughness", "normal", "anisotropy")
+        stored = np.concatenate([self.maps[role].pixels for role in order if role in self.maps], -1)
+        converted = convert(stored, self.source_model, model)
+        return np.ascontiguousarray(converted, np.float32)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        name: str,
+        *,
+        normal: ArrayLike,
+        roughness: ArrayLike | float,
+        base_color: ArrayLike | float = 0.5,
+        metallic: ArrayLike | float = 0.0,
+        anisotropy: ArrayLike | None = None,
+        occlusion: ArrayLike | None = None,
+        height: ArrayLike | None = None,
+        emissive: ArrayLike | None = None,
+        opacity: ArrayLike | None = None,
+        wrap: tuple[str, str] = ("wrap", "wrap"),
+    ) -> TextureSet:
+        """A texture set from decoded values, for procedural data.
+
+        Args:
+            name: of the set; used as a folder name.
+            normal: (H, W, 3) signed, green up; renormalised.
+            roughness, metallic, occlusion, opacity: (H, W) or (H, W, 1) in [0, 1], or numbers.
+            base_color: (H, W, 3) linear Rec.709 in [0, 1], or a number for grey.
+            anisotropy: (H, W, 3): direction x and y, signed, renormalised; strength in [0, 1].
+            height: (H, W) or (H, W, 1), any range.
+            emissive: (H, W, 3) linear Rec.709, at least 0.
+            wrap: addressing along u and v.
+
+        Maps that shade and are smaller than the largest are resampled to it; maps that do not shade keep their size.
+
+        Raises:
+            InputError: a shape, a range or a value (NaN, infinity) is not as above.
+        """
+        if len(wrap) != 2 or any(mode not in WRAP_MODES for mode in wrap):
+            raise UsageError(f"wrap is {wrap!r}: expected two of {', '.join(WRAP_MODES)}")
+        given = {
+            "base_color": base_color,
+            "normal": normal,
+            "roughness": roughness,
+            "metallic": metallic,
+            "anisotropy": anisotropy,
+            "occlusion": occlusion,
+            "height": height,
+            "emissive": emissive,
+            "opacity": opacity,
+        }
+        arrays = {role: _checked_array(role, value) for role, value in given.items() if value is not None}
+        shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
+        rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
+        maps, digest = {}, hashlib.sha256(repr(wrap).encode())
+        for role, array in arrays.items():
+            if role in SHADING_ROLES:
+                _check_shape(role, array, rows, columns)
+            digest.update(f"{role} {array.shape}".encode() + array.tobytes())
+            texture = TextureMap(array, _array_source(role, array))
+            maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
+        convention = NormalConvention("opengl", "option", 1.0)
+        return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest())
+
+
+def load(
+    path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    options: LoadOptions | None = None,
+    **overrides: Any,
+) -> TextureSet:
+    """Reads a texture set.
+
+    Args:
+        path: a folder, or the files of one set.
+        options: how to read it.
+        overrides: single fields of `LoadOptions`, on top of `options`: `load(folder, colour_space="ACEScg")`.
+
+    Raises:
+        InputError: the folder or a file cannot be used; the sentence says which and what to do.
+        UsageError: an option does not exist or has a value it cannot have.
+    """
+    options = _with_overrides(options or LoadOptions(), overrides)
+    found = find(path, options)
+    decoded = _read(found)
+    found = settle_convention(found, decoded["normal"].map.pixels)
+    warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
+    maps: dict[str, TextureMap] = {}
+    for role in found.sources:
+        texture = decoded[role].map
+        if role == "normal" and found.convention.name == "directx":
+            texture.pixels[..., 1] *= -1
+        maps[role] = resized(texture, found.width, found.height, options.wrap) if role in SHADING_ROLES else texture
+    lost = decoded["normal"].lost_variance
+    if lost is not None:
+        variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
+        maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
+    notes = [*found.notes, *(n for m in maps.values() for n in m.source.notes)]
+    return TextureSet(
+        found.name,
+        maps,
+        found.width,
+        found.height,
+        options.wrap,
+        found.convention,
+        _source_hash(maps, found),
+        tuple(notes),
+        tuple(warnings),
+        found.ignored,
+    )
+
+
+def _with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
+    known = [f.name for f in fields(LoadOptions)]
+    for name in overrides:
+        if name not in known:
+            raise UsageError(f"unknown option {name!r}: expected one of {', '.join(known)}")
+    return replace(options, **overrides)
+
+
+def _read(found: Discovery) -> dict[str, DecodedMap]:
+    """Every source decoded at its own size; each file is read once, files side by side."""
+    by_file: dict[Path, list[MapSource]] = {}
+    decoded: dict[str, DecodedMap] = {}
+    for role, source in found.sources.items():
+        if source.path is not None:
+            by_file.setdefault(source.path, []).append(source)
+        elif role in SHADING_ROLES:
+            decoded[role] = DecodedMap(constant_map(source, found.width, found.height))
+        else:
+            decoded[role] = DecodedMap(constant_map(source, 1, 1))
+
+    def read_file(item: tuple[Path, list[MapSource]]) -> dict[str, DecodedMap]:
+        image = read_image(item[0])
+        return {s.role: decode_map(s, image, found.options.normal_length) for s in item[1]}
+
+    # Decoders release the interpreter; more files at once than cores would only hold more memory.
+    with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
+        for part in pool.map(read_file, by_file.items()):
+            decoded.update(part)
+    return decoded
+
+
+def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
+    """Over everything that decides the pixels: files, channels, encodings, convention and options."""
+    sources = [
+        (role, m.source.sha256, m.source.channels, m.source.encoding, m.source.inverted, m.source.constant)
+        for role, m in maps.items()
+    ]
+    options = (found.convention.name, found.options.normal_length, found.options.wrap)
+    return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
+
+
+_ARRAY_CHANNELS = {role: 3 if role in (*COLOUR_ROLES, "normal", "anisotropy") else 1 for role in ROLES}
+
+
+def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
+    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value is not the role's."""
+    channels = _ARRAY_CHANNELS[role]
+    array = np.array(value, np.float32)
+    if array.ndim == 0 and role not in ("normal", "anisotropy", "emissive"):
+        array = np.full((1, 1, channels), array, np.float32)
+    elif array.ndim == 2 and channels == 1:
+        array = array[..., None]
+    if array.ndim != 3 or array.shape[2] != channels or 0 in array.shape:
+        shape = "(H, W, 3)" if channels == 3 else "(H, W) or (H, W, 1)"
+        raise InputError(f"{role} has shape {np.shape(value)}: expected {shape}, at least 1 x 1")
+    if not np.isfinite(array).all():
+        raise InputError(f"{role} holds {np.count_nonzero(~np.isfinite(array))} NaN or infinite values: expected none")
+    low, high = _ARRAY_RANGES.get(role, (-np.inf, np.inf))
+    values = array[..., 2] if role == "anisotropy" else array
+    if values.min() < low or values.max() > high:
+        raise InputError(f"{role} runs from {values.min():g} to {values.max():g}: expected values from {low} to {high}")
+    if role == "normal":
+        if array[..., 2].min() < 0:
+            raise InputError(
+                "normal points into the surface: expected signed vectors with z at least 0, not 0-to-1 colours"
+            )
+        array = normalised(array)
+    elif role == "anisotropy":
+        array[..., :2] = unit_directions(array[..., :2])
+    return np.ascontiguousarray(array)
+
+
+_ARRAY_RANGES = {
+    "base_color": (0, 1),
+    "roughness": (0, 1),
+    "metallic": (0, 1),
+    "anisotropy": (0, 1),
+    "occlusion": (0, 1),
+    "opacity": (0, 1),
+    "emissive": (0, np.inf),
+}
+
+
+def _check_shape(role: str, array: NDArray[np.float32], rows: int, columns: int) -> None:
+    h, w = array.shape[:2]
+    if (h, w) != (1, 1) and (h > rows or w > columns or abs(w * rows - h * columns) > max(rows, columns)):
+        raise InputError(f"{role} is {w} x {h} and the largest map is {columns} x {rows}: expected one shape")
+
+
+def _array_source(role: str, array: NDArray[np.float32]) -> MapSource:
+    encoding = LINEAR if role in COLOUR_ROLES else DATA
+    return MapSource(role, None, "", array.shape[1], array.shape[0], "float", encoding, False, "given as an array")
