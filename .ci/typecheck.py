@@ -1,4 +1,4 @@
-"""mypy, strict, over the rooms under their import names: the build maps models/, training/ and cli/ into the package."""
+"""mypy, strict, over the rooms under their import names: the build maps models/, training/, cli/ into the package."""
 
 from __future__ import annotations
 

@@ -66,9 +66,9 @@ def bake(
     if not all(np.isfinite(level).all() for level in result.levels):
         raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
     extra = {}
-    for index, (role, pixels) in enumerate(texture_set.passive_maps.items()):
-        extra[role] = filtered_levels(pixels, "box", texture_set.wrap)
-        progress("other maps", (index + 1) / len(texture_set.passive_maps))
+    for index, (role, texture) in enumerate(texture_set.plain_maps.items()):
+        extra[role] = filtered_levels(texture.pixels, "box", texture_set.wrap)
+        progress("other maps", (index + 1) / len(texture_set.plain_maps))
     return MipStack(
         name=texture_set.name,
         model=model,
@@ -81,10 +81,8 @@ def bake(
             weights=result.weights,
             weights_sha256=result.weights_sha256,
             tool_version=__version__,
-            sources=texture_set.sources,
+            sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
             warnings=texture_set.warnings,
         ),
     )
-
-

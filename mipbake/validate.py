@@ -153,7 +153,10 @@ def validate(
         model=stack.model,
         pixel_filter=kernel,
         rows=tuple(
-            Row(label, name, lod, figures[label, name, lod]) for name in sets for label in candidates for lod in measured
+            Row(label, name, lod, figures[label, name, lod])
+            for name in sets
+            for label in candidates
+            for lod in measured
         ),
         notes=tuple(notes),
         points=points,

@@ -169,4 +169,3 @@ def filtered_levels(
         levels.append(resample(finer, size, pixel_filter, wrap))
         progress((level + 1) / len(sizes))
     return levels
-

@@ -1,0 +1,49 @@
+"""`neural`: encode, downsample linearly in the latent space, decode (equation 1 of Kemppinen et al. 2023)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.pixel_filter import Wrap
+
+_NETWORK_OF = {"gltf": "gltf", "gltf-anisotropic": "ggx", "ggx": "ggx"}
+"""Material model whose network bakes each target; `gltf-anisotropic` is converted from `ggx`, texel by texel."""
+
+
+class Neural:
+    """A trained network, with the released weights of the target's model and the pixel filter."""
+
+    name = "neural"
+    summary = "a trained network (pixel-filter-aware MIP maps)"
+
+    def __call__(
+        self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
+        from mipbake.models.inference import bake_levels
+        from mipbake.models.registry import default_weights, load_network
+
+        model = _NETWORK_OF[target]
+        info = default_weights(model, pixel_filter)
+        network = load_network(info)
+        channels = np.ascontiguousarray(material.convert(stored, source, model))
+        levels = bake_levels(network, channels, wrap, progress=progress)
+        if target != model:
+            levels = [_align_directions(material.convert(level, model, target)) for level in levels]
+        levels = [material.regularise(level, target) for level in levels]
+        return PrefilterResult(levels, info.name, info.sha256)
+
+
+def _align_directions(stored: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Gives the anisotropy directions d and -d, which shade alike, the sign nearer to the level's dominant axis.
+
+    Trilinear lookups average stored directions: neighbours of opposite signs would cancel.
+    """
+    direction, strength = stored[..., 8:10].reshape(-1, 2), stored[..., 10].reshape(-1, 1)
+    _, axes = np.linalg.eigh((direction * strength).T @ direction)
+    flip = stored[..., 8:10] @ axes[:, 1].astype(stored.dtype) < 0
+    stored[..., 8:10] = np.where(flip[..., None], -stored[..., 8:10], stored[..., 8:10])
+    return stored

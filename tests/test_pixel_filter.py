@@ -1,0 +1,106 @@
+"""Pixel filters and polyphase resampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mipbake.errors import UsageError
+from mipbake.prefilter import pixel_filter as pf
+
+# Second moments in pixel^2, from the filters' formulas.
+VARIANCE = {"gaussian": 0.25, "box": 1 / 12, "tent": 1 / 6}
+
+
+@pytest.mark.parametrize("name", pf.FILTERS)
+def test_offsets_are_an_unbiased_importance_sampling(name: str) -> None:
+    kernel = pf.FILTERS[name]
+    u = (np.arange(200_000) + 0.5) / 200_000
+    x, weight = kernel.offsets(u)
+    assert np.abs(x).max() <= kernel.radius
+    assert weight.mean() == pytest.approx(1, abs=1e-3)
+    assert (weight * x).mean() == pytest.approx(0, abs=1e-3)
+    grid = np.linspace(-kernel.radius, kernel.radius, 20_001)
+    density = kernel.shape(grid) / np.trapezoid(kernel.shape(grid), grid)
+    expected = np.trapezoid(density * np.cos(grid), grid)
+    assert (weight * np.cos(x)).mean() == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", VARIANCE)
+def test_variance(name: str) -> None:
+    x, weight = pf.FILTERS[name].offsets((np.arange(100_000) + 0.5) / 100_000)
+    # The gaussian is cut at four sigma, which takes a thousandth off its variance.
+    assert (weight * x * x).mean() == pytest.approx(VARIANCE[name], rel=2e-3)
+
+
+def test_mitchell_is_negative_where_its_paper_says() -> None:
+    shape = pf.FILTERS["mitchell"].shape
+    assert shape(np.array([0.0, 1.0, 2.0])) == pytest.approx([8 / 9, 1 / 18, 0])
+    assert shape(np.array([1.5]))[0] < 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    n_in=st.integers(1, 70),
+    shrink=st.integers(0, 6),
+    name=st.sampled_from(list(pf.FILTERS)),
+    wrap=st.sampled_from(["wrap", "clamp"]),
+)
+def test_weights_sum_to_one_and_stay_inside(n_in: int, shrink: int, name: str, wrap: str) -> None:
+    n_out = max(1, n_in >> shrink)
+    index, weights = pf.resample_weights(n_in, n_out, name, wrap)
+    assert index.shape == weights.shape == (n_out, index.shape[1])
+    assert index.min() >= 0
+    assert index.max() < n_in
+    assert weights.sum(1) == pytest.approx(np.ones(n_out), abs=1e-5)
+
+
+def test_box_halves_even_sizes_like_a_two_by_two_average() -> None:
+    image = np.random.default_rng(0).random((6, 8, 3), dtype=np.float32)
+    expected = image.reshape(3, 2, 4, 2, 3).mean((1, 3))
+    assert pf.resample(image, (3, 4), "box", ("wrap", "clamp")) == pytest.approx(expected, abs=1e-6)
+
+
+def test_box_on_odd_sizes_weighs_by_area() -> None:
+    column = np.arange(3, dtype=np.float32).reshape(3, 1, 1)
+    assert pf.resample(column, (1, 1), "box", ("wrap", "wrap"))[0, 0, 0] == pytest.approx(1.0)
+    five = np.array([1, 0, 0, 0, 0], np.float32).reshape(1, 5, 1)
+    # Two outputs of 2.5 texels each: the first texel is 1 / 2.5 of the first.
+    assert pf.resample(five, (1, 2), "box", ("wrap", "wrap"))[0, :, 0] == pytest.approx([0.4, 0.0])
+
+
+@pytest.mark.parametrize("name", pf.FILTERS)
+@pytest.mark.parametrize("size", [(37, 20), (1, 9), (64, 64)])
+def test_a_constant_stays_constant_on_every_level(name: str, size: tuple[int, int]) -> None:
+    image = np.full((*size, 2), 0.37, np.float32)
+    levels = pf.filtered_levels(image, name, ("wrap", "clamp"))
+    assert [level.shape[:2] for level in levels] == pf.level_sizes(*size)
+    assert levels[-1].shape[:2] == (1, 1)
+    for level in levels:
+        assert level == pytest.approx(np.full_like(level, 0.37), abs=2e-6)
+
+
+def test_a_gaussian_level_has_the_variance_of_its_footprint() -> None:
+    """An impulse filtered to level 3 spreads by sigma 0.5 pixel = 4 texels, plus the texel's own extent."""
+    n, level = 256, 3
+    spread = []
+    for position in range(8):
+        image = np.zeros((1, n, 1), np.float32)
+        image[0, 128 + position] = 1
+        out = pf.filtered_levels(image, "gaussian", ("clamp", "clamp"))[level][0, :, 0]
+        centre = (np.arange(len(out)) + 0.5) * 2**level
+        mean = (out * centre).sum() / out.sum()
+        spread.append((out * (centre - mean) ** 2).sum() / out.sum())
+    assert np.mean(spread) == pytest.approx((0.5 * 8) ** 2 + 1 / 12, rel=0.02)
+
+
+def test_level_sizes_are_floors() -> None:
+    assert pf.level_sizes(5, 12) == [(5, 12), (2, 6), (1, 3), (1, 1)]
+    assert pf.level_sizes(1, 1) == [(1, 1)]
+
+
+def test_unknown_filter_lists_the_known_ones() -> None:
+    with pytest.raises(UsageError, match="'sinc'.*gaussian, box, tent"):
+        pf.filter_named("sinc")

@@ -1,0 +1,91 @@
+"""The closed forms, and what every method promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.prefilter import METHODS, method_named
+from mipbake.prefilter.pixel_filter import level_sizes
+
+WRAP = ("wrap", "wrap")
+
+
+def bumpy(height: int = 24, width: int = 20, spread: float = 0.3) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    normal = np.concatenate([spread * rng.standard_normal((height, width, 2)), np.ones((height, width, 1))], -1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.concatenate([rng.random((height, width, 4)), np.full((height, width, 1), 0.3), normal], -1).astype("f4")
+
+
+def run(method: str, stored: np.ndarray, target: str = "gltf", pixel_filter: str = "gaussian") -> list[np.ndarray]:
+    return METHODS[method](stored, "gltf", target, pixel_filter, WRAP, lambda _: None).levels
+
+
+@pytest.mark.parametrize("target", material.MODELS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size", [(24, 20), (1, 7), (1, 1)])
+def test_every_method_fills_a_complete_valid_chain(method: str, target: str, size: tuple[int, int]) -> None:
+    levels = run(method, bumpy(*size), target)
+    assert [level.shape for level in levels] == [(*s, material.MODELS[target].channels) for s in level_sizes(*size)]
+    low, high = np.array(material.MODELS[target].limits).T
+    for level in levels:
+        assert level.dtype == np.float32
+        assert np.isfinite(level).all()
+        assert (level >= low).all()
+        assert (level <= high).all()
+        for group in material.MODELS[target].unit_vectors:
+            assert np.linalg.norm(level[..., group], axis=-1) == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", ["linear", "lean"])
+@pytest.mark.parametrize("pixel_filter", ["box", "gaussian", "mitchell"])
+def test_closed_forms_leave_a_constant_material_alone(method: str, pixel_filter: str) -> None:
+    stored = np.broadcast_to(np.array([0.2, 0.4, 0.6, 1, 0.35, 0, 0, 1], np.float32), (12, 10, 8)).copy()
+    for level in run(method, stored, pixel_filter=pixel_filter):
+        assert level == pytest.approx(np.broadcast_to(stored[:1, :1], level.shape), abs=1e-5)
+
+
+def test_linear_box_averages_stored_channels() -> None:
+    stored = bumpy(2, 2)
+    expected = stored.mean((0, 1))
+    expected[5:] /= np.linalg.norm(expected[5:])
+    levels = run("linear", stored, pixel_filter="box")
+    assert levels[0] == pytest.approx(stored, abs=1e-6)
+    assert levels[1][0, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_lean_adds_twice_the_slope_covariance() -> None:
+    """Two texels with slopes +-0.5 along x: S' = S + 2 * 0.25 along x, S across it, and a straight mean normal."""
+    stored = np.zeros((1, 2, 8), np.float32)
+    stored[..., 0:3], stored[..., 4] = 0.5, 0.4
+    for column, slope in enumerate((0.5, -0.5)):
+        normal = np.array([slope, 0, 1])
+        stored[0, column, 5:8] = normal / np.linalg.norm(normal)
+    alpha2 = 0.4**4
+    ggx = run("lean", stored, "ggx", "box")[1][0, 0]
+    assert ggx[6:8] == pytest.approx([0, 0], abs=1e-6)
+    assert material.tensor_exp(ggx[8:11].astype(float)) == pytest.approx([alpha2 + 0.5, alpha2, 0], rel=1e-4, abs=1e-6)
+    isotropic = run("lean", stored, "gltf", "box")[1][0, 0]
+    assert isotropic[4] == pytest.approx((alpha2 + 0.25) ** 0.25, rel=1e-5)
+    anisotropic = run("lean", stored, "gltf-anisotropic", "box")[1][0, 0]
+    assert anisotropic[4] == pytest.approx(0.4, rel=1e-4)
+    assert abs(anisotropic[8]) == pytest.approx(1, abs=1e-4)
+
+
+def test_neural_says_which_weights_it_used() -> None:
+    result = METHODS["neural"](bumpy(), "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    assert result.weights
+    assert len(result.weights_sha256 or "") == 64
+
+
+def test_neural_refuses_a_filter_it_was_not_trained_for() -> None:
+    with pytest.raises(UsageError, match="no trained weights.*'mitchell'"):
+        run("neural", bumpy(), pixel_filter="mitchell")
+
+
+def test_unknown_method_lists_the_known_ones() -> None:
+    with pytest.raises(UsageError, match="'toksvig2'.*neural, lean, linear"):
+        method_named("toksvig2")

@@ -1,0 +1,105 @@
+"""Arrows between rooms point one way (docs/architecture.md)."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+ROOMS = {"mipbake": ROOT / "mipbake", "mipbake.models": ROOT / "models", "mipbake.training": ROOT / "training"}
+ROOMS["mipbake.cli"] = ROOT / "cli"
+
+TORCH_ALLOWED = re.compile(r"mipbake\.(models|training)\b|mipbake\.(shading|sampling)\.(ops|reference)$")
+
+
+def modules() -> dict[str, Path]:
+    found = {}
+    for package, folder in ROOMS.items():
+        for path in sorted(folder.rglob("*.py")):
+            parts = [p for p in path.relative_to(folder).with_suffix("").parts if p != "__init__"]
+            found[".".join([package, *parts])] = path
+    return found
+
+
+def imports(path: Path, module: str, top_level_only: bool = False) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    inside_functions = {
+        id(node)
+        for scope in ast.walk(tree)
+        if isinstance(scope, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(scope)
+    }
+    typing_only = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
+        for node in ast.walk(block)
+    }
+    names = set()
+    for node in ast.walk(tree):
+        if id(node) in typing_only or (top_level_only and id(node) in inside_functions):
+            continue
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} imports relatively"
+            names |= {node.module or ""} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def reaches(names: set[str], room: str) -> set[str]:
+    return {name for name in names if name == room or name.startswith(room + ".")}
+
+
+@pytest.mark.parametrize("module", modules())
+def test_nothing_imports_the_outer_rooms(module: str) -> None:
+    names = imports(modules()[module], module)
+    for room in ("mipbake.cli", "mipbake.training"):
+        if not (module == room or module.startswith(room + ".")):
+            assert not reaches(names, room)
+
+
+@pytest.mark.parametrize("module", modules())
+def test_torch_stays_in_its_rooms(module: str) -> None:
+    if not TORCH_ALLOWED.match(module):
+        assert not reaches(imports(modules()[module], module, top_level_only=True), "torch")
+
+
+@pytest.mark.parametrize("module", [m for m in modules() if m.endswith(".reference")])
+def test_twins_import_nothing_native(module: str) -> None:
+    inside = reaches(imports(modules()[module], module), "mipbake")
+    assert inside <= {"mipbake.errors", "mipbake.errors.UsageError"}
+
+
+@pytest.mark.parametrize("module", [m for m in modules() if not m.startswith(("mipbake.shading", "mipbake.sampling"))])
+def test_the_native_core_has_two_doors(module: str) -> None:
+    if module in {"mipbake.cli.version", "mipbake.native"}:
+        return
+    assert not reaches(imports(modules()[module], module), "mipbake._native")
+
+
+@pytest.mark.parametrize("room", ["metrics", "material", "errors"])
+def test_inner_rooms_stay_inside(room: str) -> None:
+    for module, path in modules().items():
+        if module.startswith(f"mipbake.{room}"):
+            inside = reaches(imports(path, module), "mipbake")
+            assert all(name.startswith(("mipbake.errors", f"mipbake.{room}")) for name in inside), (module, inside)
+
+
+def test_the_native_core_knows_no_python() -> None:
+    for path in (ROOT / "csrc").rglob("*.*"):
+        text = path.read_text(encoding="utf-8")
+        if path.parent.name != "bind":
+            assert not re.search(r"nanobind|Python\.h|torch/", text), path
+
+
+def test_importing_the_library_loads_nothing_heavy() -> None:
+    heavy = "torch", "OpenImageIO", "colour", "skimage"
+    script = f"import sys, mipbake; print([m for m in {heavy!r} if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
