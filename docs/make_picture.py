@@ -1,4 +1,4 @@
-"""Makes docs/before_after.png: a receding plane, shaded once per pixel with plain MIP maps, with mipbake's, and the reference.
+"""Makes docs/before_after.png: a receding plane with plain MIP maps, with mipbake's, and supersampled.
 
 python docs/make_picture.py examples/hammered_copper docs/before_after.png
 """
@@ -105,7 +105,7 @@ def main() -> None:
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    import OpenImageIO as oiio
+    import OpenImageIO as oiio  # noqa: N813
 
     out = oiio.ImageOutput.create(str(path))
     out.open(str(path), oiio.ImageSpec(image.shape[1], image.shape[0], 3, "uint8"))

@@ -26,7 +26,7 @@ StageProgress = Callable[[str, float], None]
 
 
 def resolve_target(texture_set: TextureSet, target: str) -> str:
-    """The material model that a target name means for this set; UsageError with the list of names for an unknown one."""
+    """The material model that a target means for this set; UsageError with the list of names for an unknown one."""
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
     if target == AUTO_TARGET:

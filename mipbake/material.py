@@ -29,7 +29,7 @@ DIELECTRIC_F0 = 0.04
 """Reflectance at normal incidence of every non-metal in the metallic-roughness model."""
 
 MIN_ROUGHNESS = 0.045
-"""Floor of perceptual roughness when shading: below it, 32-bit engines clamp too, and a lobe is narrower than any pixel."""
+"""Floor of perceptual roughness when shading: engines clamp there too, and narrower lobes strain 32-bit arithmetic."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -152,12 +153,7 @@ def validate(
         method=stack.provenance.method,
         model=stack.model,
         pixel_filter=kernel,
-        rows=tuple(
-            Row(label, name, lod, figures[label, name, lod])
-            for name in sets
-            for label in candidates
-            for lod in measured
-        ),
+        rows=tuple(Row(*key, figures[key]) for key in itertools.product(candidates, sets, measured)),
         notes=tuple(notes),
         points=points,
         samples=samples,

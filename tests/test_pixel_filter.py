@@ -102,5 +102,5 @@ def test_level_sizes_are_floors() -> None:
 
 
 def test_unknown_filter_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match="'sinc'.*gaussian, box, tent"):
+    with pytest.raises(UsageError, match=r"'sinc'.*gaussian, box, tent"):
         pf.filter_named("sinc")

@@ -55,8 +55,8 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
     """Base colour 0 and 1 in a 2 x 1 texture, flat and dielectric: f = base d + s is linear in base colour.
 
     At lod 0, bilinear lookups make base a triangle wave t(x) = |x|, x in texels. Under the box filter of one texel it
-    becomes x^2 + 1/4 for |x| < 1/2 and is symmetric about 1/2, so (t - box * t)^2 = (1/2 - |x|)^4 has the mean 1/80, and
-    box * t has the mean 1/2 and the mean square 17/60. At lod 1 a box covers the texture: the average is exact.
+    becomes x^2 + 1/4 for |x| < 1/2 and is symmetric about 1/2, so (t - box * t)^2 = (1/2 - |x|)^4 has the mean 1/80
+    and box * t has the mean 1/2 and the mean square 17/60. At lod 1 a box covers the texture: the average is exact.
     """
     texture_set = flat(1, 2, np.array([[[0.0], [1.0]]]))
     stack = mipbake.bake(texture_set, method="linear", pixel_filter="box")

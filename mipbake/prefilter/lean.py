@@ -15,7 +15,7 @@ from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
 
 _MIN_NORMAL_Z = 0.02
-"""Slopes are cut at 50, where a normal is 89 degrees off: a slope is infinite at the horizon, its average must not be."""
+"""Slopes are cut at 50, where a normal is 89 degrees off: at the horizon they are infinite, averages must not be."""
 
 
 class Lean:
