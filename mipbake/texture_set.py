@@ -26,10 +26,11 @@ from mipbake.io.decode import (
     upsample,
     widened,
 )
-from mipbake.io.discover import DATA, Discovery, IgnoredFile, MapSource, NormalConvention, find, settle_convention
+from mipbake.io.discover import find, settle_convention
 from mipbake.io.normal import normalised
 from mipbake.io.options import COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image
+from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
 from mipbake.material import convert
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ _LINEAR_NAMES = {"linear rec.709", "linear srgb", "lin_rec709", "linear rec709",
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
     """IEC 61966-2-1 decoding, (...) to (...), dtype kept; odd around zero, so that values outside [0, 1] survive."""
     size = np.abs(encoded)
-    return np.copysign(np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4), encoded)
+    decoded = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.copysign(decoded, encoded), encoded.dtype)
 
 
 @lru_cache(maxsize=4)
@@ -27,11 +29,11 @@ def _srgb_table(dtype: str) -> NDArray[np.float32]:
     return srgb_to_linear(np.arange(top + 1) / top).astype(np.float32)
 
 
-def unit_range(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
+def unit_range(pixels: NDArray[Any]) -> NDArray[np.float32]:
     """Integers of 8 and 16 bit to [0, 1]; floating-point values as they are. (...) to (...) of float32."""
     if pixels.dtype.kind == "u":
         scale = np.float32(1 / np.iinfo(pixels.dtype).max)
-        return np.multiply(pixels, scale, dtype=np.float32)
+        return np.asarray(np.multiply(pixels, scale, dtype=np.float32))
     return pixels.astype(np.float32, copy=False)
 
 
@@ -59,10 +61,10 @@ def canonical_colour_space(name: str) -> str:
             f"unknown colour space {name!r}: expected a name that colour-science knows, with or without 'linear ' "
             f"before it, for example {hint}"
         )
-    return ("linear " if linear else "") + known[wanted]
+    return f"{'linear ' if linear else ''}{known[wanted]}"
 
 
-def decode(pixels: NDArray[np.generic], colour_space: str) -> NDArray[np.float32]:
+def decode(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
     """File values (H, W, 3) of uint8, uint16 or floating point to linear Rec.709 (H, W, 3) float32, not clipped.
 
     Args:
@@ -74,12 +76,12 @@ def decode(pixels: NDArray[np.generic], colour_space: str) -> NDArray[np.float32
         return unit_range(pixels)
     if colour_space == SRGB:
         if pixels.dtype.kind == "u":
-            return _srgb_table(pixels.dtype.name)[pixels]
-        return srgb_to_linear(pixels.astype(np.float32, copy=False)).astype(np.float32, copy=False)
+            return np.asarray(_srgb_table(pixels.dtype.name)[pixels])
+        return np.asarray(srgb_to_linear(pixels.astype(np.float32, copy=False)), np.float32)
     return _decode_named(pixels, colour_space)
 
 
-def _decode_named(pixels: NDArray[np.generic], colour_space: str) -> NDArray[np.float32]:
+def _decode_named(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
     import colour
 
     space = colour.RGB_COLOURSPACES[colour_space.removeprefix("linear ")]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError
 from mipbake.io.colour import decode, unit_range
-from mipbake.io.discover import MapSource, taken
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
 from mipbake.io.options import COLOUR_ROLES
 from mipbake.io.read import Image
+from mipbake.io.sources import MapSource, taken
 
 Pixels = NDArray[np.float32]
 
@@ -107,7 +107,7 @@ def upsample(pixels: Pixels, width: int, height: int, wrap: tuple[str, str]) -> 
 def widened(roughness: Pixels, variance: Pixels) -> Pixels:
     """Perceptual roughness (H, W, 1) with `variance` (H, W) added to alpha^2, at most 1."""
     alpha2 = np.square(np.square(roughness)) + variance[..., None]
-    return np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1))
+    return np.asarray(np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1)))
 
 
 def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) -> DecodedMap:
@@ -115,7 +115,8 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
         raise InputError("a normal map from a file needs its path")
     decoded = decode_normals(stored, source.path)
     notes = [f"{source.path.name}: {n}" for n in decoded.notes]
-    variance, warnings = None, ()
+    variance: Pixels | None = None
+    warnings: tuple[str, ...] = ()
     if decoded.length is not None and normal_length == "roughness":
         variance = lost_variance(decoded.length, length_resolution(source.depth))
         mean = float(variance.mean(dtype=np.float64))
@@ -126,7 +127,8 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     elif decoded.mean_length < SHORT_LENGTH:
         warnings = (
             f"{source.path.name}: its normals are shorter than one (mean length {decoded.mean_length:.3f}), as "
-            "averaging leaves them; they are renormalised, and normal_length=roughness would count what is missing as roughness",
+            "averaging leaves them; they are renormalised, and normal_length=roughness would count what is missing as "
+            "roughness",
         )
     return DecodedMap(TextureMap(decoded.vectors, replace(source, notes=tuple(notes))), warnings, variance)
 
@@ -146,7 +148,8 @@ def _anisotropy(stored: NDArray[np.generic]) -> Pixels:
 def unit_directions(xy: Pixels) -> Pixels:
     """Unit (..., 2); where there is hardly a direction (less than 8-bit noise), +X, as in the extension."""
     length = np.linalg.norm(xy, axis=-1, keepdims=True)
-    return np.where(length > 0.02, xy / np.maximum(length, 0.02), np.array([1, 0], np.float32))
+    unit: Pixels = np.where(length > 0.02, xy / np.maximum(length, 0.02), np.array([1, 0], np.float32))
+    return unit
 
 
 def _channels_differ(image: Image) -> bool:

@@ -77,7 +77,8 @@ _UNUSED_OF = "specular spec sheen coat clearcoat subsurface sss transmission det
 _UNUSED_MAPS = "color colour normal normals roughness rough gloss map mask albedo"
 _UNUSED_WORDS = (
     f"{_UNUSED_OF} spc specularlevel specularsmoothness specularglossiness specgloss refl reflection cavity cav "
-    "curvature translucency translucent thickness fuzz ior mask id position anisotropylevel anisotropyangle anisotropyrotation"
+    "curvature translucency translucent thickness fuzz ior mask id position anisotropylevel "
+    "anisotropyangle anisotropyrotation"
 )
 
 

@@ -85,7 +85,7 @@ def normalised(vectors: Vectors, length: NDArray[np.float32] | None = None) -> V
     """(..., 3) scaled to length one; vectors shorter than 1e-3 become +Z. `length` saves computing it."""
     if length is None:
         length = np.sqrt(np.einsum("...c,...c->...", vectors, vectors))
-    out = vectors / np.maximum(length, np.float32(1e-3))[..., None]
+    out: Vectors = vectors / np.maximum(length, np.float32(1e-3))[..., None]
     short = length < 1e-3
     if short.any():
         out[short] = (0, 0, 1)
@@ -95,8 +95,8 @@ def normalised(vectors: Vectors, length: NDArray[np.float32] | None = None) -> V
 def lost_variance(length: NDArray[np.float32], resolution: float) -> NDArray[np.float32]:
     """What the missing length of averaged normals adds to alpha^2, (H, W) to (H, W): 2 / kappa.
 
-    A von Mises-Fisher lobe with mean length r has kappa = (3 r - r^3) / (1 - r^2) (Banerjee et al. 2005, equation 4.4), and
-    a Beckmann or GGX lobe of roughness alpha corresponds to kappa = 2 / alpha^2; convolving two lobes adds alpha^2.
+    A von Mises-Fisher lobe with mean length r has kappa = (3 r - r^3) / (1 - r^2) (Banerjee et al. 2005, equation 4.4),
+    and a Beckmann or GGX lobe of roughness alpha corresponds to kappa = 2 / alpha^2; convolving two lobes adds alpha^2.
 
     Args:
         length: mean length r of the normals under each texel, in [0, 1].
@@ -187,7 +187,7 @@ def _check_looks_like_normals(xyz: Vectors, path: Path) -> None:
 
     The limits were set on 130 scanned normal maps and 130 base colours. Normals: z > 0 in every texel, mean tilt (mean
     xy over mean z) at most 0.27, least correlation between two channels at most 0.27. Colours: z > 0 in fewer than 0.91
-    of the texels or a tilt above 0.6, and mostly correlations above 0.8. Greys have a tilt of at least sqrt(2) or no z > 0.
+    of the texels or a tilt above 0.6, and mostly correlations above 0.8. Greys have a tilt of sqrt(2) or no z > 0.
     """
     texels = _sampled(xyz)
     mean = texels.mean(0, dtype=np.float64)
