@@ -1,0 +1,94 @@
+// Where a lookup lands: coordinates to texels along one axis, level of detail to a pair of levels.
+#pragma once
+
+#include <cmath>
+
+#include "core/platform.h"
+
+namespace mipbake {
+inline namespace MIPBAKE_ISA {
+
+MIPBAKE_INLINE float floor_of(float x) { return ::floorf(x); }
+MIPBAKE_INLINE double floor_of(double x) { return ::floor(x); }
+
+template <class T>
+struct Rounding;
+template <>
+struct Rounding<float> {
+    static constexpr float epsilon = 0x1p-23f;
+};
+template <>
+struct Rounding<double> {
+    static constexpr double epsilon = 0x1p-52;
+};
+
+// Two texels of one axis and the fraction of the way from the first to the second, in [0, 1). NaN coordinates give a
+// NaN fraction and indices that are safe to read.
+template <class T>
+struct Tap {
+    int first, second;
+    T fraction;
+};
+
+// Texel centres are at (i + 1/2) / size. A coordinate within its own rounding error of a centre is at the centre, so
+// that lookups at centres return texels exactly for any size, and the slope there is always the one to the right.
+// Beyond the first and last centre of a clamped axis both texels are the edge's, which makes the slope zero.
+template <bool wrap, class T>
+MIPBAKE_INLINE Tap<T> axis_tap(T coordinate, int size) {
+    const T extent = static_cast<T>(size);
+    const T magnitude = coordinate < 0 ? -coordinate : coordinate;
+    T position;
+    bool below = false;
+    if (wrap) {
+        position = (coordinate - floor_of(coordinate)) * extent - T(0.5);
+    } else {
+        position = coordinate * extent - T(0.5);
+        below = position < 0;
+        position = below ? T(0) : position;
+        position = position > extent - 1 ? extent - 1 : position;
+    }
+    // At most half a step of a GPU's 8-bit subtexel grid, however far out the coordinate.
+    T error = (magnitude > 1 ? magnitude : T(1)) * extent * Rounding<T>::epsilon;
+    error = error > T(0x1p-9) ? T(0x1p-9) : error;
+    const T nearest = floor_of(position + T(0.5));
+    T offset = position - nearest;
+    offset = (offset <= error && -offset <= error) ? T(0) : offset;
+    const bool before = offset < 0;
+    Tap<T> tap;
+    // Only the comparison of NaN with itself fails.
+    const int index = static_cast<int>(nearest == nearest ? nearest : T(0)) - (before ? 1 : 0);
+    tap.fraction = before ? offset + 1 : offset;
+    if (wrap) {
+        tap.first = index < 0 ? index + size : index;
+        tap.second = index + 1 >= size ? index + 1 - size : index + 1;
+    } else {
+        const int next = index + 1 >= size ? size - 1 : index + 1;
+        tap.first = index;
+        tap.second = below ? index : next;
+    }
+    return tap;
+}
+
+// The levels on both sides of a level of detail, and the way from the finer to the coarser in [0, 1). Where lod is
+// clamped both are the same level, which makes the slope zero; NaN gives a NaN blend of levels that exist.
+template <class T>
+struct LevelPair {
+    int finer, coarser;
+    T blend;
+};
+
+template <class T>
+MIPBAKE_INLINE LevelPair<T> level_pair(T lod, int last) {
+    const bool below = lod < 0;
+    T clamped = below ? T(0) : lod;
+    clamped = clamped > static_cast<T>(last) ? static_cast<T>(last) : clamped;
+    const T whole = floor_of(clamped);
+    LevelPair<T> pair;
+    pair.finer = static_cast<int>(whole == whole ? whole : T(0));
+    pair.coarser = (below || pair.finer >= last) ? pair.finer : pair.finer + 1;
+    pair.blend = clamped - whole;
+    return pair;
+}
+
+}  // namespace MIPBAKE_ISA
+}  // namespace mipbake
