@@ -17,7 +17,7 @@ from mipbake.io.candidates import (
     take_alpha_as_opacity,
 )
 from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space
-from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, decode_normals, integrability
+from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, decode_normals, integrability, tiles
 from mipbake.io.options import COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
 from mipbake.io.read import Header, read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
@@ -43,12 +43,13 @@ def discover(path: PathLike | Iterable[PathLike], options: LoadOptions | None = 
     source = found.sources["normal"]
     if source.path is None or found.convention.decided_by in ("option", "name"):
         return found
-    stored = taken(source, read_image(source.path))
-    return settle_convention(found, decode_normals(stored, source.path).vectors)
+    parts = tiles(taken(source, read_image(source.path)))
+    vectors = decode_normals(parts.reshape(-1, *parts.shape[2:]), source.path).vectors
+    return settle_convention(found, vectors.reshape(*parts.shape[:3], 3))
 
 
 def settle_convention(found: Discovery, vectors: Vectors) -> Discovery:
-    """The discovery with its normal convention checked against, or decided by, unit normals (H, W, 3) as stored."""
+    """The discovery with its normal convention checked against, or decided by, `tiles` of its normals as stored."""
     source, convention = found.sources["normal"], found.convention
     if source.path is None:
         return found

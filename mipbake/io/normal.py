@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,24 +113,32 @@ def length_resolution(depth: str) -> float:
     return math.sqrt(3) / 2 * step
 
 
+def tiles(image: NDArray[Any]) -> NDArray[Any]:
+    """(H, W, C) to (T, h, w, C): up to 8 x 8 evenly spaced tiles of at most 64 x 64 texels, for `integrability`."""
+    height, width = image.shape[:2]
+    rows, columns = (max(1, min(8, size // 8)) for size in (height, width))
+    step_y, step_x = height // rows, width // columns
+    grid = image[: rows * step_y, : columns * step_x].reshape(rows, step_y, columns, step_x, image.shape[2])
+    parts = grid[:, : min(step_y, 64), :, : min(step_x, 64)].swapaxes(1, 2)
+    return np.ascontiguousarray(parts).reshape(-1, *parts.shape[2:])
+
+
 def integrability(vectors: Vectors) -> Integrability:
     """Whether green points up ("opengl") or down ("directx"), from the curl of the slopes.
 
     The slopes p = -x/z and q = -y/z of a height field satisfy dp/dy = dq/dx. With the wrong sign of green the two sides
     have opposite signs, so the sign of A = sum(dp/dy dq/dx) tells; with E = sum((dp/dy)^2 + (dq/dx)^2) / 2, A / E = +-1
-    where the map is exactly integrable. Up to 8 x 8 tiles of up to 128 x 128 texels are looked at, without crossing
-    borders, so wrapping does not matter.
+    where the map is exactly integrable. Derivatives do not cross the borders of tiles, so wrapping does not matter.
 
     The confidence is erf(|t| / sqrt 2) min(1, |A / E| / 0.1): the first factor asks whether the tiles agree, with
     t = sum(A_i) / sqrt(sum(A_i^2)) (a sign-symmetric test, about normal where there is no preference); the second
     whether the effect is large enough not to be an artefact of compression.
 
     Args:
-        vectors: (H, W, 3) unit normals, y as stored.
+        vectors: (T, h, w, 3) unit normals, y as stored, from `tiles`.
     """
-    v = _tiles(vectors)
-    z = np.maximum(v[..., 2], 0.2)
-    p, q = v[..., 0] / z, v[..., 1] / z
+    z = np.maximum(vectors[..., 2], 0.2)
+    p, q = vectors[..., 0] / z, vectors[..., 1] / z
     # Sobel derivatives; y points up, against the rows.
     dp = p[:, :-2] - p[:, 2:]
     dq = q[:, :, 2:] - q[:, :, :-2]
@@ -143,16 +152,6 @@ def integrability(vectors: Vectors) -> Integrability:
     effect = products.sum() / energy
     confidence = math.erf(abs(t) / math.sqrt(2)) * min(1.0, abs(effect) / 0.1)
     return Integrability("opengl" if effect >= 0 else "directx", float(confidence))
-
-
-def _tiles(image: Vectors) -> Vectors:
-    """(H, W, 3) to (T, h, w, 3): up to 8 x 8 evenly spaced tiles of 8 to 128 texels a side."""
-    height, width = image.shape[:2]
-    rows, columns = (max(1, min(8, size // 8)) for size in (height, width))
-    step_y, step_x = height // rows, width // columns
-    grid = image[: rows * step_y, : columns * step_x].reshape(rows, step_y, columns, step_x, 3)
-    tiles = grid[:, : min(step_y, 128), :, : min(step_x, 128)].swapaxes(1, 2)
-    return np.ascontiguousarray(tiles).reshape(-1, *tiles.shape[2:])
 
 
 def _sampled(image: NDArray[np.float32]) -> NDArray[np.float32]:
