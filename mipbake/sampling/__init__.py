@@ -54,6 +54,8 @@ def sample(
     wrap_u, wrap_v = wraps(wrap)
     shape = result_shape([level.shape for level in arrays], coordinates.shape, detail.shape)
     out = np.empty((1, *shape)[-3:], dtype)
+    if out.size == 0:
+        return out.reshape(shape)
     _native.sample(
         [_readable(level[None] if level.ndim == 3 else level) for level in arrays],
         coordinates[None] if coordinates.ndim == 2 else coordinates,

@@ -21,7 +21,8 @@ def check_level_count(count: int) -> None:
 
 def wraps(wrap: Sequence[str]) -> tuple[bool, bool]:
     """Whether u and v repeat. `wrap` is a pair of WRAP_MODES."""
-    if isinstance(wrap, str) or len(wrap) != 2 or any(mode not in WRAP_MODES for mode in wrap):
+    pair = isinstance(wrap, Sequence) and not isinstance(wrap, str) and len(wrap) == 2
+    if not pair or any(mode not in WRAP_MODES for mode in wrap):
         raise UsageError(f"wrap is {wrap!r}: expected a pair of 'wrap' or 'clamp', for u and for v")
     return wrap[0] == "wrap", wrap[1] == "wrap"
 

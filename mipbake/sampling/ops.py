@@ -100,6 +100,8 @@ def _sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor, wrap_u: bool, wra
     from mipbake import _native
 
     out = _empty_result(levels, uv, lod)
+    if out.numel() == 0:
+        return out
     with _current_stream(uv) as stream:
         _native.sample(
             [_level(level) for level in levels], _uv(uv), _lod(lod), wrap_u, wrap_v, _batched(out, 3), stream
@@ -133,6 +135,8 @@ def _sample_backward(
     from mipbake import _native
 
     outputs = _empty_gradients(grad, levels, need_levels, need_uv, need_lod)
+    if grad.numel() == 0:
+        return [output.zero_() for output in outputs]
     rest = outputs[len(levels) :] if need_levels else outputs
     with _current_stream(uv) as stream:
         _native.sample_backward(

@@ -34,7 +34,9 @@ def sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor | float, wrap: Sequ
     finer = detail.detach().floor().long()
     coarser = torch.where(lod < 0, finer, (finer + 1).clamp(max=last))
     texels = torch.lerp(_choose(every, finer), _choose(every, coarser), (detail - finer)[..., None])
-    return torch.where(valid[..., None], texels, torch.nan).reshape(*batches[:1] and [batch], points, levels[0].shape[-1])
+    return torch.where(valid[..., None], texels, torch.nan).reshape(
+        *batches[:1] and [batch], points, levels[0].shape[-1]
+    )
 
 
 def _choose(every: Tensor, level: Tensor) -> Tensor:
