@@ -117,7 +117,7 @@ class MipStack:
             UsageError: an unknown format, or one that cannot hold this stack.
             OutputError: the folder cannot be written.
         """
-        target, container = Path(path), format_named(format)
+        target, container = Path(path), container_for(self.model, format)
         quantised = [
             (layout, [_quantised(level, layout, container) for level in chain]) for layout, chain in self.maps()
         ]
@@ -134,6 +134,18 @@ class MipStack:
 def check_output(path: str | Path) -> None:
     """Raises OutputError when a stack cannot be saved to the folder `path`; writes nothing."""
     check_target(Path(path), is_stack_folder)
+
+
+def container_for(model: str, format: str) -> Container:
+    """The container of that name; UsageError when there is none, or when it cannot hold stacks of the model."""
+    container = format_named(format)
+    for layout in LAYOUTS[model]:
+        if not container.encodings.issuperset(layout.encodings):
+            raise UsageError(
+                f"format {format} cannot hold the map {layout.name} of the model {model}: its logarithms do not fit in "
+                f"{container.precision}, use format {DEFAULT_FORMAT} or another target"
+            )
+    return container
 
 
 def is_stack_folder(path: Path) -> bool:

@@ -36,11 +36,15 @@ class Container(Protocol):
     def srgb(self) -> bool:
         """Whether colours are stored sRGB-encoded."""
 
+    @property
+    def encodings(self) -> frozenset[str]:
+        """The encodings of `mipbake.io.layout` that it can hold."""
+
     def files(self, layout: MapLayout, levels: int) -> list[str]:
         """Names of the files that a map of that many levels takes."""
 
     def quantise(self, values: NDArray[np.float64], layout: MapLayout) -> NDArray[np.generic]:
-        """(H, W, C) file values to what a texel stores, correctly rounded; UsageError for what it cannot store."""
+        """(H, W, C) file values to what a texel stores, correctly rounded; UsageError for a value beyond its range."""
 
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """Inverse of quantise, to file values."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.io.layout import MapLayout
+from mipbake.io.layout import COLOUR, LOG, SIGNED, UNIT, MapLayout
 from mipbake.io.messages import one_line
 
 _TILE = 64
@@ -23,6 +23,7 @@ class MipExr:
     summary = "one MIP-mapped half-float OpenEXR file per map, colours linear"
     precision = "half"
     srgb = False
+    encodings = frozenset({COLOUR, UNIT, SIGNED, LOG})
 
     def files(self, layout: MapLayout, levels: int) -> list[str]:
         """See Container."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.io.layout import LOG, MapLayout
+from mipbake.io.layout import COLOUR, SIGNED, UNIT, MapLayout
 from mipbake.io.messages import one_line
 
 _SLACK = 0.5 / 255
@@ -23,6 +23,7 @@ class MipPng:
     summary = "one 8-bit PNG file per map and level, colours sRGB-encoded"
     precision = "uint8"
     srgb = True
+    encodings = frozenset({COLOUR, UNIT, SIGNED})
 
     def files(self, layout: MapLayout, levels: int) -> list[str]:
         """See Container."""
@@ -30,11 +31,6 @@ class MipPng:
 
     def quantise(self, values: NDArray[np.float64], layout: MapLayout) -> NDArray[np.generic]:
         """See Container."""
-        if LOG in layout.encodings:
-            raise UsageError(
-                f"format png cannot hold the map {layout.name}: its logarithms do not fit in 8 bits, use format exr "
-                "or a glTF target"
-            )
         outside = [v for v in (float(values.min()), float(values.max())) if not -_SLACK <= v <= 1 + _SLACK]
         if outside:
             raise UsageError(

@@ -1,0 +1,148 @@
+"""`mipbake bake`: texture sets in, MIP stacks out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import mipbake
+from mipbake import MipbakeError, UsageError
+from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
+from mipbake.cli import options
+from mipbake.cli.options import DEFAULTS, one_of
+from mipbake.cli.session import Session, stages
+from mipbake.cli.tables import map_table, remarks, set_report, sources_of
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
+from mipbake.io.discover import find
+from mipbake.io.options import LoadOptions
+from mipbake.prefilter import METHODS, method_named
+from mipbake.prefilter.pixel_filter import FILTERS, filter_named
+from mipbake.stack import check_output, container_for
+
+_METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
+_FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
+
+
+def bake(
+    context: typer.Context,
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER", help="Texture sets, one a folder.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="OUT", help="Where the stacks go: OUT/<set>/.", show_default=False)
+    ],
+    method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
+    target: Annotated[
+        str,
+        typer.Option(
+            metavar=one_of(TARGETS),
+            help=f"Material model of the stack; {AUTO_TARGET} is gltf-anisotropic for sets with an anisotropy map, "
+            "else gltf.",
+        ),
+    ] = AUTO_TARGET,
+    pixel_filter: Annotated[
+        str,
+        typer.Option("--filter", metavar=one_of(FILTERS), help="Pixel filter of the renderer that shows the stack."),
+    ] = DEFAULT_FILTER,
+    format: Annotated[str, typer.Option(metavar=one_of(FORMATS), help=f"{_FORMATS}.")] = DEFAULT_FORMAT,
+    maps: options.Maps = None,
+    colour_space: options.ColourSpace = DEFAULTS.colour_space,
+    normal_convention: options.Convention = DEFAULTS.normal_convention,
+    normal_length: options.Length = DEFAULTS.normal_length,
+    gloss: options.Gloss = DEFAULTS.roughness_is_gloss,
+    wrap_u: options.WrapU = DEFAULTS.wrap[0],
+    wrap_v: options.WrapV = DEFAULTS.wrap[1],
+    quiet: options.Quiet = False,
+    json: options.Json = False,
+) -> None:
+    """Bake texture sets into MIP stacks.
+
+    A set that cannot be baked is reported and the others are baked all the same.
+    """
+    session: Session = context.obj
+    session.configure(quiet, json)
+    load = options.load_options(maps, colour_space, normal_convention, normal_length, gloss, wrap_u, wrap_v)
+    # Everything that is wrong for every set is said before the first is read.
+    method_named(method)
+    filter_named(pixel_filter)
+    if target not in TARGETS:
+        raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
+    if target == AUTO_TARGET:
+        format_named(format)
+    else:
+        container_for(target, format)
+    _check_names(folders, load)
+
+    results = []
+    for folder in folders:
+        try:
+            results.append(_bake_one(session, folder, out, load, method, target, pixel_filter, format))
+        except MipbakeError as error:
+            session.fail(str(error), error.exit_code)
+            results.append({"folder": folder, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+    if len(folders) > 1:
+        session.print(f"{sum(r['ok'] for r in results)} of {len(folders)} sets baked")
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+
+
+def _check_names(folders: list[Path], load: LoadOptions) -> None:
+    """UsageError when two folders would be written to one place."""
+    names: dict[str, Path] = {}
+    for folder in folders:
+        try:
+            name = find(folder, load).name
+        except mipbake.InputError:
+            continue  # reported when its turn comes
+        if name in names:
+            raise UsageError(
+                f"{names[name]} and {folder} are both called {name}: bake them into different folders, one at a time"
+            )
+        names[name] = folder
+
+
+def _bake_one(
+    session: Session,
+    folder: Path,
+    out: Path,
+    load: LoadOptions,
+    method: str,
+    target: str,
+    pixel_filter: str,
+    format: str,
+) -> dict[str, Any]:
+    """Bakes and writes one set, prints what happened, and returns it for JSON."""
+    place = out / find(folder, load).name
+    check_output(place)
+    with stages(session, place.name) as progress:
+        texture_set = mipbake.load(folder, load)
+        progress("read", 1.0)
+    session.print(f"{folder}: {texture_set.width} x {texture_set.height}", map_table(sources_of(texture_set)))
+    session.print(*remarks(texture_set))
+    with stages(session, place.name) as baking:
+        baking.seconds.update(progress.seconds)
+        stack = mipbake.bake(texture_set, method, target, pixel_filter, baking)
+        files = stack.save(place, format)
+        baking("write", 1.0)
+    size = sum(file.stat().st_size for file in files)
+    provenance = stack.provenance
+    weights = f" with {provenance.weights}" if provenance.weights else ""
+    session.print(
+        f"baked by {provenance.method}{weights} to {stack.model}, pixel filter {provenance.pixel_filter}, "
+        f"{len(stack.levels)} levels",
+        f"time: {baking.summary()}",
+        f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
+    )
+    return {
+        "folder": folder,
+        "ok": True,
+        "exit_code": 0,
+        "out": place,
+        "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
+        "bytes": size,
+        "format": format,
+        "stack": {"model": stack.model, "levels": len(stack.levels), "provenance": provenance},
+        "seconds": baking.seconds,
+        "set": set_report(texture_set),
+    }

@@ -1,0 +1,131 @@
+"""The console script: parses, runs a command, and turns whatever happens into one sentence and an exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import Annotated, NoReturn
+
+import typer
+
+from mipbake import MipbakeError
+from mipbake.cli.bake import bake
+from mipbake.cli.inspect import inspect
+from mipbake.cli.session import Session
+from mipbake.cli.validate import validate
+
+EXIT_UNEXPECTED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
+
+_EPILOG = (
+    "Exit codes: 0 done, 1 unexpected (a defect), 2 usage, 3 unusable input, 4 unwritable output, 130 interrupted. "
+    "With several folders, the highest."
+)
+
+app = typer.Typer(
+    name="mipbake",
+    add_completion=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog=_EPILOG,
+)
+for command in (bake, validate, inspect):
+    app.command(epilog=_EPILOG)(command)
+
+# typer's own errors share an ancestor that is not part of its documented interface: older versions take it from click.
+_PARSING_ERROR: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+
+
+class _Terminated(BaseException):
+    """SIGTERM: unwinds, so that nothing half-written stays behind."""
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from mipbake.cli.version import version_text
+
+        sys.stdout.write(version_text() + "\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show versions and exit.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
+) -> None:
+    """Bake PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
+    del version
+    context.obj.debug = debug
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the command line and returns its exit code; prints errors and raises none."""
+    session = Session()
+    command = typer.main.get_command(app)
+    try:
+        # Without arguments, help is what is wanted.
+        result = command.main(list(arguments) or ["--help"], "mipbake", standalone_mode=False, obj=session)
+        code = session.exit_code
+        if result == EXIT_INTERRUPTED:  # what newer versions of typer make of Ctrl-C
+            raise KeyboardInterrupt
+    except MipbakeError as error:
+        code = session.fail(str(error), error.exit_code)
+    except _PARSING_ERROR as error:
+        code = session.fail(_parsing_message(error), EXIT_USAGE)
+    except (KeyboardInterrupt, typer.Abort):
+        code = session.fail("interrupted, nothing unfinished was left behind", EXIT_INTERRUPTED)
+    except _Terminated:
+        code = session.fail("terminated, nothing unfinished was left behind", EXIT_TERMINATED)
+    except BrokenPipeError:
+        # Whoever read stdout has seen enough. What is still buffered must not fail again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_UNEXPECTED
+    except Exception as error:
+        if session.debug:
+            import traceback
+
+            traceback.print_exc()
+        code = session.fail(
+            f"sorry, this is a defect ({type(error).__name__}: {error}); please report it with the output of "
+            "`mipbake --version` and of the same command as `mipbake --debug ...`",
+            EXIT_UNEXPECTED,
+        )
+    return code
+
+
+def _parsing_message(error: Exception) -> str:
+    """One sentence of what the parser says, with the commands where one of them was expected."""
+    message = error.format_message() if hasattr(error, "format_message") else str(error)
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else "mipbake"
+    commands = getattr(context.command, "commands", None) if context else None
+    expected = ""
+    if commands and "command" in message.lower():
+        message = message.partition(" Did you mean")[0]
+        expected = f": expected one of {', '.join(commands)}"
+    message = " ".join(message.split()).rstrip(".?")
+    return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise _Terminated
+
+
+def run() -> None:
+    """Entry point of the console script."""
+    with contextlib.suppress(ValueError):  # not the main thread of a program that embeds us
+        signal.signal(signal.SIGTERM, _terminate)
+    sys.exit(main(sys.argv[1:]))
+
+
+if __name__ == "__main__":
+    run()

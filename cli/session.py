@@ -1,0 +1,125 @@
+"""What the commands share while they run: where they print, how they show progress, how a run ends."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_PIPED_WIDTH = 10_000  # columns; nothing is cut or wrapped where no terminal is
+
+
+@dataclass
+class Session:
+    """The state of one call of the command line.
+
+    Args:
+        debug: whether defects show their traceback.
+        quiet: whether only errors are printed.
+        json: whether stdout is for one JSON object.
+        exit_code: what a command that ends normally returns.
+    """
+
+    debug: bool = False
+    quiet: bool = False
+    json: bool = False
+    exit_code: int = 0
+
+    def configure(self, quiet: bool, json: bool) -> None:
+        """Takes over the options of a command."""
+        self.quiet, self.json = quiet, json
+
+    @property
+    def talks(self) -> bool:
+        """Whether a person reads stdout."""
+        return not (self.quiet or self.json)
+
+    def print(self, *things: Any) -> None:
+        """Prints for a person, on stdout: strings as they are, or rich's tables."""
+        if self.talks:
+            for thing in things:
+                console(sys.stdout).print(thing, soft_wrap=isinstance(thing, str))
+
+    def dump(self, content: Mapping[str, Any]) -> None:
+        """Prints the JSON object when it was asked for."""
+        if self.json:
+            sys.stdout.write(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+    def fail(self, message: str, exit_code: int) -> int:
+        """Prints one sentence on stderr and returns the exit code of the run, the highest of all failures so far."""
+        one_line = " ".join(message.split())
+        sys.stderr.write(f"mipbake: {one_line}\n")
+        self.exit_code = max(self.exit_code, exit_code)
+        return self.exit_code
+
+
+def console(file: Any) -> Console:
+    """A console for a stream that is open now. rich leaves out colours where no terminal is, and under NO_COLOR."""
+    from rich.console import Console
+
+    width = None if file.isatty() else _PIPED_WIDTH
+    # File names may hold brackets and colons: they are text, never markup.
+    return Console(file=file, width=width, markup=False, highlight=False, emoji=False)
+
+
+def plain(value: Any) -> Any:
+    """Types that JSON knows; figures that are not finite become null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+@dataclass
+class Stages:
+    """Stages of a piece of work as they finish: how long each took, and a bar for the one at work."""
+
+    show: Callable[[str, float], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Progress as the library reports it: the name of the stage and its finished share, from 0 to 1."""
+        self.show(stage, share)
+        if share >= 1:
+            now = time.perf_counter()
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+            self._last = now
+
+    def summary(self) -> str:
+        """`read 0.1 s, prefilter 2.3 s, ...`."""
+        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.seconds.items())
+
+
+@contextmanager
+def stages(session: Session, label: str) -> Iterator[Stages]:
+    """Stages with a progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
+    if session.quiet or not sys.stderr.isatty():
+        yield Stages(lambda _stage, _share: None)
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
+        tasks: dict[str, Any] = {}
+
+        def show(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(f"{label}: {stage}", total=1.0)
+            bar.update(tasks[stage], completed=share)
+
+        yield Stages(show)

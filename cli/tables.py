@@ -1,0 +1,79 @@
+"""What was found in a texture set, for people and for machines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mipbake.io.sources import Discovery, MapSource
+from mipbake.texture_set import TextureSet
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def sources_of(found: Discovery | TextureSet) -> dict[str, MapSource]:
+    """Role to source."""
+    if isinstance(found, TextureSet):
+        return {role: texture.source for role, texture in found.maps.items()}
+    return dict(found.sources)
+
+
+def table(title: str | None, *columns: str) -> Table:
+    """An empty table in the style of all of ours."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE, pad_edge=False, show_edge=False)
+    for column in columns:
+        made.add_column(column, overflow="fold")
+    return made
+
+
+def map_table(sources: Mapping[str, MapSource]) -> Table:
+    """One row a map: where it comes from, how it is read, and why."""
+    made = table(None, "map", "from", "size", "stored as", "read as", "why")
+    for role, source in sources.items():
+        size = f"{source.width} x {source.height}" if source.path else ""
+        stored = f"{source.depth} {source.channels}" if source.path else ""
+        read = source.encoding + (", inverted" if source.inverted else "")
+        made.add_row(role, _origin(source), size, stored, read if source.path else "", source.reason)
+    return made
+
+
+def remarks(found: Discovery | TextureSet) -> list[str]:
+    """What was assumed, what to look at, and what was left out, one line each."""
+    convention = found.convention
+    lines = [
+        f"normal convention: {convention.name}, by {convention.decided_by} (confidence {convention.confidence:.2f})"
+    ]
+    lines += [f"note: {note}" for note in found.notes]
+    lines += [f"warning: {warning}" for warning in found.warnings]
+    lines += [f"ignored: {_name(item.path)}, {item.reason}" for item in found.ignored]
+    return lines
+
+
+def set_report(found: Discovery | TextureSet) -> dict[str, Any]:
+    """The same for machines."""
+    return {
+        "name": found.name,
+        "width": found.width,
+        "height": found.height,
+        "model": "gltf-anisotropic" if found.anisotropic else "gltf",
+        "maps": sources_of(found),
+        "normal_convention": found.convention,
+        "notes": found.notes,
+        "warnings": found.warnings,
+        "ignored": found.ignored,
+    }
+
+
+def _name(path: Path | None) -> str:
+    return path.name if path else ""
+
+
+def _origin(source: MapSource) -> str:
+    if source.path:
+        return source.path.name
+    return "constant " + ", ".join(f"{v:g}" for v in source.constant or ())

@@ -1,0 +1,86 @@
+"""`mipbake validate`: a stack and the closed forms against the supersampled, pixel-filtered reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+import mipbake
+from mipbake import UsageError, Validation
+from mipbake.cli import options
+from mipbake.cli.options import DEFAULTS, parse_lods, spoken_lods
+from mipbake.cli.session import Session, stages
+from mipbake.cli.tables import table
+from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def validate(
+    context: typer.Context,
+    folder: options.Folder,
+    stack: Annotated[
+        Path, typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False)
+    ],
+    lods: Annotated[
+        str, typer.Option(metavar="LODS", help="Levels of detail, numbers from 0 up, separated by commas.")
+    ] = spoken_lods(DEFAULT_LODS),
+    seed: Annotated[int, typer.Option(help="Fixes pixels, light-view pairs and samples; 0 or more.")] = DEFAULT_SEED,
+    points: Annotated[int, typer.Option(help="Pixels per level of detail; 1 or more.")] = DEFAULT_POINTS,
+    samples: Annotated[
+        int, typer.Option(help="Samples per pixel in each of two estimates of the reference; 1 or more.")
+    ] = DEFAULT_SAMPLES,
+    maps: options.Maps = None,
+    colour_space: options.ColourSpace = DEFAULTS.colour_space,
+    normal_convention: options.Convention = DEFAULTS.normal_convention,
+    normal_length: options.Length = DEFAULTS.normal_length,
+    gloss: options.Gloss = DEFAULTS.roughness_is_gloss,
+    wrap_u: options.WrapU = DEFAULTS.wrap[0],
+    wrap_v: options.WrapV = DEFAULTS.wrap[1],
+    quiet: options.Quiet = False,
+    json: options.Json = False,
+) -> None:
+    """Measure a stack against the reference of its source: SNR in dB by level of detail, higher is better.
+
+    Pass the reading options that it was baked with.
+    """
+    session: Session = context.obj
+    session.configure(quiet, json)
+    load = options.load_options(maps, colour_space, normal_convention, normal_length, gloss, wrap_u, wrap_v)
+    chosen = parse_lods(lods)
+    if seed < 0:
+        raise UsageError(f"--seed is {seed}: expected 0 or more")
+    baked = mipbake.open_stack(stack)
+    texture_set = mipbake.load(folder, load)
+    with stages(session, texture_set.name) as progress:
+        measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
+    session.print(f"{stack}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
+    for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
+        session.print(snr_table(measured, pairs))
+    session.print(*(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
+    session.dump(
+        {
+            "version": mipbake.__version__,
+            "folder": folder,
+            "stack": stack,
+            **measured.to_dict(),
+            "seconds": progress.seconds,
+        }
+    )
+
+
+def snr_table(measured: Validation, pairs: str) -> Table:
+    """Methods by level of detail, for one pair set; the best of each column is bold."""
+    from rich.text import Text
+
+    made = table(f"{pairs}: SNR in dB by level of detail", "method", *(f"{lod:g}" for lod in measured.lods))
+    for column in made.columns[1:]:
+        column.justify = "right"
+    columns = {lod: {m: measured.snr(m, pairs, lod) for m in measured.methods} for lod in measured.lods}
+    for method in measured.methods:
+        figures = [Text(f"{c[method]:.1f}", "bold" if c[method] == max(c.values()) else "") for c in columns.values()]
+        made.add_row(method, *figures)
+    return made
