@@ -1,5 +1,120 @@
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ops.h"
 
 namespace nb = nanobind;
 
-void bind_shading(nb::module_&) {}
+namespace {
+
+using Input = nb::ndarray<nb::ro>;
+using Output = nb::ndarray<>;
+
+mipbake::StridedArray3 strided(const Input& a) { return {a.data(), {a.stride(0), a.stride(1), a.stride(2)}}; }
+
+template <class Array>
+void require(const Array& a, const Input& like, const char* name, std::initializer_list<std::size_t> shape,
+             bool contiguous) {
+    bool good = a.ndim() == shape.size() && a.dtype() == like.dtype() && a.device_type() == like.device_type() &&
+                a.device_id() == like.device_id();
+    std::int64_t stride = 1;
+    for (std::size_t i = shape.size(); good && i-- > 0;) {
+        good = a.shape(i) == shape.begin()[i];
+        if (contiguous) good = good && (a.shape(i) == 1 || a.size() == 0 || a.stride(i) == stride);
+        stride *= static_cast<std::int64_t>(shape.begin()[i]);
+    }
+    if (!good) throw nb::value_error((std::string("unexpected shape, strides, dtype or device of ") + name).c_str());
+}
+
+// The Python modules check what users pass; these checks keep a mistake of theirs from reading out of bounds.
+mipbake::ShadeArgs arguments(const std::string& model, const Input& material, const Input& light, const Input& view) {
+    for (int i = 0; i < mipbake::model_count(); ++i) {
+        const mipbake::ModelInfo info = mipbake::model_info(i);
+        if (model != info.name) continue;
+        const bool is_double = material.dtype() == nb::dtype<double>();
+        if (!is_double && material.dtype() != nb::dtype<float>()) throw nb::value_error("expected float32 or float64");
+        if (material.ndim() != 3 || light.ndim() != 3) throw nb::value_error("expected arrays of 3 axes");
+        const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
+        require(material, material, "material", {B, N, static_cast<std::size_t>(info.channels)}, false);
+        require(light, material, "light", {B, K, 3}, false);
+        require(view, material, "view", {B, K, 3}, false);
+        return {i,
+                is_double,
+                static_cast<std::int64_t>(B),
+                static_cast<std::int64_t>(K),
+                static_cast<std::int64_t>(N),
+                strided(material),
+                strided(light),
+                strided(view)};
+    }
+    throw nb::value_error("no such model");
+}
+
+// Whether the arrays are on the GPU; throws where this build has no kernels for the device they are on.
+bool on_gpu(const Input& a) {
+    if (a.device_type() == nb::device::cpu::value) return false;
+    if (a.device_type() == nb::device::cuda::value && mipbake::cuda_compiled()) return true;
+    throw nb::value_error("arrays on a device that this build has no kernels for");
+}
+
+void shade(const std::string& model, const Input& material, const Input& light, const Input& view,
+           const Output& radiance, std::uintptr_t stream) {
+    const mipbake::ShadeArgs args = arguments(model, material, light, view);
+    require(radiance, material, "radiance", {material.shape(0), light.shape(1), material.shape(1), 3}, true);
+    void* const out = radiance.data();
+    const bool gpu = on_gpu(material);
+    const nb::gil_scoped_release release;
+    if (gpu) {
+        mipbake::shade_cuda(args, out, stream);
+    } else {
+        mipbake::shade_cpu(args, out);
+    }
+}
+
+void shade_backward(const std::string& model, const Input& material, const Input& light, const Input& view,
+                    const Input& grad_radiance, const Output& grad_material, std::uintptr_t stream, bool duals) {
+    const mipbake::ShadeArgs args = arguments(model, material, light, view);
+    const std::size_t B = material.shape(0), N = material.shape(1), C = material.shape(2);
+    require(grad_radiance, material, "grad_radiance", {B, light.shape(1), N, 3}, true);
+    require(grad_material, material, "grad_material", {B, N, C}, true);
+    const void* const in = grad_radiance.data();
+    void* const out = grad_material.data();
+    const bool gpu = on_gpu(material);
+    const nb::gil_scoped_release release;
+    if (gpu) {
+        mipbake::shade_backward_cuda(args, in, out, stream, duals);
+    } else {
+        mipbake::shade_backward_cpu(args, in, out, duals);
+    }
+}
+
+}  // namespace
+
+void bind_shading(nb::module_& m) {
+    m.def(
+        "models",
+        [] {
+            std::vector<std::pair<std::string, int>> models;
+            for (int i = 0; i < mipbake::model_count(); ++i) {
+                const mipbake::ModelInfo info = mipbake::model_info(i);
+                models.emplace_back(info.name, info.channels);
+            }
+            return models;
+        },
+        "(name, stored channels) of every material model.");
+    m.def("shade", &shade, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
+          nb::arg("radiance"), nb::arg("stream") = 0,
+          "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) into radiance (B, K, N, 3).");
+    m.def("shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
+          nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,
+          "Writes the gradient by the material into grad_material (B, N, C), from grad_radiance (B, K, N, 3).");
+}

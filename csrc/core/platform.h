@@ -1,0 +1,15 @@
+// What differs between compilers: inlining, and functions that also run on a GPU.
+#pragma once
+
+#include "core/isa.h"
+
+#if defined(__CUDACC__)
+#define MIPBAKE_INLINE __host__ __device__ __forceinline__
+#define MIPBAKE_FUNCTION __host__ __device__ inline
+#elif defined(__GNUC__)
+#define MIPBAKE_INLINE inline __attribute__((always_inline))
+#define MIPBAKE_FUNCTION inline
+#else
+#define MIPBAKE_INLINE __forceinline
+#define MIPBAKE_FUNCTION inline
+#endif

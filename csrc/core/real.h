@@ -1,0 +1,73 @@
+// The few functions that kernels need of a scalar type. packet.h and dual.h provide the same for theirs, so that one
+// template serves a float on a GPU, a packet of texels on a CPU and a dual number that carries derivatives.
+#pragma once
+
+#include <cmath>
+#include <type_traits>
+
+#include "core/platform.h"
+
+namespace mipbake {
+inline namespace MIPBAKE_ISA {
+
+MIPBAKE_INLINE float square_root(float x) { return sqrtf(x); }
+MIPBAKE_INLINE double square_root(double x) { return ::sqrt(x); }
+MIPBAKE_INLINE double exponential(double x) { return ::exp(x); }
+
+template <class T, std::enable_if_t<std::is_arithmetic_v<T>, int> = 0>
+MIPBAKE_INLINE T select(bool condition, const T& yes, const T& no) {
+    return condition ? yes : no;
+}
+MIPBAKE_INLINE bool both(bool a, bool b) { return a && b; }
+
+// narrow<T>(x): from the wide type that geometry is computed in to the type of the rest. See shading/ggx_lobe.h.
+template <class T>
+struct Narrow {
+    template <class W>
+    static MIPBAKE_INLINE T from(const W& wide) {
+        return static_cast<T>(wide);
+    }
+};
+template <class T, class W>
+MIPBAKE_INLINE T narrow(const W& wide) {
+    return Narrow<T>::from(wide);
+}
+
+template <class T>
+MIPBAKE_INLINE T larger(const T& a, const T& b) {
+    return select(a > b, a, b);
+}
+template <class T>
+MIPBAKE_INLINE T smaller(const T& a, const T& b) {
+    return select(a < b, a, b);
+}
+template <class T>
+MIPBAKE_INLINE T square(const T& x) {
+    return x * x;
+}
+
+template <class T>
+struct Vec3 {
+    T x, y, z;
+};
+
+// The product with a vector of plain numbers, or of the same type.
+template <class T, class S>
+MIPBAKE_INLINE T dot(const Vec3<T>& a, const Vec3<S>& b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <class T>
+MIPBAKE_INLINE Vec3<T> operator+(const Vec3<T>& a, const Vec3<T>& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class T>
+MIPBAKE_INLINE Vec3<T> operator-(const Vec3<T>& a, const Vec3<T>& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class T, class S>
+MIPBAKE_INLINE Vec3<T> operator*(const Vec3<T>& a, const S& s) {
+    return {a.x * s, a.y * s, a.z * s};
+}
+
+}  // namespace MIPBAKE_ISA
+}  // namespace mipbake

@@ -1,0 +1,66 @@
+// `ggx`: 11 channels. Diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c.
+#pragma once
+
+#include "shading/frame.h"
+#include "shading/ggx_lobe.h"
+
+namespace mipbake {
+inline namespace MIPBAKE_ISA {
+
+struct Ggx : GgxLobe<Ggx> {
+    static constexpr const char* name = "ggx";
+    static constexpr int channels = 11;
+
+    template <class S>
+    static MIPBAKE_INLINE S diffuse_weight(S) {
+        return 1;
+    }
+
+    template <class R>
+    static MIPBAKE_FUNCTION GgxSurface<R, R> prepare(const R (&c)[channels]) {
+        const Frame<R> frame = tangent_frame(lift_normal(c[6], c[7]));
+        GgxSurface<R, R> s;
+        s.diffuse = {c[0] * 0.3183098861837907, c[1] * 0.3183098861837907, c[2] * 0.3183098861837907};
+        s.f0 = {c[3], c[4], c[5]};
+        s.n = frame.n;
+
+        // S = exp([[a, c], [c, b]]) (Kemppinen et al. 2023, equation 6). With m = (a + b) / 2, d = (a - b) / 2 and
+        // r = sqrt(d^2 + c^2): S = e^m [[A, C], [C, B]], A = cosh r + d sinh(r) / r, C = c sinh(r) / r, A B - C^2 = 1.
+        // m is held to [-30, 30] and r to [0, 20], far beyond any material, so that nothing overflows.
+        const R m = larger(smaller((c[8] + c[9]) * 0.5, R(30)), R(-30));
+        R d = (c[8] - c[9]) * 0.5, k = c[10];
+        const R unlimited = d * d + k * k;
+        const R limit = select(unlimited > 400.0, 20.0 / square_root(larger(unlimited, R(400))), R(1));
+        d = d * limit;
+        k = k * limit;
+        const R r2 = smaller(unlimited, R(400));
+
+        // Small r: the series, which have no root. Else A = e^-r + (r + d) sinh(r) / r, and for d < 0 r + d is taken as
+        // c^2 / (r - d), so that nothing cancels when one axis is much narrower than the other.
+        const auto small = r2 < 0.01;
+        const R cosh_series = 1.0 + r2 * (0.5 + r2 * (1.0 / 24 + r2 * (1.0 / 720 + r2 * (1.0 / 40320))));
+        const R sinhc_series = 1.0 + r2 * (1.0 / 6 + r2 * (1.0 / 120 + r2 * (1.0 / 5040 + r2 * (1.0 / 362880))));
+        const R r = square_root(larger(r2, R(0.01)));
+        const R decay = exponential(-r);
+        const R sinhc = select(small, sinhc_series, (1.0 / decay - decay) * 0.5 / r);
+        const auto wide = d > 0.0;
+        const R excess = select(wide, r + d, k * k / select(wide, R(1), r - d));
+        const R A = select(small, cosh_series + sinhc * d, decay + sinhc * excess);
+        const R shear = sinhc * k / A;  // C / A
+
+        // L = sqrt(e^m) [[sqrt A, 0], [C / sqrt A, 1 / sqrt A]], Cholesky's factor: unlike principal axes it is smooth
+        // at isotropy. Its determinant is e^m.
+        const R scale = exponential(m);
+        const R l11 = square_root(scale * A);
+        const R l22 = scale / l11;
+        s.u1 = (frame.t + frame.b * shear) * l11;
+        s.u2 = frame.b * l22;
+        s.w1 = frame.t * (1.0 / l11);
+        s.w2 = (frame.b - frame.t * shear) * (1.0 / l22);
+        s.peak = 0.3183098861837907 / scale;
+        return s;
+    }
+};
+
+}  // namespace MIPBAKE_ISA
+}  // namespace mipbake

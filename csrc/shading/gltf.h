@@ -1,0 +1,52 @@
+// `gltf`: 8 channels, the metallic-roughness model of glTF 2.0, appendix B. Base colour r, g, b; metallic; perceptual
+// roughness; normal x, y, z.
+#pragma once
+
+#include "shading/frame.h"
+#include "shading/ggx_lobe.h"
+
+namespace mipbake {
+inline namespace MIPBAKE_ISA {
+
+constexpr double kDielectricF0 = 0.04;  // as DIELECTRIC_F0 and MIN_ROUGHNESS in mipbake/material.py
+constexpr double kMinRoughness = 0.045;
+
+// mix(dielectric, metal, metallic), where the dielectric is mix(base / pi, D V, F_d) with
+// F_d = 0.04 + 0.96 P, and the metal D V (base + (1 - base) P). The microfacet terms add up to D V F with
+// F0 = mix(0.04, base, metallic); the diffuse term is left with (1 - metallic) (1 - F_d).
+template <class S>
+MIPBAKE_INLINE S dielectric_transmission(S schlick) {
+    return static_cast<S>(1 - kDielectricF0) * (1 - schlick);
+}
+
+template <class R>
+MIPBAKE_FUNCTION void set_metallic(GgxSurface<R, R>& s, const R& r, const R& g, const R& b, const R& metallic) {
+    const R share = (1.0 - metallic) * 0.3183098861837907;
+    s.diffuse = {r * share, g * share, b * share};
+    s.f0 = {kDielectricF0 + (r - kDielectricF0) * metallic, kDielectricF0 + (g - kDielectricF0) * metallic,
+            kDielectricF0 + (b - kDielectricF0) * metallic};
+}
+
+struct Gltf : GgxLobe<Gltf> {
+    static constexpr const char* name = "gltf";
+    static constexpr int channels = 8;
+
+    template <class S>
+    static MIPBAKE_INLINE S diffuse_weight(S schlick) {
+        return dielectric_transmission(schlick);
+    }
+
+    template <class R>
+    static MIPBAKE_FUNCTION GgxSurface<R, R> prepare(const R (&c)[channels]) {
+        GgxSurface<R, R> s;
+        set_metallic(s, c[0], c[1], c[2], c[3]);
+        const R alpha = square(larger(c[4], R(kMinRoughness)));
+        const Frame<R> frame = any_frame(unit_normal(Vec3<R>{c[5], c[6], c[7]}));
+        s.n = frame.n;
+        set_axes(s, frame.t, alpha, frame.b, alpha);
+        return s;
+    }
+};
+
+}  // namespace MIPBAKE_ISA
+}  // namespace mipbake

@@ -1,0 +1,41 @@
+// THE list of material models. The kernels, their dispatch, CUDA, the binding and the tests enumerate it.
+//
+// A model is a struct with
+//
+//     static constexpr const char* name;             what users call it
+//     static constexpr int channels;                 stored channels C
+//     static constexpr bool has_adjoint;             whether evaluate_adjoint exists
+//     template <class W, class T> Surface;           what is prepared per texel; its zip(a, b, f) visits the fields
+//     prepare(const R (&c)[C]) -> Surface<R, R>      once per texel, from the stored channels; R is double or wider
+//     evaluate(Surface<W, T>, Pair<S>) -> Vec3<T>    once per texel and light-view pair: f(theta, l, v), cosine
+//     included evaluate_adjoint(Surface<W, T>, Pair<S>, Vec3<T> gradient, Surface<T, T>& adjoint)
+//
+// all of them templates that run on numbers, packets and dual numbers. A model with no adjoint of its own is
+// differentiated by evaluating it on dual numbers; one that reflects with the GGX lobe inherits everything but prepare
+// from GgxLobe. To add one: a header, a line here, a twin in mipbake/shading/reference.py, a layout in
+// mipbake/material.py.
+#pragma once
+
+#include "shading/ggx.h"
+#include "shading/gltf.h"
+#include "shading/gltf_anisotropic.h"
+
+namespace mipbake {
+inline namespace MIPBAKE_ISA {
+
+template <class... M>
+struct ModelList {
+    static constexpr int size = sizeof...(M);
+
+    // Calls f(M{}) on the model at `index`.
+    template <class F>
+    static void visit(int index, F f) {
+        int i = 0;
+        static_cast<void>(((i++ == index ? (f(M{}), true) : false) || ...));
+    }
+};
+
+using Models = ModelList<Gltf, GltfAnisotropic, Ggx>;
+
+}  // namespace MIPBAKE_ISA
+}  // namespace mipbake
