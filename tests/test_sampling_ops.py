@@ -283,5 +283,5 @@ def test_cuda_equals_the_cpu(batch: tuple[int, ...]) -> None:
 
 @needs_cuda
 def test_cuda_refuses_double() -> None:
-    with pytest.raises(UsageError, match="levels are torch.float64 on cuda:0: expected float32"):
+    with pytest.raises(UsageError, match=r"levels are torch\.float64 on cuda:0: expected float32"):
         ops.sample([LEVEL.double().cuda()], UV.cuda(), 0)
