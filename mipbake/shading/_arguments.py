@@ -1,0 +1,37 @@
+"""Checks of the arguments of `shade` that its NumPy door, its torch op and its twin share: shapes and names only."""
+
+from __future__ import annotations
+
+from mipbake.errors import UsageError
+from mipbake.material import model_named
+
+Shape = tuple[int, ...]
+
+
+def batch_shape(model: str, material: Shape, light: Shape, view: Shape) -> tuple[int | None, int, int]:
+    """The batch size B, or None where no argument has a batch axis; K and N. UsageError where the shapes do not fit."""
+    channels = model_named(model).channels
+    if len(material) not in (2, 3) or material[-1] != channels:
+        raise UsageError(
+            f"material has shape {_text(material)}: expected (N, {channels}) or (B, N, {channels}), "
+            f"the {channels} stored channels of model {model!r}"
+        )
+    for name, shape in (("light", light), ("view", view)):
+        if len(shape) not in (2, 3) or shape[-1] != 3:
+            raise UsageError(f"{name} has shape {_text(shape)}: expected (K, 3) or (B, K, 3)")
+    if view[-2] != light[-2]:
+        raise UsageError(
+            f"view has shape {_text(view)} where light has {_text(light)}: expected the same K, one view for each light"
+        )
+    given = {
+        name: shape[0] for name, shape in (("material", material), ("light", light), ("view", view)) if len(shape) == 3
+    }
+    sizes = {size for size in given.values() if size != 1}
+    if len(sizes) > 1:
+        listed = ", ".join(f"{name} has {size}" for name, size in given.items())
+        raise UsageError(f"batch sizes do not fit: {listed}; expected each to be 1 or the same number")
+    return (sizes.pop() if sizes else 1) if given else None, light[-2], material[-2]
+
+
+def _text(shape: Shape) -> str:
+    return str(tuple(shape))

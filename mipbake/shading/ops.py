@@ -1,0 +1,137 @@
+"""Shading as a torch op: differentiable in the material, compiled by torch.compile, on the CPU and with CUDA."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mipbake.errors import UsageError
+from mipbake.shading._arguments import batch_shape
+
+__all__ = ["shade"]
+
+
+def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+    """Radiance of every texel under every light-view pair; `mipbake.shading.shade` with a gradient to the material.
+
+    Args:
+        model: "gltf", "gltf-anisotropic" or "ggx".
+        material: (N, C) or (B, N, C) stored channels, float32 or float64 (CUDA: float32), any strides, read without a
+            copy.
+        light: (K, 3) or (B, K, 3) unit vectors, on the material's device; converted to its dtype.
+        view: the same.
+
+    A batch axis of size 1, or none, repeats for every item of the others.
+
+    Returns:
+        (K, N, 3), or (B, K, N, 3) where any argument has a batch axis.
+
+    The gradient by the material is exact, and 0 where a texel is unlit or unseen, in a roughness below its floor and in
+    a normal or direction shorter than 1e-6. Nothing is stored for it: the backward pass shades again (Kemppinen et al.
+    2023, section 3.3). Each texel's sum runs over the pairs in order: the same bits whatever the number of threads.
+    Lights and views get no gradient: one that requires it is an error, and detach() says that none is wanted. There is
+    no second derivative.
+
+    Raises:
+        UsageError: an unknown model, or an argument whose type, dtype, device or shape does not fit, by name.
+    """
+    _check_tensor("material", material)
+    if material.dtype not in (torch.float32, torch.float64):
+        raise UsageError(f"material is {material.dtype}: expected float32 or float64")
+    device = material.device.type
+    if device not in ("cpu", "cuda", "meta") or (device == "cuda" and material.dtype != torch.float32):
+        raise UsageError(
+            f"material is {material.dtype} on {material.device}: "
+            "expected float32 on the CPU or with CUDA, or float64 on the CPU"
+        )
+    light, view = _direction("light", light, material), _direction("view", view, material)
+    batch, K, N = batch_shape(model, material.shape, light.shape, view.shape)
+    B = 1 if batch is None else batch
+    out: Tensor = _shade(model, material.expand(B, N, material.shape[-1]), light.expand(B, K, 3), view.expand(B, K, 3))
+    return out[0] if batch is None else out
+
+
+def _check_tensor(name: str, tensor: Any) -> None:
+    if not isinstance(tensor, Tensor):
+        raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor")
+
+
+def _direction(name: str, tensor: Tensor, material: Tensor) -> Tensor:
+    _check_tensor(name, tensor)
+    if tensor.is_complex() or tensor.dtype == torch.bool:
+        raise UsageError(f"{name} is {tensor.dtype}: expected real numbers")
+    if tensor.device != material.device:
+        raise UsageError(f"{name} is on {tensor.device}: expected {material.device}, where the material is")
+    if tensor.requires_grad and torch.is_grad_enabled():
+        raise UsageError(f"{name} requires a gradient, and shade has none for it: pass {name}.detach()")
+    return tensor.to(material.dtype)
+
+
+@torch.library.custom_op("mipbake::shade", mutates_args=())
+def _shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+    from mipbake import _native
+
+    out = material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
+    if out.numel():
+        with _current_stream(material) as stream:
+            _native.shade(model, material.detach(), light.detach(), view.detach(), out, stream)
+    return out
+
+
+@_shade.register_fake
+def _(_model: str, material: Tensor, light: Tensor, _view: Tensor) -> Tensor:
+    return material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
+
+
+@torch.library.custom_op("mipbake::shade_backward", mutates_args=())
+def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, grad: Tensor) -> Tensor:
+    from mipbake import _native
+
+    out = material.new_empty(material.shape)
+    if grad.numel() == 0:
+        return out.zero_()
+    with _current_stream(material) as stream:
+        _native.shade_backward(
+            model, material.detach(), light.detach(), view.detach(), grad.detach().contiguous(), out, stream
+        )
+    return out
+
+
+@_shade_backward.register_fake
+def _(_model: str, material: Tensor, _light: Tensor, _view: Tensor, _grad: Tensor) -> Tensor:
+    return material.new_empty(material.shape)
+
+
+def _setup_context(ctx: Any, inputs: tuple[str, Tensor, Tensor, Tensor], output: Tensor) -> None:  # noqa: ARG001
+    ctx.model, *tensors = inputs
+    ctx.save_for_backward(*tensors)
+
+
+def _backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor | None, None, None]:
+    material, light, view = ctx.saved_tensors
+    needed = ctx.needs_input_grad[1]
+    return None, _shade_backward(ctx.model, material, light, view, grad) if needed else None, None, None
+
+
+_shade.register_autograd(_backward, setup_context=_setup_context)
+
+
+@contextmanager
+def _current_stream(tensor: Tensor) -> Iterator[int]:
+    """Makes the tensor's device current and gives torch's CUDA stream on it as an integer; 0 on the CPU."""
+    if tensor.device.type != "cuda":
+        yield 0
+        return
+    from mipbake import _native
+
+    if not _native.cuda_compiled():
+        raise UsageError(
+            f"material is on {tensor.device}: expected the CPU, because this installation has no CUDA kernels; "
+            "move it with .cpu(), or reinstall mipbake where CUDA's nvcc is found"
+        )
+    with torch.cuda.device(tensor.device):
+        yield torch.cuda.current_stream(tensor.device).cuda_stream

@@ -1,0 +1,149 @@
+"""The plain torch twin of the shading kernels: every model written out as its equations, and nothing native.
+
+It is the oracle of the tests, in float64, and the yardstick of the benchmark. It is differentiable by autograd, in
+the lights and views too, and runs wherever torch does. Equations: docs/conventions.md, section 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from mipbake.material import DIELECTRIC_F0, MIN_ROUGHNESS
+from mipbake.shading._arguments import batch_shape
+
+__all__ = ["MODELS", "distribution", "shade"]
+
+
+class Surface(NamedTuple):
+    """What the shared lobe needs of each texel; tensors are (..., channels)."""
+
+    albedo: Tensor
+    f0: Tensor
+    normal: Tensor
+    tensor: Tensor
+    """S11, S22, S12 of the roughness tensor, in the tangent frame of the normal."""
+    dielectric_diffuse: bool
+    """Whether the diffuse term carries glTF's factor 1 - F_d, with F_d = 0.04 + 0.96 (1 - l.h)^5."""
+
+
+def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+    """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
+    batch, *_ = batch_shape(model, material.shape, light.shape, view.shape)
+    surface = MODELS[model](material.unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1, 3)
+    radiance = evaluate(surface, light.unsqueeze(-2), view.unsqueeze(-2))
+    return radiance if batch is None or radiance.ndim == 4 else radiance[None]
+
+
+def evaluate(s: Surface, light: Tensor, view: Tensor) -> Tensor:
+    """f = (k albedo / pi + D V F) l_n, 0 where l_n <= 0 or v_n <= 0. Shapes broadcast."""
+    total = light + view
+    half = total / total.norm(dim=-1, keepdim=True).clamp_min(1e-15)
+    lt, lb, ln = _in_frame(light, s.normal)
+    vt, vb, vn = _in_frame(view, s.normal)
+    lit = (ln > 0) & (vn > 0)
+    # Unlit pairs get an upright geometry, so that no gradient through torch.where is NaN.
+    ln, vn = torch.where(lit, ln, 1.0), torch.where(lit, vn, 1.0)
+    g_l = torch.sqrt(ln * ln + _form(s.tensor, lt, lb))
+    g_v = torch.sqrt(vn * vn + _form(s.tensor, vt, vb))
+    visibility = 0.5 / (ln * g_v + vn * g_l)
+    schlick = (1 - (light * half).sum(-1)).clamp_min(0) ** 5
+    fresnel = s.f0 + (1 - s.f0) * schlick[..., None]
+    weight = (1 - DIELECTRIC_F0) * (1 - schlick) if s.dielectric_diffuse else torch.ones_like(schlick)
+    specular = torch.where(lit, distribution(s.tensor, s.normal, half), 0.0) * visibility
+    f = (s.albedo / math.pi * weight[..., None] + fresnel * specular[..., None]) * ln[..., None]
+    return torch.where(lit[..., None], f, 0.0)
+
+
+def distribution(tensor: Tensor, normal: Tensor, half: Tensor) -> Tensor:
+    """GGX: D(h) = 1 / (pi sqrt(det S) (h_t^T S^-1 h_t + h_n^2)^2) for (..., 3) S11, S22, S12, normals and unit h."""
+    ht, hb, hn = _in_frame(half, normal)
+    s11, s22, s12 = tensor.unbind(-1)
+    det = s11 * s22 - s12 * s12
+    q = (s22 * ht * ht - 2 * s12 * ht * hb + s11 * hb * hb) / det + hn * hn
+    # Only a half vector of length 0 makes q vanish; it is never lit.
+    return 1 / (math.pi * torch.sqrt(det) * torch.where(q > 0, q, 1.0) ** 2)
+
+
+def _form(tensor: Tensor, t: Tensor, b: Tensor) -> Tensor:
+    s11, s22, s12 = tensor.unbind(-1)
+    return s11 * t * t + 2 * s12 * t * b + s22 * b * b
+
+
+def _in_frame(w: Tensor, n: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Components of w along t = normalize(x - (x.n) n), b = n x t and n; t = (0, 0, -sign(n.x)) where n is +x or -x."""
+    nx, ny, nz = n.unbind(-1)
+    p = ny * ny + nz * nz
+    usable = p > 1e-16
+    inverse = torch.rsqrt(torch.where(usable, p, 1.0))
+    side = torch.where(nx > 0, -1.0, 1.0).to(n.dtype)
+    by, bz = torch.where(usable, nz * inverse, -side * nx), torch.where(usable, -ny * inverse, 0.0)
+    tx, ty = by * nz - bz * ny, bz * nx
+    tz = torch.where(usable, -by * nx, side)
+    x, y, z = w.unbind(-1)
+    return x * tx + y * ty + z * tz, y * by + z * bz, x * nx + y * ny + z * nz
+
+
+def _normalized(v: Tensor, axis: int) -> Tensor:
+    """v / |v|; the unit vector along `axis` where v is shorter than 1e-6."""
+    length2 = (v * v).sum(-1, keepdim=True)
+    usable = length2 > 1e-12
+    fallback = torch.zeros_like(v)
+    fallback[..., axis] = 1
+    return torch.where(usable, v * torch.rsqrt(torch.where(usable, length2, 1.0)), fallback)
+
+
+def _gltf(c: Tensor) -> Surface:
+    base, metallic, alpha = c[..., 0:3], c[..., 3:4], c[..., 4].clamp_min(MIN_ROUGHNESS) ** 2
+    f0 = DIELECTRIC_F0 + (base - DIELECTRIC_F0) * metallic
+    tensor = torch.stack([alpha * alpha, alpha * alpha, torch.zeros_like(alpha)], -1)
+    return Surface(base * (1 - metallic), f0, _normalized(c[..., 5:8], 2), tensor, True)
+
+
+def _gltf_anisotropic(c: Tensor) -> Surface:
+    alpha = c[..., 4].clamp_min(MIN_ROUGHNESS) ** 2
+    along, across = (alpha + (1 - alpha) * c[..., 10] ** 2) ** 2, alpha**2
+    x, y = _normalized(c[..., 8:10], 0).unbind(-1)
+    tensor = torch.stack([along * x * x + across * y * y, along * y * y + across * x * x, (along - across) * x * y], -1)
+    return _gltf(c[..., 0:8])._replace(tensor=tensor)
+
+
+def _ggx(c: Tensor) -> Surface:
+    return Surface(c[..., 0:3], c[..., 3:6], _lifted(c[..., 6:8]), _tensor_exp(c[..., 8:11]), False)
+
+
+def _lifted(xy: Tensor) -> Tensor:
+    """z = sqrt(1 - x^2 - y^2), its chord over the last 1e-8 before the rim; outside the disc (x, y) is scaled to it."""
+    r2 = (xy * xy).sum(-1, keepdim=True)
+    xy = xy * torch.where(r2 > 1, torch.rsqrt(r2.clamp_min(1)), 1.0)
+    z2 = (1 - (xy * xy).sum(-1, keepdim=True)).clamp_min(0)
+    return torch.cat([xy, torch.where(z2 > 1e-8, torch.sqrt(z2.clamp_min(1e-8)), z2 * 1e4)], -1)
+
+
+def _tensor_exp(abc: Tensor) -> Tensor:
+    """exp([[a, c], [c, b]]) = e^m (cosh r I + sinh(r) / r [[d, c], [c, -d]]), m = (a + b) / 2, d = (a - b) / 2.
+
+    Kemppinen et al. 2023, equation 6. m is held to [-30, 30] and r = sqrt(d^2 + c^2) to 20.
+    """
+    a, b, c = abc.unbind(-1)
+    m, d = ((a + b) / 2).clamp(-30, 30), (a - b) / 2
+    r2 = d * d + c * c
+    limit = torch.where(r2 > 400, 20 * torch.rsqrt(r2.clamp_min(400)), 1.0)
+    d, c, r2 = d * limit, c * limit, r2.clamp_max(400)
+    small = r2 < 1e-2
+    r = torch.sqrt(torch.where(small, 1.0, r2))
+    sinhc = torch.where(small, 1 + r2 / 6 * (1 + r2 / 20 * (1 + r2 / 42 * (1 + r2 / 72))), torch.sinh(r) / r)
+    cosh = torch.where(small, 1 + r2 / 2 * (1 + r2 / 12 * (1 + r2 / 30 * (1 + r2 / 56))), torch.cosh(r))
+    return torch.exp(m)[..., None] * torch.stack([cosh + sinhc * d, cosh - sinhc * d, sinhc * c], -1)
+
+
+MODELS: Mapping[str, Callable[[Tensor], Surface]] = {
+    "gltf": _gltf,
+    "gltf-anisotropic": _gltf_anisotropic,
+    "ggx": _ggx,
+}
+"""What each model makes of its (..., C) stored channels."""
