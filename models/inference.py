@@ -1,0 +1,111 @@
+"""Baking with a trained network, tile by tile.
+
+Level 0 of a 4096 x 4096 set would have 4 GiB of latents. They are never held: a tile of level 0 is encoded, decoded and
+added into the latents of level 1, which linear downsampling allows, and forgotten. Further levels go the same way, so
+that two levels of latents at most exist at once, the finest of them a quarter the size of level 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake.models.latent import latent_weights
+from mipbake.models.network import Network, border_indices
+from mipbake.prefilter.pixel_filter import Wrap, level_sizes
+
+DEFAULT_TILE = 128
+"""Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Tile of one axis, and what it adds to the next level: rows[i] += weights[i, j] texel[start + j]."""
+
+    start: int
+    stop: int
+    rows: Tensor
+    weights: Tensor
+
+
+def bake_levels(
+    network: Network,
+    material: NDArray[np.float32],
+    wrap: Wrap,
+    tile: int = DEFAULT_TILE,
+    progress: Callable[[float], None] = lambda _: None,
+) -> list[NDArray[np.float32]]:
+    """Every level of the stack of a material, down to 1 x 1.
+
+    Args:
+        network: the trained network; its buffers and weights on the CPU.
+        material: (H, W, C) float32 stored channels of the network's model, any size.
+        wrap: wrap mode along u and along v.
+        tile: side of a tile in texels; the result does not depend on it beyond rounding.
+        progress: told the finished share, from 0 to 1.
+
+    Returns:
+        (H_L, W_L, C) float32 stored channels of every level.
+    """
+    sizes = level_sizes(*material.shape[:2])
+    texels = sum(height * width for height, width in sizes)
+    done = 0
+    levels = []
+    latent: Tensor | None = None
+    with torch.inference_mode():
+        for level, (height, width) in enumerate(sizes):
+            down = sizes[level + 1] if level + 1 < len(sizes) else None
+            columns = _pieces(width, down and down[1], tile, network, wrap[0], level + 1)
+            coarser = torch.zeros(*down, network.config.latent_channels) if down else None
+            out = np.empty((height, width, material.shape[2]), np.float32)
+            for row in _pieces(height, down and down[0], tile, network, wrap[1], level + 1):
+                for column in columns:
+                    part = slice(row.start, row.stop), slice(column.start, column.stop)
+                    z = _encode_tile(network, material, wrap, row, column) if latent is None else latent[part]
+                    out[part] = network.decode(z).numpy()
+                    if coarser is not None:
+                        _add(coarser, z, row, column)
+                    done += z.shape[0] * z.shape[1]
+                    progress(done / texels)
+            levels.append(out)
+            latent = coarser
+    return levels
+
+
+def _encode_tile(network: Network, material: NDArray[np.float32], wrap: Wrap, row: _Piece, column: _Piece) -> Tensor:
+    """(h, w, Z) latents of one tile of level 0."""
+    halo = network.halo
+    rows = border_indices(row.start - halo, row.stop + halo, material.shape[0], wrap[1]).numpy()
+    columns = border_indices(column.start - halo, column.stop + halo, material.shape[1], wrap[0]).numpy()
+    return network.encode_extended(torch.from_numpy(material[np.ix_(rows, columns)])[None])[0]
+
+
+def _add(coarser: Tensor, z: Tensor, row: _Piece, column: _Piece) -> None:
+    """Adds what (h, w, Z) latents of a tile contribute to the next level."""
+    height, width, channels = z.shape
+    part = torch.mm(row.weights, z.reshape(height, width * channels)).reshape(-1, width, channels)
+    part = torch.matmul(column.weights, part)
+    coarser.index_put_((row.rows[:, None], column.rows[None, :]), part, accumulate=True)
+
+
+def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, level: int) -> list[_Piece]:
+    if n_out is None:
+        return [_Piece(0, n_in, torch.empty(0), torch.empty(0))]
+    index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, level)
+    return list(_split(index, weights, n_in, tile))
+
+
+def _split(index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, tile: int) -> Iterator[_Piece]:
+    for start in range(0, n_in, tile):
+        stop = min(start + tile, n_in)
+        inside = (index >= start) & (index < stop)
+        rows = np.flatnonzero(inside.any(1))
+        matrix = np.zeros((len(rows), stop - start), np.float32)
+        output, tap = np.nonzero(inside[rows])
+        np.add.at(matrix, (output, index[rows][output, tap] - start), weights[rows][output, tap])
+        yield _Piece(start, stop, torch.from_numpy(rows), torch.from_numpy(matrix))

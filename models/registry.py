@@ -1,0 +1,146 @@
+"""Released weights: which there are, and loading them with their hash verified.
+
+Three files each, in models/weights or any other folder: `<name>.safetensors` holds the tensors, `<name>.json` the typed
+description below, `<name>.md` the model card.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.models.config import NetworkConfig
+
+if TYPE_CHECKING:
+    from mipbake.models.network import Network
+
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+WEIGHTS_LICENCE = "CC0-1.0"
+
+
+@dataclass(frozen=True)
+class WeightsInfo:
+    """What `<name>.json` says.
+
+    Args:
+        name: what users call the weights.
+        network: architecture.
+        channels: stored channels of input and output.
+        pixel_filter: filter that the network was trained for.
+        default: whether bakes of this model and pixel filter use it when nobody names another.
+        steps: training steps behind it.
+        commit: revision of this project that trained it.
+        data: what it was trained on; data_licence the licence of that.
+        licence: licence of the weights.
+        sha256: hash of the safetensors file.
+        folder: where the three files lie; not part of the file.
+    """
+
+    name: str
+    network: NetworkConfig
+    channels: int
+    pixel_filter: str
+    default: bool
+    steps: int
+    commit: str
+    data: str
+    data_licence: str
+    licence: str
+    sha256: str
+    folder: Path = WEIGHTS_FOLDER
+
+    @property
+    def tensors(self) -> Path:
+        """The safetensors file."""
+        return self.folder / f"{self.name}.safetensors"
+
+    def to_json(self) -> str:
+        """Text of `<name>.json`."""
+        content = asdict(self)
+        del content["folder"]
+        return json.dumps(content, indent=2) + "\n"
+
+
+def read_info(path: Path) -> WeightsInfo:
+    """The description in that JSON file; InputError when it is no such thing."""
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        network = NetworkConfig(**content.pop("network"))
+        info = WeightsInfo(network=network, folder=path.parent, **content)
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, MipbakeError) as error:
+        raise InputError(
+            f"{path}: not a description of mipbake weights ({error}); install the release again"
+        ) from error
+    wrong = [
+        f.name for f in fields(info) if f.type in _TYPES and not isinstance(getattr(info, f.name), _TYPES[str(f.type)])
+    ]
+    if wrong or info.name != path.stem:
+        fault = ", ".join(wrong) or "name"
+        raise InputError(f"{path}: wrong value of {fault} in a description of weights; install the release again")
+    return info
+
+
+_TYPES: dict[str, type] = {"str": str, "int": int, "bool": bool}
+
+
+def list_weights(folder: Path = WEIGHTS_FOLDER) -> list[WeightsInfo]:
+    """Every set of weights in a folder, by name; empty when there is none."""
+    return [read_info(path) for path in sorted(folder.glob("*.json"))]
+
+
+def find_weights(name: str, folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
+    """The weights of that name; UsageError with the list of names when there are none."""
+    found = {info.name: info for info in list_weights(folder)}
+    if name not in found:
+        raise UsageError(f"unknown weights {name!r}: expected one of {', '.join(found) or '(none are installed)'}")
+    return found[name]
+
+
+def default_weights(model: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
+    """The weights that bakes of a material model use; UsageError when none were released for model and filter."""
+    found = list_weights(folder)
+    for info in found:
+        if info.default and (info.network.model, info.pixel_filter) == (model, pixel_filter):
+            return info
+    released = ", ".join(sorted({f"{i.network.model} with {i.pixel_filter}" for i in found if i.default})) or "none"
+    raise UsageError(
+        f"no trained weights for material model {model!r} with pixel filter {pixel_filter!r} (released: {released}); "
+        "choose one of those, or another method"
+    )
+
+
+def load_network(info: WeightsInfo) -> Network:
+    """The network with its weights, ready for inference.
+
+    Raises:
+        InputError: the safetensors file is missing, or is not the one that was released.
+    """
+    import torch
+    from safetensors.torch import load
+
+    from mipbake.models.network import Network
+
+    try:
+        content = info.tensors.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{info.tensors}: the weights {info.name!r} cannot be read ({error.strerror}); install the release again"
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != info.sha256:
+        raise InputError(
+            f"{info.tensors}: damaged or altered weights, expected SHA-256 {info.sha256[:12]}..., found "
+            f"{digest[:12]}...; install the release again"
+        )
+    network = Network(info.network)
+    try:
+        network.load_state_dict(load(content))
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            f"{info.tensors}: the tensors do not fit the architecture in {info.name}.json; install the release again"
+        ) from error
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]

@@ -1,0 +1,276 @@
+"""Networks: parametrisation, whitening, what an untrained network is, tiling, released weights."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError, UsageError
+from mipbake.material import MIN_ROUGHNESS, MODELS, lift_normal
+from mipbake.models import registry
+from mipbake.models.config import LATENT_FILTERS, PARAMETERS, NetworkConfig
+from mipbake.models.inference import bake_levels
+from mipbake.models.latent import downsample
+from mipbake.models.network import Network
+from mipbake.models.parameters import clamp, to_parameters, to_stored
+from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
+
+MODEL_NAMES = tuple(PARAMETERS)
+
+
+def material_of(model: str, height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
+    """Valid stored channels, with colours that are exactly 0 and 1 among them."""
+    rng = np.random.default_rng(seed)
+    colour = np.clip(rng.uniform(-0.3, 1.3, (height, width, 6)), 0, 1)
+    normal = lift_normal(rng.uniform(-0.5, 0.5, (height, width, 2)))
+    if model == "gltf":
+        roughness = rng.uniform(MIN_ROUGHNESS, 1, (height, width, 1))
+        return np.concatenate([colour[..., :4], roughness, normal], -1).astype(np.float32)
+    diagonal, c = rng.uniform(-8, -2, (height, width, 2)), rng.uniform(-1, 1, (height, width, 1))
+    return np.concatenate([colour, normal[..., :2], diagonal, c], -1).astype(np.float32)
+
+
+def untrained(model: str = "gltf", **changes: object) -> Network:
+    torch.manual_seed(1)
+    network = Network(NetworkConfig(model=model, **changes))  # type: ignore[arg-type]
+    network.whitening.fit(to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1))
+    return network.requires_grad_(False)
+
+
+def perturbed(model: str) -> Network:
+    """As a trained network: every unit has its say, and outputs stay ordinary materials."""
+    network = untrained(model)
+    generator = torch.Generator().manual_seed(2)
+    network.output.weight += 0.02 * torch.randn(network.output.weight.shape, generator=generator)
+    return network
+
+
+def test_configuration_knows_the_filters_and_models() -> None:
+    assert set(LATENT_FILTERS) == set(FILTERS)
+    assert set(PARAMETERS) <= set(MODELS)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_parameters_round_trip(model: str) -> None:
+    stored = torch.from_numpy(material_of(model, 8, 8))
+    parameters = to_parameters(stored, model)
+    assert parameters.shape[-1] == PARAMETERS[model]
+    assert torch.allclose(to_stored(parameters, model), stored, atol=2e-6)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_any_parameters_give_valid_materials(model: str) -> None:
+    generator = torch.Generator().manual_seed(0)
+    parameters = (8 * torch.randn(4096, PARAMETERS[model], generator=generator)).requires_grad_()
+    stored = to_stored(parameters, model)
+    low, high = torch.tensor(MODELS[model].limits).T
+    assert (stored >= low).all()
+    assert (stored <= high).all()
+    for group in MODELS[model].unit_vectors:
+        assert torch.allclose(stored[:, group].norm(dim=-1), torch.ones(len(stored)), atol=1e-4)
+    assert (stored[:, :3] == 0).any()
+    assert (stored[:, :3] == 1).any()
+    stored.sum().backward()
+    assert parameters.grad is not None
+    assert parameters.grad.isfinite().all()
+
+
+def test_flat_materials_have_finite_gradients() -> None:
+    for model, count in PARAMETERS.items():
+        parameters = torch.zeros(1, count, requires_grad=True)
+        to_stored(parameters, model).sum().backward()
+        assert parameters.grad is not None
+        assert parameters.grad.isfinite().all()
+
+
+def test_clamp_passes_gradients_that_point_back_inside() -> None:
+    x = torch.tensor([-1.0, -1.0, 0.5, 2.0, 2.0], requires_grad=True)
+    grad = torch.tensor([1.0, -1.0, 3.0, 1.0, -1.0])
+    y = clamp(x, 0, 1)
+    y.backward(grad)
+    assert y.tolist() == [0, 0, 0.5, 1, 1]
+    assert x.grad is not None
+    # A descent step moves against the gradient: below the range only a negative one leads back.
+    assert x.grad.tolist() == [0, -1, 3, 1, 0]
+
+
+def test_whitening_statistics() -> None:
+    generator = torch.Generator().manual_seed(0)
+    mixing = torch.randn(7, 7, generator=generator)
+    samples = torch.randn(5000, 7, generator=generator) @ mixing + 3
+    samples[:, 3] = 0.25
+    network = Network(NetworkConfig())
+    network.whitening.fit(samples)
+    whitened = network.whitening(samples).double()
+    varying = [0, 1, 2, 4, 5, 6]
+    assert whitened.mean(0).abs().max() < 1e-3
+    assert whitened.isfinite().all()
+    assert torch.allclose(torch.cov(whitened[:, varying].T), torch.eye(6, dtype=torch.float64), atol=0.05)
+    assert torch.allclose(network.whitening.inverse(network.whitening(samples)), samples, atol=1e-4)
+
+
+@pytest.mark.parametrize("latent_filter", LATENT_FILTERS)
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_untrained_network_reproduces_a_constant_material_at_every_level(model: str, latent_filter: str) -> None:
+    texel = material_of(model, 1, 1, 3)
+    levels = bake_levels(untrained(model, latent_filter=latent_filter), np.tile(texel, (12, 21, 1)), ("wrap", "clamp"))
+    assert [level.shape[:2] for level in levels] == level_sizes(12, 21)
+    for level in levels:
+        np.testing.assert_allclose(level, np.broadcast_to(texel, level.shape), atol=2e-5)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_untrained_network_is_linear_prefiltering(model: str) -> None:
+    stored = material_of(model, 16, 16)
+    levels = bake_levels(untrained(model, latent_filter="box"), stored, ("wrap", "wrap"))
+    np.testing.assert_allclose(levels[0], stored, atol=2e-5)
+    parameters = to_parameters(torch.from_numpy(stored), model).reshape(8, 2, 8, 2, -1).mean((1, 3))
+    np.testing.assert_allclose(levels[1], to_stored(parameters, model), atol=2e-5)
+
+
+@pytest.mark.parametrize("wrap", ["wrap", "clamp"])
+def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
+    """An impulse downsampled level by level spreads over 0.25 4^L texels^2, plus 1/12 a step for the box of a texel."""
+    size = 128
+    image = torch.zeros(1, 1, size, size)
+    image[0, 0, 0] = torch.arange(size)
+    ramp = torch.stack([torch.arange(size) + 0.5, (torch.arange(size) + 0.5).square()], -1)[None, None].double()
+    moments = ramp
+    for level in range(1, 4):
+        moments = downsample(moments, (1, size >> level), "gaussian", ("clamp", wrap), level)
+        middle = moments[0, 0, (size >> level) // 2]
+        variance = float(middle[1] - middle[0] ** 2)
+        boxes = sum(4**step for step in range(level)) / 12
+        # Cut at two sigma-pixels, the Gaussian has 0.9992... of its full variance.
+        assert variance == pytest.approx(0.25 * 4**level + boxes, rel=0.01)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "clamp"), ("clamp", "wrap")])
+@pytest.mark.parametrize("size", [(37, 23), (1, 9), (64, 40)])
+def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int]) -> None:
+    network, stored = perturbed(model), material_of(model, *size)
+    whole = network(torch.from_numpy(stored)[None], wrap)
+    tiled = bake_levels(network, stored, wrap, tile=11)
+    assert [level.shape for level in tiled] == [tuple(level.shape[1:]) for level in whole]
+    for left, right in zip(tiled, whole, strict=True):
+        np.testing.assert_allclose(left, right[0], atol=1e-5)
+
+
+def test_wrapping_network_is_shift_equivariant() -> None:
+    network, stored = perturbed("gltf"), material_of("gltf", 16, 16)
+    level = bake_levels(network, stored, ("wrap", "wrap"))[0]
+    shifted = bake_levels(network, np.roll(stored, (3, -5), (0, 1)), ("wrap", "wrap"))[0]
+    np.testing.assert_allclose(shifted, np.roll(level, (3, -5), (0, 1)), atol=1e-5)
+
+
+def test_output_depends_on_texels_within_the_halo_only() -> None:
+    network, stored = perturbed("gltf"), material_of("gltf", 32, 32)
+    changed = stored.copy()
+    changed[16, 16, :3] = 1 - changed[16, 16, :3]
+    differs = np.abs(
+        bake_levels(network, changed, ("wrap", "wrap"))[0] - bake_levels(network, stored, ("wrap", "wrap"))[0]
+    )
+    rows, columns = np.nonzero(differs.max(-1) > 1e-7)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (10, 22, 10, 22)
+
+
+def test_progress_ends_at_one() -> None:
+    told: list[float] = []
+    bake_levels(untrained(), material_of("gltf", 20, 20), ("wrap", "wrap"), tile=8, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [({"model": "phong"}, "phong"), ({"latent_filter": "sinc"}, "sinc"), ({"growth": 0}, "growth"),
+     ({"latent_channels": 3}, "latent_channels")],
+)  # fmt: skip
+def test_impossible_architectures(change: dict[str, object], word: str) -> None:
+    with pytest.raises(UsageError, match=word):
+        NetworkConfig(**change)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def released(tmp_path: Path) -> registry.WeightsInfo:
+    from hashlib import sha256
+
+    from safetensors.torch import save
+
+    content = save({k: v.contiguous() for k, v in perturbed("gltf").state_dict().items()})
+    info = registry.WeightsInfo(
+        name="tiny", network=NetworkConfig(), channels=8, pixel_filter="gaussian", default=True, steps=1, commit="c",
+        data="d", data_licence="CC0-1.0", licence="CC0-1.0", sha256=sha256(content).hexdigest(), folder=tmp_path,
+    )  # fmt: skip
+    info.tensors.write_bytes(content)
+    (tmp_path / "tiny.json").write_text(info.to_json())
+    return info
+
+
+def test_released_weights_load(released: registry.WeightsInfo) -> None:
+    folder = released.folder
+    assert registry.list_weights(folder) == [released]
+    assert registry.default_weights("gltf", folder=folder) == registry.find_weights("tiny", folder) == released
+    network, stored = registry.load_network(released), material_of("gltf", 9, 9)
+    for left, right in zip(
+        bake_levels(network, stored, ("wrap", "wrap")),
+        bake_levels(perturbed("gltf"), stored, ("wrap", "wrap")),
+        strict=True,
+    ):
+        np.testing.assert_allclose(left, right, atol=1e-6)
+
+
+def test_unknown_weights_name_what_there_is(released: registry.WeightsInfo) -> None:
+    with pytest.raises(UsageError, match=r"'huge'.*tiny"):
+        registry.find_weights("huge", released.folder)
+    with pytest.raises(UsageError, match=r"'ggx'.*gltf with gaussian"):
+        registry.default_weights("ggx", folder=released.folder)
+    with pytest.raises(UsageError, match="box"):
+        registry.default_weights("gltf", "box", released.folder)
+
+
+def test_damaged_weights_are_refused(released: registry.WeightsInfo) -> None:
+    content = bytearray(released.tensors.read_bytes())
+    content[-1] ^= 1
+    released.tensors.write_bytes(content)
+    with pytest.raises(InputError, match="damaged or altered"):
+        registry.load_network(released)
+    released.tensors.unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        registry.load_network(released)
+
+
+def test_weights_of_another_architecture_are_refused(released: registry.WeightsInfo) -> None:
+    other = dataclasses.replace(released, network=NetworkConfig(growth=8))
+    with pytest.raises(InputError, match="do not fit the architecture"):
+        registry.load_network(other)
+
+
+@pytest.mark.parametrize("damage", ["truncate", "unknown field", "wrong type", "renamed"])
+def test_damaged_descriptions_are_refused(released: registry.WeightsInfo, damage: str) -> None:
+    path = released.folder / "tiny.json"
+    content = json.loads(path.read_text())
+    if damage == "unknown field":
+        content["surprise"] = 1
+    elif damage == "wrong type":
+        content["steps"] = "many"
+    elif damage == "renamed":
+        content["name"] = "other"
+    text = json.dumps(content)
+    path.write_text(text[:40] if damage == "truncate" else text)
+    with pytest.raises(InputError, match=r"tiny\.json"):
+        registry.list_weights(released.folder)
+
+
+def test_listing_weights_imports_no_torch() -> None:
+    code = "import sys, mipbake.models; mipbake.models.list_weights(); sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,450 @@
+"""Training: configurations, data, augmentation, the loss, the loop, export."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from mipbake.errors import InputError, UsageError
+from mipbake.material import MIN_ROUGHNESS, MODELS, convert, lift_normal, tensor_exp
+from mipbake.metrics import pair_set
+from mipbake.models.inference import bake_levels
+from mipbake.models.registry import default_weights, load_network
+from mipbake.render import reference
+from mipbake.training import augmentation, data, loop, loss
+from mipbake.training.config import LossConfig, OptimiserConfig, TrainingConfig, config_from, plain, read_config
+from mipbake.training.data import Materials
+from mipbake.training.export import export_weights
+from mipbake.training.procedural import procedural_set
+from mipbake.training.validation import Validator
+
+CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
+MODEL_NAMES = ("gltf", "ggx")
+
+
+def tiny(**sections: dict[str, Any]) -> TrainingConfig:
+    """Seconds: small patches, few pairs, two procedural sets."""
+    content: dict[str, dict[str, Any]] = {
+        "network": {"growth": 4, "encoder_layers": 2, "decoder_layers": 1, "latent_channels": 16},
+        "data": {"held_out": 0, "procedural_sets": 2, "procedural_size": 64},
+        "loss": {"crops": 2, "crop_size": 16, "pairs": 4, "lods": 2, "target_samples": 2, "near_mirror_fraction": 0.5},
+        "optimiser": {"learning_rate": 1e-3, "ramp": 2, "ema_decay": 0.9},
+        "run": {"steps": 6, "log_every": 2, "validate_every": 4, "checkpoint_every": 3},
+    }
+    for name, section in sections.items():
+        content[name] |= section
+    return config_from(content)
+
+
+@pytest.fixture(autouse=True)
+def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"_PATCHES": 2, "_PATCH_SIZE": 16, "_PAIRS": 4, "_POINTS": 16, "_SAMPLES": 8}.items():
+        monkeypatch.setattr(f"mipbake.training.validation.{name}", value)
+    monkeypatch.setattr("mipbake.training.validation._PICTURE_SAMPLES", 4)
+
+
+def patches_of(model: str, count: int = 6, size: int = 32) -> np.ndarray[Any, np.dtype[np.float32]]:
+    return np.stack([convert(procedural_set(seed, size), "gltf", model) for seed in range(count)]).astype(np.float32)
+
+
+def assert_valid(stored: np.ndarray[Any, Any], model: str) -> None:
+    low, high = np.array(MODELS[model].limits, np.float32).T
+    assert np.isfinite(stored).all()
+    assert (stored >= low - 1e-6).all()
+    assert (stored <= high + 1e-6).all()
+    if model == "gltf":
+        np.testing.assert_allclose(np.linalg.norm(stored[..., 5:8], axis=-1), 1, atol=2e-3)
+        assert (stored[..., 7] > 0).all()
+        assert (stored[..., 4] >= MIN_ROUGHNESS - 1e-6).all()
+    else:
+        assert (np.linalg.norm(stored[..., 6:8], axis=-1) < 1).all()
+        tensor = tensor_exp(stored[..., 8:11].astype(np.float64))
+        determinant = tensor[..., 0] * tensor[..., 1] - tensor[..., 2] ** 2
+        assert (determinant > 0).all()
+        assert (tensor[..., :2].sum(-1) <= 2 + 1e-4).all()
+
+
+# Configurations
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda p: p.stem)
+def test_shipped_configurations_are_valid(path: Path) -> None:
+    config = read_config(path)
+    assert config_from(plain(config)) == config
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) -> None:
+    config = read_config(CONFIGS / f"paper-{model}.toml")
+    assert config.loss == LossConfig()
+    assert config.optimiser == OptimiserConfig()
+    assert config.run == TrainingConfig().run
+    assert config.network.model == model
+    text = (CONFIGS / f"paper-{model}.toml").read_text()
+    for name, section in plain(config).items():
+        assert f"[{name}]" in text
+        for field in section:
+            assert f"\n{field} = " in text
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"optimizer": {}}, r"section 'optimizer'.*optimiser"),
+        ({"loss": {"pears": 3}}, r"field of \[loss\] 'pears'.*pairs"),
+        ({"loss": {"pairs": "many"}}, r"loss\.pairs must be a whole number, got 'many'"),
+        ({"loss": {"pairs": 2.5}}, r"loss\.pairs must be a whole number"),
+        ({"loss": {"crop_size": 33}}, r"loss\.crop_size must be a power of two"),
+        ({"loss": {"pairs": 6, "target_samples": 4}}, r"loss\.target_samples must be a divisor"),
+        ({"loss": {"pixel_filter": "sinc"}}, r"sinc.*gaussian"),
+        ({"loss": {"near_mirror_fraction": 2}}, r"loss\.near_mirror_fraction"),
+        ({"optimiser": {"beta1": 1.0}}, r"optimiser\.beta1"),
+        ({"run": {"steps": True}}, r"run\.steps"),
+        ({"network": 3}, r"\[network\]"),
+    ],
+)
+def test_wrong_fields_are_named(content: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        config_from(content)
+
+
+def test_unreadable_configurations(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_config(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("[loss\n")
+    with pytest.raises(UsageError, match="not a TOML file"):
+        read_config(tmp_path / "bad.toml")
+
+
+def test_learning_rate_ramps_and_halves() -> None:
+    schedule = OptimiserConfig(learning_rate=1.0, ramp=10, halve_every=100)
+    assert [schedule.rate(s) for s in (0, 4, 9, 50, 99)] == pytest.approx([0.1, 0.5, 1, 1, 1])
+    assert [schedule.rate(s) for s in (100, 199, 200)] == pytest.approx([0.5, 0.5, 0.25])
+
+
+# Data and augmentation
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_procedural_sets_are_valid_periodic_and_reproducible(seed: int) -> None:
+    stored = procedural_set(seed, 64)
+    assert stored.shape == (64, 64, 8)
+    assert_valid(stored, "gltf")
+    np.testing.assert_array_equal(stored, procedural_set(seed, 64))
+
+
+def test_procedural_sets_vary() -> None:
+    sets = np.stack([procedural_set(seed, 64) for seed in range(40)])
+    slope = np.linalg.norm(sets[..., 5:7], axis=-1).mean((1, 2))
+    roughness, metallic = sets[..., 4].mean((1, 2)), sets[..., 3].mean((1, 2))
+    assert slope.min() < 0.02
+    assert slope.max() > 0.2
+    assert roughness.min() < 0.3
+    assert roughness.max() > 0.7
+    assert metallic.min() == 0
+    assert metallic.max() == 1
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize(
+    "augment",
+    [
+        augmentation.permute_colours,
+        augmentation.reorient,
+        augmentation.change_roughness,
+        augmentation.change_normals,
+        augmentation.augment,
+    ],
+)
+def test_augmentations_keep_materials_valid_and_change_them(augment: Any, model: str) -> None:
+    patches = patches_of(model)
+    assert_valid(patches, model)
+    changed = augment(patches, model, np.random.default_rng(1))
+    assert changed.dtype == np.float32
+    assert changed.shape == patches.shape
+    assert_valid(changed, model)
+    assert not np.allclose(changed, patches)
+
+
+def test_colours_are_permuted_alike_in_albedo_and_specular() -> None:
+    patches = patches_of("ggx")
+    changed = augmentation.permute_colours(patches, "ggx", np.random.default_rng(0))
+    for before, after in zip(patches, changed, strict=True):
+        orders = [o for o in np.ndindex(3, 3, 3) if len(set(o)) == 3 and (before[..., list(o)] == after[..., :3]).all()]
+        assert any((before[..., 3:6][..., list(o)] == after[..., 3:6]).all() for o in orders)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("quarter_turns", range(4))
+def test_turned_patches_look_the_same_under_turned_light(model: str, quarter_turns: int, mirror: bool) -> None:
+    """Shading a turned patch under turned light and view gives the turned picture, anisotropy included."""
+    from mipbake.shading import shade
+
+    size = 8
+    patch = patches_of(model, 1, size)[0]
+    if model == "ggx":
+        patch[..., 8:11] = augmentation.change_roughness(patch[None], model, np.random.default_rng(3))[0, ..., 8:11]
+        patch[..., 8] += 1.0
+    pairs = pair_set("near-mirror", 0, 8)
+    turned = augmentation.turn(patch, quarter_turns, mirror, model)
+    angle = quarter_turns * np.pi / 2
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    rotation = np.diag([-1.0 if mirror else 1.0, 1, 1]) @ rotation
+    light, view = ((d @ rotation.T).astype(np.float32) for d in (pairs.light, pairs.view))
+    picture = shade(model, patch.reshape(-1, patch.shape[-1]), pairs.light, pairs.view).reshape(-1, size, size, 3)
+    expected = np.rot90(picture, quarter_turns, (1, 2))
+    expected = expected[:, :, ::-1] if mirror else expected
+    got = shade(model, turned.reshape(-1, patch.shape[-1]), light, view).reshape(-1, size, size, 3)
+    np.testing.assert_allclose(got, expected, rtol=2e-3, atol=1e-4)
+
+
+def test_eccentric_normals_stay_in_proportion() -> None:
+    """Slopes change linearly: a patch with doubled slopes is still one after the augmentation."""
+    slope = np.random.default_rng(0).normal(0, 0.1, (1, 16, 16, 2)).astype(np.float32)
+
+    def patch(scale: float) -> Any:
+        normal = np.concatenate([slope * scale, np.ones_like(slope[..., :1])], -1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.concatenate([np.full((1, 16, 16, 5), 0.5, np.float32), normal], -1).astype(np.float32)
+
+    slopes = []
+    for scale in (1.0, 2.0):
+        normal = augmentation.change_normals(patch(scale), "gltf", np.random.default_rng(11))[..., 5:8]
+        slopes.append(normal[..., :2] / normal[..., 2:])
+    np.testing.assert_allclose(slopes[1], 2 * slopes[0], rtol=1e-3, atol=1e-4)
+
+
+def test_perlin_noise_is_periodic_and_smooth() -> None:
+    noise = augmentation.perlin(4, 32, np.random.default_rng(0))
+    inner = np.abs(np.diff(noise, axis=2)).mean()
+    seam = np.abs(noise[:, :, 0] - noise[:, :, -1]).mean()
+    assert seam < 2 * inner < noise.std()
+
+
+def test_mixes_take_each_texel_from_one_of_the_two() -> None:
+    first, second = np.zeros((64, 16, 16, 3), np.float32), np.ones((64, 16, 16, 3), np.float32)
+    mixed = augmentation.mix(first, second, np.random.default_rng(0))
+    assert set(np.unique(mixed)) == {0, 1}
+    share = mixed.mean((1, 2, 3))
+    assert 0.25 < (share == 0).mean() < 0.75
+    assert share.max() > 0.7
+
+
+def test_draws_are_functions_of_seed_and_step() -> None:
+    config = tiny()
+    materials, _ = data.load_materials(config)
+    first, again, other = (loop.draw_batch(materials, config, step) for step in (3, 3, 4))
+    assert torch.equal(first.target, again.target)
+    assert torch.equal(first.patches, again.patches)
+    assert not torch.equal(first.patches, other.patches)
+
+
+def test_missing_data_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"data\.folder"):
+        data.load_materials(tiny(data={"procedural_sets": 0}))
+    with pytest.raises(InputError, match="no such folder"):
+        data.load_materials(tiny(data={"folder": str(tmp_path / "none")}))
+    with pytest.raises(InputError, match="no texture sets found"):
+        data.load_materials(tiny(data={"folder": str(tmp_path)}))
+
+
+# The loss
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize(("samples", "pixel_filter"), [(1, "gaussian"), (4, "gaussian"), (2, "mitchell")])
+def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_filter: str) -> None:
+    config = LossConfig(crops=1, crop_size=8, pairs=4, lods=2, target_samples=samples, pixel_filter=pixel_filter)
+    patch = patches_of(model, 1, 8)
+    rng = np.random.default_rng(5)
+    views = loss.draw_views(config, rng)
+    targets = torch.stack(
+        [loss.draw_target(torch.from_numpy(patch), views, model, pixel_filter, samples, rng)[0] for _ in range(600)]
+    ).double()
+    mean, spread = targets.mean(0), targets.std(0) / np.sqrt(len(targets))
+    pairs = pair_set("hemisphere", 0, 4)
+    pairs = dataclasses.replace(pairs, light=views.light[0].numpy(), view=views.view[0].numpy())
+    expected = []
+    for slot in range(2):
+        part = slice(slot * 64, (slot + 1) * 64)
+        uv, lod = views.uv[0, part].double().numpy(), float(views.lod[0, part.start])
+        wrap = ("wrap", "wrap")
+        expected.append(reference(patch[0], model, wrap, uv, lod, pixel_filter, pairs, 2048, np.random.default_rng(0)))
+    error = (mean - torch.from_numpy(np.concatenate(expected, 1)).double()) / (spread + 1e-5)
+    assert error.abs().quantile(0.99) < 4
+    assert error.mean().abs() < 0.2
+
+
+def test_views_follow_their_distributions() -> None:
+    config = LossConfig(crops=64, crop_size=4, pairs=16, lods=8, near_mirror_fraction=0.25)
+    views = loss.draw_views(config, np.random.default_rng(0))
+    for directions in (views.light, views.view):
+        assert torch.allclose(directions.norm(dim=-1), torch.ones(64, 16), atol=1e-5)
+        assert (directions[..., 2] > 0).all()
+    # The mean of cos under the density cos / pi is 2/3.
+    assert float(views.view[..., 2].mean()) == pytest.approx(2 / 3, abs=0.03)
+    mirror = views.view * torch.tensor([-1.0, -1.0, 1.0])
+    angle = (mirror * views.light).sum(-1).clamp(-1, 1).acos()
+    assert float(angle[:, :4].mean()) < 0.25
+    assert float(angle[:, 4:].mean()) > 0.5
+    lod = views.lod[:, ::16]
+    assert lod.shape == (64, 8)
+    assert float(lod.min()) == 0
+    assert float(lod.max()) == 2
+    # Uniform on [-0.5, 2.5], then clamped: a sixth at each end.
+    assert float((lod == 0).double().mean()) == pytest.approx(1 / 6, abs=0.06)
+    texel = (views.uv * 4).reshape(64, 8, 4, 4, 2)
+    column = torch.arange(4.0)[None, None, None, :]
+    assert ((texel[..., 0] >= column) & (texel[..., 0] <= column + 1)).all()
+
+
+def test_loss_is_equation_5() -> None:
+    generator = torch.Generator().manual_seed(0)
+    prediction = torch.rand(2, 3, 2 * 4, 3, generator=generator, requires_grad=True)
+    target = torch.rand(2, 3, 2 * 4, 3, generator=generator)
+    value = loss.relative_loss(prediction, target, 2)
+    value.backward()
+    total = 0.0
+    gradient = torch.zeros_like(prediction)
+    for b, k, s in np.ndindex(2, 3, 2):
+        part = slice(s * 4, s * 4 + 4)
+        p, t = prediction.detach()[b, k, part], target[b, k, part]
+        norm = (p * p).sum() + loss.EPSILON * 12
+        total += float(((p - t) ** 2).sum() / norm) / 12
+        gradient[b, k, part] = 2 * (p - t) / norm / 12
+    assert float(value) == pytest.approx(total, rel=1e-5)
+    assert prediction.grad is not None
+    assert torch.allclose(prediction.grad, gradient, rtol=1e-4, atol=1e-7)
+
+
+# The loop
+
+
+def weights(state: loop.TrainingState) -> list[torch.Tensor]:
+    return [v.clone() for n in (state.network, state.average) for v in n.state_dict().values()]
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
+    config = tiny(network={"model": model})
+    whole = loop.train(config, tmp_path / "whole", resume=False, say=lambda _: None)
+    short = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=3))
+    loop.train(short, tmp_path / "parts", resume=False, say=lambda _: None)
+    resumed = loop.train(config, tmp_path / "parts", resume=True, say=lambda _: None)
+    assert resumed.step == whole.step == 6
+    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    rows = {name: [row[:2] for row in csv.reader((tmp_path / name / "log.csv").open())] for name in ("whole", "parts")}
+    assert [row[0] for row in rows["whole"]] == ["step", "2", "4", "6"]
+    assert rows["parts"][-1][0] == "6"
+
+
+def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
+    loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"last.pt", "best.pt", "log.csv", "validation.csv", "validation-0000004.png"} <= names
+    assert not any(name.endswith(".partial") for name in names)
+    header, *rows = csv.reader((tmp_path / "validation.csv").open())
+    assert header[0] == "step"
+    assert [row[0] for row in rows] == ["0", "4", "6"]
+    with pytest.raises(UsageError, match="--resume"):
+        loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+
+
+def test_resuming_refuses_another_configuration(tmp_path: Path) -> None:
+    loop.train(tiny(run={"steps": 1}), tmp_path, resume=False, say=lambda _: None)
+    with pytest.raises(UsageError, match=r"another \[loss\] section"):
+        loop.train(tiny(loss={"pairs": 2}), tmp_path, resume=True, say=lambda _: None)
+    with pytest.raises(UsageError, match="seed"):
+        loop.train(tiny(run={"seed": 5}), tmp_path, resume=True, say=lambda _: None)
+    (tmp_path / "last.pt").write_bytes(b"nonsense")
+    with pytest.raises(InputError, match="not a checkpoint"):
+        loop.train(tiny(), tmp_path, resume=True, say=lambda _: None)
+    with pytest.raises(InputError, match="no such checkpoint"):
+        loop.train(tiny(), tmp_path / "none", resume=True, say=lambda _: None)
+
+
+def test_loss_decreases() -> None:
+    """A few dozen steps on one bumpy glossy material bring the dense loss clearly below that of linear prefiltering."""
+    config = tiny(
+        loss={"pairs": 16, "target_samples": 16, "near_mirror_fraction": 1.0, "lods": 4},
+        optimiser={"learning_rate": 3e-3, "ema_decay": 0.0, "ramp": 5},
+        run={"steps": 60},
+    )
+    bumps = np.random.default_rng(0).normal(0, 0.2, (16, 16, 2))
+    normal = lift_normal(bumps)
+    rest = np.broadcast_to(np.array([0.8, 0.5, 0.2, 1.0, 0.35]), (16, 16, 5))
+    materials = Materials([np.concatenate([rest, normal], -1).astype(np.float16)], ["bumps"])
+    state = loop.new_state(config)
+    loop.fit_whitening(state.network, materials, config)
+    held = [loop.draw_batch(materials, config, 1000 + i) for i in range(4)]
+
+    def dense_loss() -> float:
+        with torch.no_grad():
+            return float(np.mean([float(loop.batch_loss(state.network, batch)) for batch in held]))
+
+    before = dense_loss()
+    for batch in loop.batches(materials, config, 0):
+        state.advance(batch)
+    assert dense_loss() < 0.9 * before
+
+
+def test_average_follows_the_weights() -> None:
+    config = tiny(optimiser={"ema_decay": 0.5})
+    materials, _ = data.load_materials(config)
+    state = loop.new_state(config)
+    before = [v.clone() for v in state.network.parameters()]
+    state.advance(loop.draw_batch(materials, config, 0))
+    for start, value, mean in zip(before, state.network.parameters(), state.average.parameters(), strict=True):
+        assert torch.allclose(mean, (start + value) / 2, atol=1e-7)
+
+
+def test_an_untrained_network_scores_like_averaging() -> None:
+    config = tiny()
+    materials, held_out = data.load_materials(config)
+    state = loop.new_state(config)
+    loop.fit_whitening(state.network, materials, config)
+    score = Validator(held_out, "gltf", "gaussian").score(state.network)
+    assert score.network.shape == score.linear.shape
+    # Level 0 is the input in both.
+    np.testing.assert_allclose(score.network[:, 0], score.linear[:, 0], atol=0.5)
+    assert score.columns().keys() == {f"{m} {s}" for m in ("network", "linear") for s in ("near-mirror", "hemisphere")}
+
+
+# Export
+
+
+def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
+    state = loop.train(tiny(), tmp_path / "run", resume=False, say=lambda _: None)
+    info = export_weights(tmp_path / "run" / "last.pt", "tiny-1", tmp_path / "weights", default=True)
+    assert default_weights("gltf", folder=tmp_path / "weights") == info
+    assert info.steps == 6
+    stored = procedural_set(7, 32)
+    wrap = ("wrap", "clamp")
+    for left, right in zip(
+        bake_levels(load_network(info), stored, wrap), bake_levels(state.average, stored, wrap), strict=True
+    ):
+        np.testing.assert_allclose(left, right, atol=1e-6)
+    card = (tmp_path / "weights" / "tiny-1.md").read_text()
+    assert info.sha256 in card
+    assert "CC0-1.0" in card
+    with pytest.raises(UsageError, match="name"):
+        export_weights(tmp_path / "run" / "last.pt", "../evil", tmp_path / "weights", default=False)
+    with pytest.raises(InputError, match="no such checkpoint"):
+        export_weights(tmp_path / "none.pt", "tiny-2", tmp_path / "weights", default=False)
+
+
+def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mipbake.training", "train", str(tmp_path / "none.toml")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr.startswith("error: ")
+    assert "Traceback" not in run.stderr

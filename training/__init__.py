@@ -1,0 +1,4 @@
+"""Training of mipbake's networks: `python -m mipbake.training train CONFIG`.
+
+To read it from top to bottom: config, data (with procedural and augmentation), loss, loop, validation.
+"""

@@ -1,0 +1,60 @@
+"""`python -m mipbake.training train CONFIG` and `export CHECKPOINT NAME`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+from mipbake.errors import MipbakeError
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m mipbake.training", description="Trains mipbake's networks.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    train = commands.add_parser("train", help="train a network", description="Trains a network as a TOML file says.")
+    train.add_argument("config", type=Path, metavar="CONFIG", help="TOML file; see training/configs")
+    train.add_argument("--out", type=Path, metavar="DIR", help="checkpoints and logs (default: runs/<config's name>)")
+    train.add_argument("--data", metavar="DIR", help="folder of texture sets, in place of the configuration's")
+    train.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
+    export = commands.add_parser(
+        "export", help="release a checkpoint as weights", description="Writes NAME.safetensors, NAME.json and NAME.md."
+    )
+    export.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="best.pt or last.pt of a training")
+    export.add_argument("name", metavar="NAME", help="of the weights")
+    export.add_argument("--out", type=Path, metavar="DIR", help="(default: where bakes look for weights)")
+    export.add_argument("--default", action="store_true", help="use them when nobody names others")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Runs one command; returns the exit code."""
+    arguments = _arguments()
+    try:
+        if arguments.command == "train":
+            from mipbake.training.config import read_config
+            from mipbake.training.loop import train
+
+            config = read_config(arguments.config)
+            if arguments.data:
+                config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
+            train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume)
+        else:
+            from mipbake.models.registry import WEIGHTS_FOLDER
+            from mipbake.training.export import export_weights
+
+            folder = arguments.out or WEIGHTS_FOLDER
+            info = export_weights(arguments.checkpoint, arguments.name, folder, arguments.default)
+            print(f"{info.tensors}: {info.tensors.stat().st_size} bytes, SHA-256 {info.sha256}")
+    except MipbakeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted: continue with --resume", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

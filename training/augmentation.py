@@ -1,0 +1,152 @@
+"""Data augmentation (section 3.4 of Kemppinen et al. 2023), on batches of patches (B, S, S, C) of stored channels.
+
+Valid materials stay valid: colours only trade places, normals stay unit and above the surface, roughness stays between
+the floor that shading has and 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.material import MIN_ROUGHNESS, lift_normal
+
+Patches = NDArray[np.float32]
+Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
+
+# Spreads of the random changes. The centres lean to gloss and steep normals, of which real sets hold little.
+_LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2
+_LOG_ANISOTROPY_SPREAD = 0.8
+_LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4
+_LOG_ECCENTRICITY_SPREAD = 0.3
+_UNCHANGED = 0.25
+"""Share of patches whose roughness, and of others whose normals, are left as they are."""
+
+_MIN_HEIGHT = 0.05  # of augmented normals, cos 87 degrees; slopes are limited accordingly
+_MIN_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS)
+
+
+def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Every augmentation of a single material, with random numbers of its own for each patch."""
+    patches = permute_colours(patches, model, rng)
+    patches = reorient(patches, model, rng)
+    patches = change_roughness(patches, model, rng)
+    return change_normals(patches, model, rng)
+
+
+def permute_colours(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Permutes red, green and blue; albedo and F0 of `ggx` alike, so that their correlation stays."""
+    order = rng.permuted(np.tile(np.arange(3), (len(patches), 1)), axis=1)[:, None, None]
+    colours = [slice(0, 3)] if model == "gltf" else [slice(0, 3), slice(3, 6)]
+    out: Patches = patches.copy()
+    for group in colours:
+        out[..., group] = np.take_along_axis(patches[..., group], order, -1)
+    return out
+
+
+def reorient(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Rotates by a multiple of 90 degrees and mirrors, patch, normals and roughness tensor alike."""
+    turns, mirrored = rng.integers(4, size=len(patches)), rng.integers(2, size=len(patches))
+    return np.stack([turn(p, int(k), bool(m), model) for p, k, m in zip(patches, turns, mirrored, strict=True)])
+
+
+def turn(patch: Patches, quarter_turns: int, mirror: bool, model: str) -> Patches:
+    """(S, S, C) counterclockwise by quarter turns, seen with +Y up, then mirrored left to right if asked to."""
+    out: Patches = np.rot90(patch, quarter_turns).copy()
+    x = 5 if model == "gltf" else 6
+    for _ in range(quarter_turns % 4):
+        out[..., x], out[..., x + 1] = -out[..., x + 1], out[..., x].copy()
+    if model == "ggx" and quarter_turns % 2:
+        out[..., 8], out[..., 9], out[..., 10] = out[..., 9].copy(), out[..., 8].copy(), -out[..., 10]
+    if mirror:
+        out = out[:, ::-1].copy()
+        out[..., x] *= -1
+        if model == "ggx":
+            out[..., 10] *= -1
+    return out
+
+
+def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Scales the roughness tensor; for `ggx` also turns it and stretches it along a random axis."""
+    scale = _some(rng, len(patches), _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD)
+    out: Patches = patches.copy()
+    if model == "gltf":
+        out[..., 4] = np.clip(patches[..., 4] * np.exp(scale / 4), MIN_ROUGHNESS, 1)
+        return out
+    stretch = _some(rng, len(patches), 0.0, _LOG_ANISOTROPY_SPREAD)
+    twice, axis = (2 * np.pi * rng.random((2, len(patches), 1, 1))).astype(np.float32)
+    a, b, c = np.moveaxis(patches[..., 8:11], -1, 0)
+    mean, d = (a + b) / 2 + scale, (a - b) / 2
+    # (d, c) turns by twice the angle of the tensor.
+    d, c = np.cos(twice) * d - np.sin(twice) * c, np.sin(twice) * d + np.cos(twice) * c
+    d, c = d + stretch * np.cos(axis), c + stretch * np.sin(axis)
+    radius = np.hypot(d, c)
+    high, low = (np.clip(mean + s * radius, _MIN_LOG_ALPHA2, 0) for s in (1, -1))
+    shrink = (high - low) / np.maximum(2 * radius, 1e-6)
+    mean = (high + low) / 2
+    out[..., 8:11] = np.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
+    return out
+
+
+def change_normals(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Scales slopes, by different factors along and across a random axis."""
+    scale = _some(rng, len(patches), _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD)
+    stretch = _some(rng, len(patches), 0.0, _LOG_ECCENTRICITY_SPREAD)
+    angle = (np.pi * rng.random((len(patches), 1, 1))).astype(np.float32)
+    x = 5 if model == "gltf" else 6
+    normal = patches[..., 5:8] if model == "gltf" else lift_normal(patches[..., 6:8])
+    slope = normal[..., :2] / np.maximum(normal[..., 2:], _MIN_HEIGHT)
+    cos, sin = np.cos(angle), np.sin(angle)
+    along = (cos * slope[..., 0] + sin * slope[..., 1]) * np.exp(scale + stretch)
+    across = (cos * slope[..., 1] - sin * slope[..., 0]) * np.exp(scale - stretch)
+    steepness = np.hypot(along, across)
+    limit = np.minimum(1, math.sqrt(1 / _MIN_HEIGHT**2 - 1) / np.maximum(steepness, 1e-6))
+    along, across = along * limit, across * limit
+    changed = np.stack([cos * along - sin * across, sin * along + cos * across, np.ones_like(along)], -1)
+    changed /= np.linalg.norm(changed, axis=-1, keepdims=True)
+    out: Patches = patches.copy()
+    out[..., x : x + 2] = changed[..., :2]
+    if model == "gltf":
+        out[..., 7] = changed[..., 2]
+    return out
+
+
+def _some(rng: np.random.Generator, count: int, mean: float, spread: float) -> Values:
+    """(count, 1, 1) normally distributed, but 0 for the patches that stay unchanged."""
+    values = rng.normal(mean, spread, count) * (rng.random(count) >= _UNCHANGED)
+    return values.astype(np.float32).reshape(count, 1, 1)
+
+
+def mix(first: Patches, second: Patches, rng: np.random.Generator) -> Patches:
+    """Where a Perlin noise lies above a random iso-level, `first`, elsewhere `second`; half of the time all `first`."""
+    count, size = first.shape[:2]
+    noise = perlin(count, size, rng)
+    # The level is a quantile, so that every share of the area is as likely as any other.
+    shares = np.maximum(rng.uniform(-1, 1, count), 0)
+    levels = np.array([np.quantile(noise[i], shares[i]) for i in range(count)])
+    inside = (noise >= levels[:, None, None])[..., None]
+    return np.where(inside, first, second)
+
+
+def perlin(count: int, size: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """(count, size, size) Perlin noise (Perlin 1985), periodic, 2 x 2 cells and its octaves with halved amplitudes."""
+    total = np.zeros((count, size, size), np.float32)
+    cells, amplitude = 2, 1.0
+    while cells <= size // 2:
+        position = (np.arange(size, dtype=np.float32) + 0.5) * cells / size
+        cell = position.astype(np.int64)
+        inside = position - cell
+        angle = (2 * np.pi * rng.random((count, cells, cells))).astype(np.float32)
+        gradient = np.cos(angle), np.sin(angle)
+        fade = inside**3 * (inside * (inside * 6 - 15) + 10)
+        for dy in (0, 1):
+            for dx in (0, 1):
+                corner = ((cell + dy) % cells)[:, None], ((cell + dx) % cells)[None]
+                dot = gradient[0][:, corner[0], corner[1]] * (inside - dx)
+                dot += gradient[1][:, corner[0], corner[1]] * (inside - dy)[:, None]
+                weight = (fade if dy else 1 - fade)[:, None] * (fade if dx else 1 - fade)
+                total += amplitude * weight * dot
+        cells, amplitude = cells * 2, amplitude / 2
+    return total

@@ -1,0 +1,211 @@
+"""Training configurations: typed, read from TOML. The defaults are the paper's settings (section 3.4)."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from mipbake.errors import UsageError
+from mipbake.models.config import NetworkConfig
+from mipbake.prefilter.pixel_filter import filter_named
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def _require(condition: bool, name: str, expected: str, got: object) -> None:
+    if not condition:
+        raise UsageError(f"{name} must be {expected}, got {got!r}")
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Materials to train on; a folder of texture sets, procedural sets, or both.
+
+    Args:
+        folder: one texture set in each subfolder; "" for none.
+        held_out: of every `held_out` sets in the folder one is kept for validation; 0 keeps none.
+        procedural_sets: how many sets the project's own generator makes.
+        procedural_size: their side in texels.
+        description, licence: of the data, for the weights' card.
+    """
+
+    folder: str = ""
+    held_out: int = 14
+    procedural_sets: int = 0
+    procedural_size: int = 256
+    description: str = "procedural sets of this project"
+    licence: str = "CC0-1.0"
+
+    def __post_init__(self) -> None:
+        _require(self.held_out == 0 or self.held_out > 1, "data.held_out", "0 or at least 2", self.held_out)
+        _require(self.procedural_sets >= 0, "data.procedural_sets", "at least 0", self.procedural_sets)
+        _require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """One step's batch and its loss (section 3.2).
+
+    Args:
+        crops: material patches a step.
+        crop_size: their side in texels, a power of two.
+        pairs: light-view pairs a patch.
+        near_mirror_fraction: share of the pairs whose light lies near the mirror direction of the view.
+        lods: levels of detail drawn for each patch.
+        pixel_filter: filter of the target.
+        target_samples: surface samples whose mean is one target pixel; divides `pairs`.
+    """
+
+    crops: int = 1
+    crop_size: int = 32
+    pairs: int = 64
+    near_mirror_fraction: float = 0.0
+    lods: int = 5
+    pixel_filter: str = "gaussian"
+    target_samples: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("crops", "pairs", "lods", "target_samples"):
+            _require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        power = self.crop_size >= 4 and self.crop_size & (self.crop_size - 1) == 0
+        _require(power, "loss.crop_size", "a power of two of at least 4", self.crop_size)
+        fraction = self.near_mirror_fraction
+        _require(0 <= fraction <= 1, "loss.near_mirror_fraction", "between 0 and 1", fraction)
+        _require(
+            self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples
+        )
+        filter_named(self.pixel_filter)
+
+    @property
+    def mirror_pairs(self) -> int:
+        """How many of the pairs are near the mirror."""
+        return round(self.near_mirror_fraction * self.pairs)
+
+    @property
+    def max_lod(self) -> int:
+        """Last level of a patch, 1 x 1."""
+        return self.crop_size.bit_length() - 1
+
+
+@dataclass(frozen=True)
+class OptimiserConfig:
+    """Adam and its schedule.
+
+    Args:
+        learning_rate: after the ramp.
+        beta1, beta2, epsilon: Adam's.
+        ramp: steps of the linear ramp from zero.
+        halve_every: steps after which the rate is halved, again and again.
+        ema_decay: decay of the moving average of the weights that is validated and exported; 0 for no average.
+    """
+
+    learning_rate: float = 5e-5
+    beta1: float = 0.95
+    beta2: float = 0.95
+    epsilon: float = 1e-6
+    ramp: int = 100
+    halve_every: int = 50_000
+    ema_decay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("learning_rate", "epsilon"):
+            _require(getattr(self, name) > 0, f"optimiser.{name}", "positive", getattr(self, name))
+        for name in ("beta1", "beta2", "ema_decay"):
+            value = getattr(self, name)
+            _require(0 <= value < 1, f"optimiser.{name}", "at least 0 and below 1", value)
+        for name in ("ramp", "halve_every"):
+            _require(getattr(self, name) >= 1, f"optimiser.{name}", "at least 1", getattr(self, name))
+
+    def rate(self, step: int) -> float:
+        """Learning rate of step 0, 1, ..."""
+        return self.learning_rate * min(1.0, (step + 1) / self.ramp) * 0.5 ** (step // self.halve_every)
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Length, seed and what is written when.
+
+    Args:
+        steps: optimisation steps.
+        seed: of everything random; a step's numbers depend on the seed and its index alone.
+        log_every, validate_every, checkpoint_every: steps between lines of the log, validations, checkpoints.
+        tensorboard: also log for TensorBoard.
+    """
+
+    steps: int = 310_000
+    seed: int = 0
+    log_every: int = 100
+    validate_every: int = 2_000
+    checkpoint_every: int = 1_000
+    tensorboard: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "log_every", "validate_every", "checkpoint_every"):
+            _require(getattr(self, name) >= 1, f"run.{name}", "at least 1", getattr(self, name))
+        _require(self.seed >= 0, "run.seed", "at least 0", self.seed)
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """A whole configuration; the sections of the TOML file."""
+
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    data: DataConfig = field(default_factory=DataConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
+    run: RunConfig = field(default_factory=RunConfig)
+
+
+def read_config(path: Path) -> TrainingConfig:
+    """The configuration in a TOML file; UsageError says which field is wrong and what was expected."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{path}: the configuration cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise UsageError(f"{path}: not a TOML file ({error})") from error
+    return config_from(content)
+
+
+def config_from(content: Mapping[str, Any]) -> TrainingConfig:
+    """A configuration from nested plain types, as TOML and checkpoints hold it."""
+    sections: dict[str, Any] = {f.name: f.default_factory for f in fields(TrainingConfig)}
+    _known(content, sections, "section")
+    return TrainingConfig(**{name: _section(name, sections[name], content.get(name, {})) for name in sections})
+
+
+def _section(name: str, kind: type[Any], content: Any) -> Any:
+    _require(isinstance(content, Mapping), f"[{name}]", "a section", content)
+    types = get_type_hints(kind)
+    _known(content, types, f"field of [{name}]")
+    values = {}
+    for key, value in content.items():
+        expected = types[key]
+        if expected is float and isinstance(value, int) and not isinstance(value, bool):
+            values[key] = float(value)
+            continue
+        right = isinstance(value, expected) and (expected is bool or not isinstance(value, bool))
+        _require(right, f"{name}.{key}", _WORDS[expected], value)
+        values[key] = value
+    return kind(**values)
+
+
+_WORDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "a string", bool: "true or false"}
+
+
+def _known(content: Mapping[str, Any], known: Mapping[str, Any], what: str) -> None:
+    for key in content:
+        if key not in known:
+            raise UsageError(f"unknown {what} {key!r}: expected one of {', '.join(known)}")
+
+
+def plain(config: TrainingConfig) -> dict[str, Any]:
+    """Nested plain types; the inverse of config_from."""
+    return dataclasses.asdict(config)

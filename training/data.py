@@ -1,0 +1,99 @@
+"""Materials in memory, and the patches of one step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.training.augmentation import augment, mix
+from mipbake.training.config import DataConfig, TrainingConfig
+from mipbake.training.procedural import procedural_set
+
+Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
+
+_VALIDATION_SEEDS = 1_000_000  # procedural sets from here on are for validation
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Level 0 of texture sets.
+
+    Args:
+        images: (H, W, C) stored channels each, float16: half the memory, and finer than 8-bit sources.
+        names: of the sets.
+    """
+
+    images: Sequence[NDArray[np.float16]]
+    names: Sequence[str]
+
+    def crops(self, count: int, size: int, rng: np.random.Generator) -> Crops:
+        """`count` patches, each of a random set at a random place."""
+        patches = []
+        for index in rng.integers(len(self.images), size=count):
+            image = self.images[index]
+            top, left = (int(rng.integers(n - size + 1)) for n in image.shape[:2])
+            patches.append(image[top : top + size, left : left + size])
+        return np.stack(patches).astype(np.float32)
+
+
+def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
+    """Training and validation materials, in that order.
+
+    Raises:
+        UsageError: the configuration names no data. InputError: the folder holds no set, or one that cannot be used.
+    """
+    data, model = config.data, config.network.model
+    if not data.folder and not data.procedural_sets:
+        raise UsageError("no training data: set data.folder, or data.procedural_sets to at least 1")
+    train, held_out = _folder(data, model, config.loss.crop_size) if data.folder else ([], [])
+    train += [_procedural(seed, data, model) for seed in range(data.procedural_sets)]
+    if not held_out:
+        held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(8)]
+    return tuple(Materials([image for _, image in sets], [name for name, _ in sets]) for sets in (train, held_out))  # type: ignore[return-value]
+
+
+_Sets = list[tuple[str, NDArray[np.float16]]]
+
+
+def _folder(data: DataConfig, model: str, crop_size: int) -> tuple[_Sets, _Sets]:
+    import mipbake
+
+    folder = Path(data.folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of texture sets; set data.folder or pass --data")
+    train: _Sets = []
+    held_out: _Sets = []
+    for index, path in enumerate(sorted(p for p in folder.iterdir() if p.is_dir())):
+        try:
+            stored = mipbake.load(path).material(model)
+        except MipbakeError as error:
+            raise InputError(f"{error} (while reading the training data)") from error
+        if min(stored.shape[:2]) < crop_size:
+            raise InputError(f"{path}: {stored.shape[1]} x {stored.shape[0]} texels, expected at least {crop_size}")
+        kept = data.held_out and index % data.held_out == data.held_out - 1
+        (held_out if kept else train).append((path.name, stored.astype(np.float16)))
+    if not train:
+        raise InputError(f"{folder}: no texture sets found, expected one in each subfolder")
+    return train, held_out
+
+
+def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[np.float16]]:
+    stored = material.convert(procedural_set(seed, data.procedural_size), "gltf", model)
+    return f"procedural-{seed}", stored.astype(np.float16)
+
+
+def draw_crops(materials: Materials, count: int, size: int, model: str, rng: np.random.Generator) -> Crops:
+    """`count` augmented patches: each two materials, differently augmented, mixed by a Perlin-noise mask."""
+    patches = augment(materials.crops(2 * count, size, rng), model, rng)
+    return mix(patches[:count], patches[count:], rng)
+
+
+def step_generator(seed: int, step: int) -> np.random.Generator:
+    """The random numbers of one step: a pure function of seed and step, so that a resumed run draws the same."""
+    return np.random.default_rng([seed, step])

@@ -1,0 +1,112 @@
+"""Releasing a checkpoint: the tensors, their description and the model card."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+from mipbake.errors import OutputError, UsageError
+from mipbake.material import model_named
+from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
+from mipbake.training.config import TrainingConfig
+from mipbake.training.loop import load_state
+
+_CARD = """# {name}
+
+Weights of mipbake's `neural` method: {parameters} parameters that turn a `{model}` texture set ({channels} stored
+channels) into a MIP stack, level 0 included, for rendering with the `{pixel_filter}` pixel filter.
+
+| | |
+|---|---|
+| Method | Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023 |
+| Architecture | encoder {encoder_layers} layers of 3 x 3, decoder {decoder_layers} of 1 x 1, {growth} new maps a \
+layer, {latent_channels} latent channels, latents downsampled with `{latent_filter}` |
+| Trained on | {data} |
+| Licence of the data | {data_licence} |
+| Training | {steps} steps of {crops} patches of {crop_size} x {crop_size} texels and {pairs} light-view pairs, \
+{mirror} of them near the mirror direction |
+| Validation when exported | mean SNR {best:.2f} dB on held-out patches |
+| Revision | {commit} |
+| Licence of the weights | {licence} |
+| SHA-256 | `{sha256}` |
+
+The weights are a few hundred kilobytes of numbers; they hold no texel of the data. Levels beyond {max_lod}, the last
+seen in training, are extrapolated: the decoder meets averages over ever larger areas. A surface whose normals fall into
+several distinct directions within a pixel cannot be matched by one lobe; there the result is a compromise.
+"""
+
+
+def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> WeightsInfo:
+    """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
+
+    Raises:
+        UsageError: the name is no plain file name. InputError: the checkpoint cannot be read.
+        OutputError: the folder cannot be written.
+    """
+    from safetensors.torch import save
+
+    if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", name):
+        raise UsageError(f"weights' name {name!r} must be lower-case letters, digits, '.', '_' and '-'")
+    state = load_state(checkpoint)
+    tensors = {key: value.detach().contiguous() for key, value in state.average.state_dict().items()}
+    content = save(tensors)
+    config = state.config
+    info = WeightsInfo(
+        name=name,
+        network=config.network,
+        channels=model_named(config.network.model).channels,
+        pixel_filter=config.loss.pixel_filter,
+        default=default,
+        steps=state.step,
+        commit=state.commit,
+        data=config.data.description,
+        data_licence=config.data.licence,
+        licence=WEIGHTS_LICENCE,
+        sha256=hashlib.sha256(content).hexdigest(),
+        folder=folder,
+    )
+    parameters = sum(value.numel() for value in state.average.parameters())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # The description last: without it nobody finds half-written weights.
+        _write(info.tensors, content)
+        _write(folder / f"{name}.md", _card(info, config, parameters, state.best).encode())
+        _write(folder / f"{name}.json", info.to_json().encode())
+    except OSError as error:
+        raise OutputError(f"{folder}: the weights cannot be written ({error.strerror})") from error
+    return info
+
+
+def _write(path: Path, content: bytes) -> None:
+    temporary = path.with_suffix(path.suffix + ".partial")
+    temporary.write_bytes(content)
+    temporary.replace(path)
+
+
+def _card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float) -> str:
+    network, loss = info.network, config.loss
+    return _CARD.format(
+        name=info.name,
+        parameters=parameters,
+        model=network.model,
+        channels=info.channels,
+        pixel_filter=info.pixel_filter,
+        encoder_layers=network.encoder_layers,
+        decoder_layers=network.decoder_layers,
+        growth=network.growth,
+        latent_channels=network.latent_channels,
+        latent_filter=network.latent_filter,
+        data=info.data,
+        data_licence=info.data_licence,
+        steps=info.steps,
+        crops=loss.crops,
+        crop_size=loss.crop_size,
+        pairs=loss.pairs,
+        mirror=loss.mirror_pairs,
+        best=best,
+        commit=info.commit,
+        licence=info.licence,
+        sha256=info.sha256,
+        max_lod=loss.max_lod,
+    )

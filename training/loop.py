@@ -1,0 +1,275 @@
+"""The training loop."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.models.network import Network
+from mipbake.models.parameters import to_parameters
+from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
+from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
+from mipbake.training.loss import TORUS, Views, draw_target, draw_views, predict, relative_loss
+from mipbake.training.validation import Validator
+
+LAST, BEST = "last.pt", "best.pt"
+
+_WHITENING_SAMPLES = 16
+_WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Everything of one step that does not depend on the network."""
+
+    patches: Tensor
+    views: Views
+    target: Tensor
+
+
+def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch:
+    """The batch of a step: a pure function of the materials, the configuration and the step."""
+    rng, loss, model = step_generator(config.run.seed, step), config.loss, config.network.model
+    patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, model, rng))
+    views = draw_views(loss, rng)
+    return Batch(patches, views, draw_target(patches, views, model, loss.pixel_filter, loss.target_samples, rng))
+
+
+def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
+    """The batches of steps `first` to the last, each drawn in a second thread while its predecessor is trained on."""
+    with ThreadPoolExecutor(1) as pool:
+        pending = pool.submit(draw_batch, materials, config, first)
+        for step in range(first, config.run.steps):
+            batch = pending.result()
+            if step + 1 < config.run.steps:
+                pending = pool.submit(draw_batch, materials, config, step + 1)
+            yield batch
+
+
+def batch_loss(network: Network, batch: Batch) -> Tensor:
+    """Predicts, renders and compares: the scalar loss of one batch."""
+    levels = network(batch.patches, TORUS)
+    prediction = predict(levels, batch.views, network.config.model)
+    return relative_loss(prediction, batch.target, batch.views.lods)
+
+
+@dataclass
+class TrainingState:
+    """All that a training carries from step to step; randomness needs nothing but the step's index.
+
+    Args:
+        network: being optimised. average: moving average of its weights, or the network itself without one.
+        step: steps done. best: highest validation score so far.
+    """
+
+    config: TrainingConfig
+    network: Network
+    average: Network
+    optimiser: torch.optim.Adam
+    step: int = 0
+    best: float = float("-inf")
+    commit: str = "unknown"
+
+    def advance(self, batch: Batch) -> Tensor:
+        """One optimisation step; returns its loss."""
+        settings = self.config.optimiser
+        for group in self.optimiser.param_groups:
+            group["lr"] = settings.rate(self.step)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss = batch_loss(self.network, batch)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimiser.step()
+        if settings.ema_decay:
+            with torch.no_grad():
+                for mean, value in zip(self.average.parameters(), self.network.parameters(), strict=True):
+                    mean.lerp_(value, 1 - settings.ema_decay)
+        self.step += 1
+        return loss.detach()
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint beside `path` and renames it, so that there is a whole one at any time."""
+        content = {
+            "config": plain(self.config),
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "best": self.best,
+            "commit": self.commit,
+        }
+        temporary = path.with_suffix(".partial")
+        try:
+            torch.save(content, temporary)
+            temporary.replace(path)
+        except (OSError, RuntimeError) as error:
+            temporary.unlink(missing_ok=True)
+            raise OutputError(f"{path}: the checkpoint cannot be written ({error})") from error
+
+
+def new_state(config: TrainingConfig) -> TrainingState:
+    """An untrained network, initialised from the seed."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.run.seed)
+        network = Network(config.network)
+    return _state(config, network)
+
+
+def _state(config: TrainingConfig, network: Network) -> TrainingState:
+    settings = config.optimiser
+    average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
+    optimiser = torch.optim.Adam(
+        network.parameters(), settings.learning_rate, (settings.beta1, settings.beta2), settings.epsilon, fused=True
+    )
+    return TrainingState(config, network, average, optimiser)
+
+
+def load_state(path: Path) -> TrainingState:
+    """The state in a checkpoint; InputError when it cannot be read as one."""
+    try:
+        content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+        config = config_from(content["config"])
+        state = _state(config, Network(config.network))
+        state.network.load_state_dict(content["network"])
+        state.average.load_state_dict(content["average"])
+        state.optimiser.load_state_dict(content["optimiser"])
+        state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such checkpoint") from error
+    except Exception as error:
+        raise InputError(f"{path}: not a checkpoint of this version's training ({error})") from error
+    return state
+
+
+def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
+    """The state in a checkpoint, to be continued under a configuration that may differ in the run's length and logs."""
+    state = load_state(path)
+    for name in ("network", "data", "loss", "optimiser"):
+        if getattr(state.config, name) != getattr(config, name):
+            raise UsageError(f"{path}: made with another [{name}] section; resume with the one it was started with")
+    if state.config.run.seed != config.run.seed:
+        raise UsageError(f"{path}: made with seed {state.config.run.seed}, resumed with {config.run.seed}")
+    state.config = config
+    return state
+
+
+def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
+    """Mean and covariance of the parameters of 16 augmented samples (section 3.4)."""
+    rng = step_generator(config.run.seed, _WHITENING_STEP)
+    model = config.network.model
+    patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, model, rng)
+    network.whitening.fit(to_parameters(torch.from_numpy(patches), model).flatten(0, 2))
+
+
+def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], None] = print) -> TrainingState:
+    """Trains to the configured number of steps.
+
+    Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
+    """
+    last = out / LAST
+    if not resume and last.exists():
+        raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
+    state = resumed_state(last, config) if resume else new_state(config)
+    train_materials, held_out = load_materials(config)
+    say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")
+    if not resume:
+        state.commit = _commit()
+        fit_whitening(state.network, train_materials, config)
+        state.average.whitening.load_state_dict(state.network.whitening.state_dict())
+    validator = Validator(held_out, config.network.model, config.loss.pixel_filter)
+    logs = _Logs(out, config.run, state.step)
+
+    def validate() -> None:
+        score = validator.score(state.average)
+        logs.write("validation", state.step, score.columns())
+        say("            " + "  ".join(f"{name} {value:.2f}" for name, value in score.columns().items()) + " dB")
+        validator.picture(state.average, out / f"validation-{state.step:07d}.png")
+        if score.total > state.best:
+            state.best = score.total
+            state.save(out / BEST)
+
+    if not resume:
+        validate()  # of the untrained network, which is linear prefiltering of its parameters
+    run, started, first = config.run, time.perf_counter(), state.step
+    recent: list[Tensor] = []
+    for batch in batches(train_materials, config, first):
+        recent.append(state.advance(batch))
+        step, done = state.step, state.step == run.steps
+        if step % run.log_every == 0 or done:
+            loss = float(torch.stack(recent).mean())
+            recent.clear()
+            pace = (time.perf_counter() - started) / (step - first)
+            logs.write("log", step, {"loss": loss, "learning rate": config.optimiser.rate(step - 1), "ms": pace * 1e3})
+            left = (run.steps - step) * pace / 60
+            say(f"step {step:7d}  loss {loss:.4f}  {pace * 1e3:.1f} ms/step  {left:.0f} min left")
+        if step % run.validate_every == 0 or done:
+            validate()
+        if step % run.checkpoint_every == 0 or done:
+            state.save(last)
+    logs.close()
+    return state
+
+
+class _Logs:
+    """CSV files, one a table, and TensorBoard where asked for. A resumed run drops the rows it will write again."""
+
+    def __init__(self, out: Path, run: RunConfig, step: int) -> None:
+        self._out = out
+        self._board = _tensorboard(out) if run.tensorboard else None
+        for path in (out / f"{table}.csv" for table in ("log", "validation")):
+            if path.exists():
+                head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+                path.write_text("".join([head, *(r for r in rows if int(r.split(",")[0]) <= step)]), encoding="utf-8")
+
+    def write(self, table: str, step: int, values: dict[str, float]) -> None:
+        path = self._out / f"{table}.csv"
+        new = not path.exists()
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            if new:
+                writer.writerow(["step", *values])
+            writer.writerow([step, *(f"{v:.6g}" for v in values.values())])
+        if self._board is not None:
+            for name, value in values.items():
+                self._board.add_scalar(f"{table}/{name}", value, step)
+
+    def close(self) -> None:
+        if self._board is not None:
+            self._board.close()
+
+
+def _tensorboard(out: Path) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError as error:
+        raise UsageError(
+            "run.tensorboard is true but TensorBoard is not installed: install mipbake[train], or set it to false"
+        ) from error
+    return SummaryWriter(str(out))
+
+
+def _commit() -> str:
+    """Revision of the checkout that this file lies in, with + when it was changed since; "unknown" outside one."""
+    folder = Path(__file__).resolve().parent
+    try:
+        run = [
+            subprocess.run(["git", "-C", str(folder), *args], capture_output=True, text=True, check=True).stdout.strip()
+            for args in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+        ]
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return run[0] + ("+" if run[1] else "")
