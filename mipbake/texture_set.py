@@ -109,7 +109,7 @@ class TextureSet:
             name: of the set; used as a folder name.
             normal: (H, W, 3) signed, green up; renormalised.
             roughness, metallic, occlusion, opacity: (H, W) or (H, W, 1) in [0, 1], or numbers.
-            base_color: (H, W, 3) linear Rec.709 in [0, 1], or a number for grey.
+            base_color: (H, W, 3) linear Rec.709 in [0, 1]; (H, W), (H, W, 1) or a number for grey.
             anisotropy: (H, W, 3): direction x and y, signed, renormalised; strength in [0, 1].
             height: (H, W) or (H, W, 1), any range.
             emissive: (H, W, 3) linear Rec.709, at least 0.
@@ -243,8 +243,10 @@ def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
     array = np.array(value, np.float32)
     if array.ndim == 0 and role not in ("normal", "anisotropy", "emissive"):
         array = np.full((1, 1, channels), array, np.float32)
-    elif array.ndim == 2 and channels == 1:
+    elif array.ndim == 2 and (channels == 1 or role == "base_color"):
         array = array[..., None]
+    if role == "base_color" and array.ndim == 3 and array.shape[2] == 1:
+        array = np.repeat(array, 3, -1)
     if array.ndim != 3 or array.shape[2] != channels or 0 in array.shape:
         shape = "(H, W, 3)" if channels == 3 else "(H, W) or (H, W, 1)"
         raise InputError(f"{role} has shape {np.shape(value)}: expected {shape}, at least 1 x 1")

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.names import Meaning, NameMatch, asset_words, classify
+from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
 from mipbake.io.sources import IgnoredFile, Log, spoken
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
+
+OUTVOTED = "another file fills its roles"
 
 
 @dataclass(frozen=True)
@@ -64,47 +66,47 @@ def _visible(folder: Path) -> list[Path]:
 
 
 def _is_map(file: Path) -> bool:
-    match = classify(file.stem)
-    return file.suffix.lower() in IMAGE_SUFFIXES and match is not None and bool(match.meanings)
+    return file.suffix.lower() in IMAGE_SUFFIXES and any(m.meanings for m in interpretations(file.stem))
 
 
-def classified(files: Sequence[Path]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
-    matches: dict[Path, NameMatch] = {}
+def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
+    """Candidates for every role but those `settled` by option, and the files that are candidates for none."""
+    candidates: dict[str, list[Candidate]] = {}
+    images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
+    matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
     ignored = []
     for file in files:
-        match = classify(file.stem)
-        if file.suffix.lower() not in IMAGE_SUFFIXES:
+        match = matches.get(file)
+        meanings = [] if match is None else [m for m in match.meanings if m.role not in settled]
+        if file not in matches:
             ignored.append(IgnoredFile(file, "not an image"))
         elif match is None:
             ignored.append(IgnoredFile(file, "its name says no role"))
         elif not match.meanings:
             ignored.append(IgnoredFile(file, f"{match.word} maps are not used"))
-        else:
-            matches[file] = match
-    candidates: dict[str, list[Candidate]] = {}
-    for file, match in matches.items():
-        if any(asset_words(file.stem) == m.asset for f, m in matches.items() if f != file):
+        elif any(m and m.meanings and m.asset == asset_words(file.stem) for f, m in matches.items() if f != file):
             ignored.append(IgnoredFile(file, "it has the name of the set itself: taken for a preview"))
-            continue
-        header = read_header(file)
-        for meaning in match.meanings:
-            if _has_channels(header, meaning):
-                candidates.setdefault(meaning.role, []).append(Candidate(header, meaning, f"named {match.word}"))
+        elif not meanings:
+            ignored.append(IgnoredFile(file, OUTVOTED))
+        else:
+            header = read_header(file)
+            for meaning in meanings:
+                candidate = Candidate(header, meaning, f"named {match.word}")
+                if _has_channels(header, meaning):
+                    candidates.setdefault(meaning.role, []).append(candidate)
+                elif meaning.channels != "A":
+                    raise InputError(
+                        f"{file} is grey, but its name ({match.word}) says that channel {meaning.channels} holds "
+                        f"{meaning.role}: rename it or choose the maps by option"
+                    )
     return candidates, ignored
 
 
 def _has_channels(header: Header, meaning: Meaning) -> bool:
-    """Whether a packed file has the channel; InputError when a file that must be packed is grey."""
+    """Whether a file has the channel that a packed map's name promises."""
     if meaning.channels == "A":
         return header.alpha >= 0
-    if meaning.channels == "RGB":
-        return True
-    if meaning.channels and header.channels < 3 and meaning.channels != "R":
-        raise InputError(
-            f"{header.path} has {header.channels} channel{'s' if header.channels > 1 else ''}: its name says that "
-            f"{meaning.role} is packed into channel {meaning.channels}; rename it or choose the maps by option"
-        )
-    return True
+    return meaning.channels in ("", "R", "RGB") or header.channels >= 3
 
 
 def files_of(candidates: Mapping[str, Sequence[Candidate]]) -> list[Path]:
@@ -136,8 +138,7 @@ def _explicit(role: str, choice: str | os.PathLike[str], folder: Path) -> Candid
     if channels:
         _check_channels(role, channels, header)
         return Candidate(header, Meaning(role, channels), "chosen by option")
-    named = classify(file.stem)
-    meanings = () if named is None else named.meanings
+    meanings = [m for match in interpretations(file.stem) for m in match.meanings]
     meaning = next((m for m in meanings if m.role == role and _has_channels(header, m)), Meaning(role))
     return Candidate(header, meaning, "chosen by option")
 

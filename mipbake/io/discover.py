@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mipbake.errors import InputError
 from mipbake.io.candidates import (
+    OUTVOTED,
     Candidate,
     PathLike,
     choose,
@@ -79,7 +80,7 @@ def settle_convention(found: Discovery, vectors: Vectors) -> Discovery:
 def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:
     """`discover` without looking at pixels: a convention that no name tells stays assumed, with confidence 0."""
     name, folder, files = list_files(path)
-    candidates, ignored = classified(files)
+    candidates, ignored = classified(files, options.maps)
     log = Log()
     chosen = choose(candidates, folder, options, log)
     take_alpha_as_opacity(chosen, options, log)
@@ -93,7 +94,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
             shown = ", ".join(f"{v:g}" for v in value)
             log.notes.append(f"no {spoken(role)} map: the constant {shown} is used")
     used = {s.path for s in sources.values()}
-    ignored += [IgnoredFile(p, "another file fills its roles") for p in files_of(candidates) if p not in used]
+    ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(candidates)]
     width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
     return Discovery(
         name,
@@ -101,7 +102,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
         width,
         height,
         _named_convention(sources["normal"], options, log),
-        tuple(sorted(ignored, key=lambda i: i.path.name)),
+        tuple(sorted((i for i in ignored if i.path not in used), key=lambda i: i.path.name)),
         tuple(log.notes),
         tuple(log.warnings),
         options,

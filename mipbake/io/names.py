@@ -8,7 +8,8 @@ joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -141,23 +142,29 @@ def asset_words(stem: str) -> str:
     return "".join(w for w, _ in _split(stem))
 
 
-def classify(stem: str) -> NameMatch | None:
-    """What the name of a file, without its extension, says; None when it ends in no known word.
+def interpretations(stem: str) -> list[NameMatch]:
+    """What the name of a file, without its extension, can mean: the longest known word at its end first.
 
-    The longest known word at the end counts: `occlusion_roughness_metallic` is packed, not metallic.
+    More than one where known words end in others: `brushed_metal_rough` may be a packed `metal_rough` of a set called
+    brushed, or the roughness of a set called brushed metal. Which one it is, the other files of the set tell.
     """
     words = _split(stem)
-    for start, word in _endings(words):
+    found = []
+    for start in range(max(0, len(words) - 5), len(words)):
+        word = "".join(w for w, _ in words[start:])
         meanings = _words().get(word)
         if meanings is None:
             continue
         separated = words[start][1] and start > 0
-        if word in _NEEDS_SEPARATOR and not separated and not (len(word) == 3 and start == 0):
-            continue
-        return NameMatch(word, meanings, "".join(w for w, _ in words[:start]))
-    return None
+        if separated or word not in _NEEDS_SEPARATOR or (len(word) == 3 and start == 0):
+            found.append(NameMatch(word, meanings, "".join(w for w, _ in words[:start])))
+    return found
 
 
-def _endings(words: list[tuple[str, bool]]) -> Iterator[tuple[int, str]]:
-    for start in range(max(0, len(words) - 5), len(words)):
-        yield start, "".join(w for w, _ in words[start:])
+def classify(stems: Sequence[str]) -> list[NameMatch | None]:
+    """What the files of one folder mean, by the names of all: of several interpretations of a name the one that leaves
+    what most other names leave, then one that is of use, then the longest word. None for names without a known word.
+    """
+    possible = [interpretations(stem) for stem in stems]
+    shared = Counter(asset for several in possible for asset in {m.asset for m in several})
+    return [max(s, key=lambda m: (shared[m.asset], bool(m.meanings), len(m.word)), default=None) for s in possible]

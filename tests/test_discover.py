@@ -1,0 +1,408 @@
+"""Finding the maps of a set: names of every provider, preferences, options, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake.errors import InputError, UsageError
+from mipbake.io.discover import discover
+from mipbake.io.names import classify, interpretations
+from mipbake.io.options import ROLES, LoadOptions
+
+from .input_files import encoded, height_field, pixels_for, plain_set, write_image, write_set
+
+# Provider: file name to (pixels, {role: (channels, inverted)}).
+Files = dict[str, tuple[str, dict[str, tuple[str, bool]]]]
+PROVIDERS: dict[str, Files] = {
+    "ambientcg": {
+        "Metal007_1K-JPG_Color.jpg": ("base_color", {"base_color": ("RGB", False)}),
+        "Metal007_1K-JPG_NormalGL.jpg": ("normal", {"normal": ("RGB", False)}),
+        "Metal007_1K-JPG_Roughness.jpg": ("roughness", {"roughness": ("Y", False)}),
+        "Metal007_1K-JPG_Metalness.jpg": ("metallic", {"metallic": ("Y", False)}),
+        "Metal007_1K-JPG_AmbientOcclusion.jpg": ("occlusion", {"occlusion": ("Y", False)}),
+        "Metal007_1K-JPG_Displacement.jpg": ("height", {"height": ("Y", False)}),
+        "Metal007_1K-JPG_Emission.jpg": ("emissive", {"emissive": ("RGB", False)}),
+        "Metal007_1K-JPG_Opacity.jpg": ("opacity", {"opacity": ("Y", False)}),
+        "Metal007_1K-JPG.png": ("base_color", {}),
+        "Metal007.png": ("base_color", {}),
+    },
+    "polyhaven": {
+        "rusty_metal_02_diff_4k.jpg": ("base_color", {"base_color": ("RGB", False)}),
+        "rusty_metal_02_nor_gl_4k.png": ("normal", {"normal": ("RGB", False)}),
+        "rusty_metal_02_rough_4k.png": ("roughness", {"roughness": ("Y", False)}),
+        "rusty_metal_02_metal_4k.png": ("metallic", {"metallic": ("Y", False)}),
+        "rusty_metal_02_ao_4k.png": ("occlusion", {"occlusion": ("Y", False)}),
+        "rusty_metal_02_disp_4k.png": ("height", {"height": ("Y", False)}),
+        "rusty_metal_02_arm_4k.png": ("packed", {}),
+        "rusty_metal_02_spec_4k.png": ("specular", {}),
+    },
+    "polyhaven packed": {
+        "metal_plate_diff_1k.jpg": ("base_color", {"base_color": ("RGB", False)}),
+        "metal_plate_nor_gl_1k.png": ("normal", {"normal": ("RGB", False)}),
+        "metal_plate_arm_1k.png": (
+            "packed",
+            {"occlusion": ("R", False), "roughness": ("G", False), "metallic": ("B", False)},
+        ),
+    },
+    "substance": {
+        "Robot_Body_BaseColor.png": ("base_color", {"base_color": ("RGB", False)}),
+        "Robot_Body_Normal_OpenGL.png": ("normal", {"normal": ("RGB", False)}),
+        "Robot_Body_Roughness.png": ("roughness", {"roughness": ("Y", False)}),
+        "Robot_Body_Metallic.png": ("metallic", {"metallic": ("Y", False)}),
+        "Robot_Body_Mixed_AO.png": ("occlusion", {"occlusion": ("Y", False)}),
+        "Robot_Body_Height.png": ("height", {"height": ("Y", False)}),
+        "Robot_Body_Emissive.png": ("emissive", {"emissive": ("RGB", False)}),
+    },
+    "unreal": {
+        "T_Rock_BC.png": ("base_color", {"base_color": ("RGB", False)}),
+        "T_Rock_N.png": ("normal", {"normal": ("RGB", False)}),
+        "T_Rock_ORM.png": (
+            "packed",
+            {"occlusion": ("R", False), "roughness": ("G", False), "metallic": ("B", False)},
+        ),
+        "T_Rock_E.png": ("emissive", {"emissive": ("RGB", False)}),
+    },
+    "unreal single": {
+        "T_Rock_D.png": ("base_color", {"base_color": ("RGB", False)}),
+        "T_Rock_N.png": ("normal", {"normal": ("RGB", False)}),
+        "T_Rock_R.png": ("roughness", {"roughness": ("Y", False)}),
+        "T_Rock_M.png": ("metallic", {"metallic": ("Y", False)}),
+    },
+    "unity": {
+        "Crate_AlbedoTransparency.png": ("packed_alpha", {"base_color": ("RGB", False), "opacity": ("A", False)}),
+        "Crate_Normal.png": ("normal", {"normal": ("RGB", False)}),
+        "Crate_MetallicSmoothness.png": ("packed_alpha", {"metallic": ("R", False), "roughness": ("A", True)}),
+    },
+    "unity material": {
+        "Crate_MainTex.png": ("base_color", {"base_color": ("RGB", False)}),
+        "Crate_BumpMap.png": ("normal", {"normal": ("RGB", False)}),
+        "Crate_MetallicGlossMap.png": ("packed_alpha", {"metallic": ("R", False), "roughness": ("A", True)}),
+        "Crate_OcclusionMap.png": ("occlusion", {"occlusion": ("Y", False)}),
+        "Crate_EmissionMap.png": ("emissive", {"emissive": ("RGB", False)}),
+    },
+    "gltf": {
+        "Helmet_baseColor.png": ("base_color", {"base_color": ("RGB", False)}),
+        "Helmet_normal.png": ("normal", {"normal": ("RGB", False)}),
+        "Helmet_metallicRoughness.png": ("packed", {"roughness": ("G", False), "metallic": ("B", False)}),
+        "Helmet_occlusion.png": ("occlusion", {"occlusion": ("Y", False)}),
+        "Helmet_anisotropy.png": ("anisotropy", {"anisotropy": ("RGB", False)}),
+    },
+    "gltf packed": {
+        "baseColor.png": ("base_color", {"base_color": ("RGB", False)}),
+        "normal.png": ("normal", {"normal": ("RGB", False)}),
+        "occlusionRoughnessMetallic.png": (
+            "packed",
+            {"occlusion": ("R", False), "roughness": ("G", False), "metallic": ("B", False)},
+        ),
+    },
+    "scans": {
+        "vbrkbj_2K_Albedo.jpg": ("base_color", {"base_color": ("RGB", False)}),
+        "vbrkbj_2K_Normal_LOD0.jpg": ("normal", {"normal": ("RGB", False)}),
+        "vbrkbj_2K_Gloss.jpg": ("roughness", {"roughness": ("Y", True)}),
+        "vbrkbj_2K_Cavity.jpg": ("occlusion", {}),
+    },
+    "plain": {
+        "albedo.png": ("base_color", {"base_color": ("RGB", False)}),
+        "normals.png": ("normal", {"normal": ("RGB", False)}),
+        "smoothness.png": ("roughness", {"roughness": ("Y", True)}),
+        "metal.png": ("metallic", {"metallic": ("Y", False)}),
+        "bump.png": ("height", {"height": ("Y", False)}),
+    },
+}
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_every_file_of_a_provider_fills_its_roles(provider: str, tmp_path: Path) -> None:
+    files = PROVIDERS[provider]
+    write_set(tmp_path, {name: pixels for name, (pixels, _) in files.items()})
+    found = discover(tmp_path)
+    expected = {role: (name, *how) for name, (_, roles) in files.items() for role, how in roles.items()}
+    actual = {r: (s.path.name, s.channels, s.inverted) for r, s in found.sources.items() if s.path is not None}
+    assert actual == expected
+    assert {i.path.name for i in found.ignored} == {name for name, (_, roles) in files.items() if not roles}
+    assert all(i.reason for i in found.ignored)
+
+
+@pytest.mark.parametrize(
+    ("stem", "convention"),
+    [
+        ("a_NormalGL", "opengl"),
+        ("a_nor_gl_1k", "opengl"),
+        ("a_Normal_OpenGL", "opengl"),
+        ("a-normal-ogl", "opengl"),
+        ("NormalDX", "directx"),
+        ("a_nor_dx_8k", "directx"),
+        ("a_Normal_DirectX", "directx"),
+        ("a_normal", None),
+        ("T_a_N", None),
+    ],
+)
+def test_names_tell_the_normal_convention(stem: str, convention: str | None) -> None:
+    (match,) = classify([stem])
+    assert match is not None
+    assert [(m.role, m.convention) for m in match.meanings] == [("normal", convention)]
+
+
+@pytest.mark.parametrize(
+    "stem",
+    [
+        "Metal007",
+        "Metal007_1K-JPG",
+        "Concrete044D",
+        "Tiles136C_2K",
+        "rusty_metal_02",
+        "rough_wall_3",
+        "preview",
+        "1k",
+        "",
+    ],
+)
+def test_names_of_sets_say_no_role(stem: str) -> None:
+    assert interpretations(stem) == []
+
+
+@pytest.mark.parametrize("stem", ["a_Specular_Color", "coat_roughness", "a_ClearcoatNormal", "a_detail_normal", "a_id"])
+def test_maps_of_other_lobes_are_recognised_and_not_used(stem: str) -> None:
+    match, _ = classify([f"{stem}", "a_normal" if stem.startswith("a_") else "normal"])
+    assert match is not None
+    assert match.meanings == ()
+
+
+def test_words_of_the_set_are_not_taken_for_packed_maps(tmp_path: Path) -> None:
+    names = ["rough_coat_color", "rough_coat_normal", "rough_coat_roughness", "rough_coat_metal_rough"]
+    assert [m and m.meanings[0].role for m in classify(names[:3])] == ["base_color", "normal", "roughness"]
+    assert [m and m.word for m in classify([*names[:2], names[3]])] == ["color", "normal", "metalrough"]
+    names = ["old_metal_color", "old_metal_normal", "old_metal_rough", "old_metal_metal"]
+    assert [m and m.word for m in classify(names)] == ["color", "normal", "rough", "metal"]
+
+
+def test_a_preview_named_like_the_set_is_no_map(tmp_path: Path) -> None:
+    names = {"brushed_metal_color.png": "base_color", "brushed_metal_normal_gl.png": "normal"}
+    write_set(tmp_path, names | {"brushed_metal_rough.png": "roughness", "brushed_metal.png": "base_color"})
+    (tmp_path / "brushed_metal.usdc").write_bytes(b"PXR-USDC")
+    found = discover(tmp_path)
+    assert found.sources["metallic"].path is None
+    reasons = {i.path.name: i.reason for i in found.ignored}
+    assert "preview" in reasons["brushed_metal.png"]
+    assert reasons["brushed_metal.usdc"] == "not an image"
+
+
+def test_hidden_files_are_not_even_listed(tmp_path: Path) -> None:
+    plain_set(tmp_path)
+    (tmp_path / "._normal_gl.png").write_bytes(b"resource fork")
+    assert discover(tmp_path).ignored == ()
+
+
+def test_the_textures_folder_inside_is_read(tmp_path: Path) -> None:
+    plain_set(tmp_path / "old wall!" / "textures")
+    (tmp_path / "old wall!" / "old_wall.blend").write_bytes(b"BLENDER")
+    found = discover(tmp_path / "old wall!")
+    assert found.name == "old_wall"
+    assert found.sources["normal"].path == tmp_path / "old wall!" / "textures" / "normal_gl.png"
+
+
+def test_files_can_be_given_one_by_one(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path / "wall", metallic="metallic")
+    found = discover(folder / f"{s}.png" for s in ("normal_gl", "roughness"))
+    assert found.sources["metallic"].path is None
+    assert found.name == "wall"
+
+
+def test_of_both_conventions_opengl_is_taken_unless_the_option_says_otherwise(tmp_path: Path) -> None:
+    plain_set(tmp_path, normal_dx=encoded(height_field(32, 32), directx=True))
+    found = discover(tmp_path)
+    assert found.sources["normal"].path == tmp_path / "normal_gl.png"
+    assert found.convention.name == "opengl"
+    assert any("both normal conventions" in n for n in found.notes)
+    found = discover(tmp_path, LoadOptions(normal_convention="directx"))
+    assert found.sources["normal"].path == tmp_path / "normal_dx.png"
+    assert found.convention.name == "directx"
+
+
+@pytest.mark.parametrize(
+    ("second", "role", "winner"),
+    [
+        ({"orm": "packed"}, "roughness", "roughness.png"),
+        ({"gloss": "roughness"}, "roughness", "roughness.png"),
+        ({"height": "height", "bump": "height"}, "height", "height.png"),
+    ],
+)
+def test_a_map_of_its_own_is_preferred_and_that_is_said(
+    second: dict[str, str], role: str, winner: str, tmp_path: Path
+) -> None:
+    plain_set(tmp_path, **second)
+    found = discover(tmp_path)
+    source = found.sources[role]
+    assert source.path is not None
+    assert (source.path.name, source.inverted) == (winner, False)
+    assert any(n.startswith(f"{role}: {winner} is preferred") for n in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("extra", "role"),
+    [
+        ("albedo.png", "base_color"),
+        ("rough.png", "roughness"),
+        ("roughness.tif", "roughness"),
+        ("normal.png", "normal"),
+    ],
+)
+def test_two_candidates_are_refused_by_name(extra: str, role: str, tmp_path: Path) -> None:
+    plain_set(tmp_path)
+    write_image(tmp_path / extra, pixels_for(role))
+    with pytest.raises(InputError, match=f"both candidates for {role}.*{role}=FILE") as error:
+        discover(tmp_path)
+    assert extra in str(error.value)
+    chosen = discover(tmp_path, LoadOptions(maps={role: extra}))
+    assert chosen.sources[role].path == tmp_path / extra
+
+
+def test_a_missing_folder_a_file_and_an_empty_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        discover(tmp_path / "nowhere")
+    file = write_image(tmp_path / "normal.png", pixels_for("normal"))
+    with pytest.raises(InputError, match="is a file"):
+        discover(file)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="is empty"):
+        discover(tmp_path / "empty")
+    with pytest.raises(InputError, match="no files"):
+        discover([])
+    with pytest.raises(InputError, match="is not a file"):
+        discover([tmp_path / "gone.png"])
+
+
+@pytest.mark.parametrize("missing", [["normal_gl"], ["roughness"], ["normal_gl", "roughness"]])
+def test_without_normal_or_roughness_what_was_found_is_listed(missing: list[str], tmp_path: Path) -> None:
+    plain_set(tmp_path, surface="base_color")
+    for stem in missing:
+        (tmp_path / f"{stem}.png").unlink()
+    with pytest.raises(InputError) as error:
+        discover(tmp_path)
+    message = str(error.value)
+    for stem in missing:
+        assert f"no {stem.removesuffix('_gl')}" in message
+    assert "base_color.png (base colour)" in message
+    assert "surface.png (its name says no role)" in message
+
+
+def test_options_fill_roles(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set", {"a.png": "normal", "b.png": "packed_alpha", "c_normal.png": "normal"})
+    write_image(tmp_path / "elsewhere.png", pixels_for("height", 16))
+    maps = {
+        "normal": "a.png",
+        "roughness": "b.png:g",
+        "metallic": 1,
+        "opacity": "b.png:A",
+        "height": tmp_path / "elsewhere.png",
+        "base_color": 0.25,
+    }
+    found = discover(folder, LoadOptions(maps=maps, normal_convention="opengl"))
+    assert {r: (s.path.name if s.path else s.constant, s.channels) for r, s in found.sources.items()} == {
+        "base_color": ((0.25, 0.25, 0.25), ""),
+        "normal": ("a.png", "RGB"),
+        "roughness": ("b.png", "G"),
+        "metallic": ((1.0,), ""),
+        "height": ("elsewhere.png", "Y"),
+        "opacity": ("b.png", "A"),
+    }
+    assert [(i.path.name, "another" in i.reason) for i in found.ignored] == [("c_normal.png", True)]
+
+
+def test_a_file_chosen_by_option_is_still_read_as_its_name_says(tmp_path: Path) -> None:
+    plain_set(tmp_path, orm="packed", gloss="roughness")
+    found = discover(tmp_path, LoadOptions(maps={"roughness": "orm.png"}))
+    assert found.sources["roughness"].channels == "G"
+    found = discover(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}))
+    assert found.sources["roughness"].inverted
+    (tmp_path / "gloss.png").rename(tmp_path / "metal_rough.png")
+    found = discover(tmp_path, LoadOptions(maps={"roughness": "metal_rough.png", "metallic": 0}))
+    assert found.sources["roughness"].channels == "Y"
+    (tmp_path / "metal_rough.png").rename(tmp_path / "gloss.png")
+    found = discover(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}, roughness_is_gloss=False))
+    assert not found.sources["roughness"].inverted
+    assert discover(tmp_path, LoadOptions(roughness_is_gloss=True)).sources["roughness"].inverted
+
+
+def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
+    plain_set(tmp_path, metallic="metallic", ao="occlusion")
+    found = discover(tmp_path, LoadOptions(maps={"normal": None, "metallic": None, "occlusion": None}))
+    assert found.sources["normal"].constant == (0, 0, 1)
+    assert found.convention.decided_by == "flat"
+    assert found.sources["metallic"].constant == (0,)
+    assert "occlusion" not in found.sources
+    assert any("no metallic map" in n for n in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"maps": {"rust": "a.png"}}, "unknown map 'rust'.*roughness"),
+        ({"maps": {"roughness": 1.5}}, "from 0 to 1"),
+        ({"maps": {"roughness": None}}, "cannot be left out"),
+        ({"maps": {"normal": 0.5}}, "cannot be the number"),
+        ({"maps": {"metallic": True}}, "expected a file, a number or None"),
+        ({"normal_convention": "vulkan"}, "opengl, directx"),
+        ({"normal_length": "keep"}, "ignore, roughness"),
+        ({"wrap": ("wrap", "mirror")}, "wrap, clamp"),
+        ({"wrap": "wrap"}, "two modes"),
+    ],
+)
+def test_impossible_options_are_refused(arguments: dict[str, object], match: str) -> None:
+    with pytest.raises(UsageError, match=match):
+        LoadOptions(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("maps", "match"),
+    [
+        ({"roughness": "gone.png"}, "no such file"),
+        ({"roughness": "roughness.png:B"}, "no channel B"),
+        ({"opacity": "base_color.png:A"}, "no channel A"),
+    ],
+)
+def test_options_that_name_what_is_not_there_are_refused(maps: dict[str, str], match: str, tmp_path: Path) -> None:
+    plain_set(tmp_path)
+    with pytest.raises(InputError, match=match):
+        discover(tmp_path, LoadOptions(maps=maps))
+    with pytest.raises(UsageError, match="expected 1 of"):
+        discover(tmp_path, LoadOptions(maps={"roughness": "base_color.png:RG"}))
+
+
+def test_an_unknown_colour_space_is_refused_with_near_names(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="ACEScg"):
+        discover(plain_set(tmp_path), LoadOptions(colour_space="ACEScq"))
+
+
+def test_a_packed_name_on_a_grey_file_is_refused(tmp_path: Path) -> None:
+    write_set(tmp_path, {"normal_gl.png": "normal", "a_orm.png": "roughness"})
+    with pytest.raises(InputError, match=r"grey, but its name \(orm\)"):
+        discover(tmp_path)
+
+
+def test_sizes_agree_or_are_resampled_or_refused(tmp_path: Path) -> None:
+    plain_set(tmp_path / "a", roughness=pixels_for("roughness", 16), metallic=pixels_for("metallic", 1))
+    found = discover(tmp_path / "a")
+    assert (found.width, found.height) == (32, 32)
+    assert any("roughness.png: resampled from 16 x 16 to 32 x 32" in n for n in found.notes)
+    plain_set(tmp_path / "b", roughness=pixels_for("roughness", 32)[:16])
+    with pytest.raises(InputError, match=r"roughness.png is 32 x 16 and .*32 x 32: expected one shape"):
+        discover(tmp_path / "b")
+    plain_set(tmp_path / "c", height=pixels_for("height", 32)[:16])
+    assert discover(tmp_path / "c").sources["height"].height == 16
+
+
+def test_sixteen_bit_colours_are_srgb_and_that_is_said(tmp_path: Path) -> None:
+    plain_set(tmp_path)
+    write_image(tmp_path / "base_color.png", np.full((32, 32, 3), 30000, np.uint16))
+    found = discover(tmp_path)
+    assert found.sources["base_color"].encoding == "sRGB"
+    assert any("uint16 values are taken as sRGB" in n for n in found.notes)
+
+
+def test_roles_come_in_one_order(tmp_path: Path) -> None:
+    found = discover(plain_set(tmp_path, opacity="opacity", ao="occlusion", metallic="metallic"))
+    assert list(found.sources) == [r for r in ROLES if r in found.sources]

@@ -1,0 +1,224 @@
+"""Normal maps: the curl test, what is refused as no normal map, what missing length means."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mipbake.errors import InputError
+from mipbake.io.discover import discover
+from mipbake.io.normal import (
+    decode_normals,
+    integrability,
+    length_resolution,
+    lost_variance,
+    normalised,
+    tiles,
+)
+from mipbake.io.options import LoadOptions
+from mipbake.texture_set import load
+
+from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image
+
+FLIP = np.array([1, -1, 1], np.float32)
+HERE = Path("normal.png")
+
+
+def decoded(pixels: np.ndarray) -> np.ndarray:
+    return decode_normals(pixels, HERE).vectors
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(24, 300),
+    st.integers(24, 300),
+    st.integers(0, 2**32 - 1),
+    st.floats(0.05, 1.5),
+    st.booleans(),
+)
+def test_height_fields_tell_their_convention(height: int, width: int, seed: int, steep: float, directx: bool) -> None:
+    field = height_field(height, width, seed, steep)
+    result = integrability(tiles(decoded(encoded(field, directx))))
+    assert result.convention == ("directx" if directx else "opengl")
+    assert result.decided
+
+
+def test_the_two_conventions_are_mirror_images() -> None:
+    field = height_field(96, 96).astype(np.float32)
+    one, other = (integrability(tiles(f)) for f in (field, field * FLIP))
+    assert {one.convention, other.convention} == {"opengl", "directx"}
+    assert one.confidence == pytest.approx(other.confidence, abs=1e-6)
+
+
+def test_compression_noise_does_not_hide_the_convention(tmp_path: Path) -> None:
+    for name, directx in (("opengl", False), ("directx", True)):
+        pixels = encoded(height_field(256, 256, steepness=0.15), directx)
+        path = write_image(tmp_path / f"{name}_normal.jpg", pixels, CompressionQuality=70)
+        found = discover([path], LoadOptions(maps={"roughness": 0.5}))
+        assert (found.convention.name, found.convention.decided_by) == (name, "pixels")
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 64), (2, 2), (3, 3), (16, 16), (256, 256)])
+def test_noise_and_flatness_are_not_decided(size: tuple[int, int]) -> None:
+    flat = np.broadcast_to(np.array([0, 0, 1], np.float32), (*size, 3))
+    assert integrability(tiles(flat)).confidence == 0
+    confidences = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(size=(*size, 3)).astype(np.float32) * 0.2
+        confidences.append(integrability(tiles(normalised(noise + np.array([0, 0, 1], np.float32)))).confidence)
+    assert max(confidences) < 1
+    if min(size) >= 100:
+        assert max(confidences) < 0.3
+
+
+def test_waves_along_one_axis_are_not_decided() -> None:
+    slope = 0.5 * np.sin(np.arange(64) / 3)
+    field = np.stack(np.broadcast_arrays(slope[None], np.zeros((64, 64)), 1.0), -1)
+    assert integrability(tiles(normalised(field.astype(np.float32)))).confidence < 0.75
+
+
+def test_a_silent_name_is_decided_by_pixels_and_green_ends_up(tmp_path: Path) -> None:
+    field = height_field(64, 64)
+    for directx in (False, True):
+        folder = plain_set(tmp_path / str(directx), normal_gl=pixels_for("normal"))
+        (folder / "normal_gl.png").unlink()
+        for stem in ("base_color", "roughness"):
+            (folder / f"{stem}.png").unlink()
+        write_image(folder / "roughness.png", np.full((64, 64), 128, np.uint8))
+        write_image(folder / "normal.png", encoded(field, directx))
+        result = load(folder)
+        assert result.convention.name == ("directx" if directx else "opengl")
+        assert result.convention.decided_by == "pixels"
+        assert result.convention.confidence > 0.99
+        np.testing.assert_allclose(result.maps["normal"].pixels, field, atol=0.01)
+        assert discover(folder).convention == result.convention
+        assert any("by the curl of its slopes" in n for n in result.notes)
+
+
+def test_what_cannot_be_told_is_assumed_with_a_warning(tmp_path: Path) -> None:
+    flat = np.full((32, 32, 3), (128, 128, 255), np.uint8)
+    folder = plain_set(tmp_path, normal=flat)
+    (folder / "normal_gl.png").unlink()
+    for result in (load(folder), discover(folder)):
+        assert (result.convention.name, result.convention.decided_by) == ("opengl", "assumed")
+        assert any("OpenGL is assumed" in w for w in result.warnings)
+
+
+def test_the_option_and_the_name_win_over_pixels_and_contradictions_are_said(tmp_path: Path) -> None:
+    field = height_field(64, 64)
+    folder = plain_set(tmp_path, roughness=pixels_for("roughness", 64), base_color=pixels_for("base_color", 64))
+    write_image(folder / "normal_gl.png", encoded(field, directx=True))
+    result = load(folder)
+    assert (result.convention.name, result.convention.decided_by) == ("opengl", "name")
+    assert any("its name says OpenGL, but the curl" in w for w in result.warnings)
+    np.testing.assert_allclose(result.maps["normal"].pixels, field * FLIP, atol=0.01)
+    result = load(folder, normal_convention="directx")
+    assert (result.convention.name, result.convention.decided_by) == ("directx", "option")
+    np.testing.assert_allclose(result.maps["normal"].pixels, field, atol=0.01)
+    assert any("the option says DirectX" in w for w in result.warnings)
+
+
+@pytest.mark.parametrize("value", [(0, 0, 0), (255, 255, 255), (128, 128, 128), (200, 128, 230), (128, 128, 0)])
+def test_constant_maps_other_than_flat_are_refused(value: tuple[int, int, int]) -> None:
+    with pytest.raises(InputError, match=r"normal\.png is constant at"):
+        decoded(np.full((16, 16, 3), value, np.uint8))
+
+
+@pytest.mark.parametrize("value", [(127, 127, 255), (128, 128, 255), (128, 127, 254)])
+def test_a_flat_map_is_a_normal_map(value: tuple[int, int, int]) -> None:
+    vectors = decoded(np.full((16, 16, 3), value, np.uint8))
+    np.testing.assert_allclose(vectors, np.broadcast_to([0, 0, 1], (16, 16, 3)), atol=0.005)
+
+
+def test_heights_and_colours_are_refused() -> None:
+    rng = np.random.default_rng(0)
+    smooth = bytes_of(height_field(64, 64)[..., :1] * 0.4 + 0.6)
+    with pytest.raises(InputError, match="one channel"):
+        decoded(smooth)
+    with pytest.raises(InputError, match="height map"):
+        decoded(np.repeat(smooth, 3, -1))
+    noise = rng.random((64, 64, 3))
+    with pytest.raises(InputError, match="colour map"):
+        decoded(bytes_of(noise))
+    shade = rng.random((64, 64, 1))
+    for tint in ([0.6, 0.3, 0.2], [0.3, 0.5, 0.2], [0.9, 0.8, 0.7], [0.2, 0.3, 0.6]):
+        with pytest.raises(InputError, match=r"normal map|rise and fall together"):
+            decoded(bytes_of(0.1 + shade * np.array(tint) + 0.03 * noise))
+    bluish = bytes_of(np.array([0.45, 0.5, 0.75]) + 0.15 * (shade - 0.5) + 0.01 * noise)
+    with pytest.raises(InputError, match="rise and fall together"):
+        decoded(bluish)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.8), st.floats(-0.3, 0.3), st.floats(0.35, 1.0))
+def test_steep_tilted_and_short_normals_are_accepted(seed: int, steep: float, tilt: float, length: float) -> None:
+    field = height_field(48, 48, seed, steep) + np.array([0, tilt, 0])
+    field *= length / np.linalg.norm(field, axis=-1, keepdims=True)
+    result = decode_normals(encoded(field), HERE)
+    assert result.mean_length == pytest.approx(length, abs=0.01)
+    np.testing.assert_allclose(np.linalg.norm(result.vectors, axis=-1), 1, atol=1e-5)
+
+
+def test_two_channels_get_their_z_back(tmp_path: Path) -> None:
+    field = height_field(32, 32)
+    for blue in (0, 255):
+        pixels = encoded(field)
+        pixels[..., 2] = blue
+        result = decode_normals(pixels, HERE)
+        np.testing.assert_allclose(result.vectors, field, atol=0.02)
+        assert result.length is None
+        assert any("z is reconstructed" in n for n in result.notes)
+    np.testing.assert_allclose(decoded(encoded(field)[..., :2]), field, atol=0.02)
+
+
+@pytest.mark.parametrize("signed", [True, False])
+@pytest.mark.parametrize("flat", [True, False])
+def test_float_normals_are_read_signed_or_encoded(signed: bool, flat: bool, tmp_path: Path) -> None:
+    field = np.broadcast_to([0.0, 0, 1], (32, 32, 3)) if flat else height_field(32, 32)
+    values = (field if signed else (field + 1) / 2).astype(np.float32)
+    path = write_image(tmp_path / "a_normal_gl.exr", values, "half")
+    result = load([path], maps={"roughness": 0.5})
+    np.testing.assert_allclose(result.maps["normal"].pixels, field, atol=2e-3)
+    assert any("signed" in n for n in result.notes) == signed
+
+
+def test_lost_variance_is_the_spread_of_the_lobe() -> None:
+    """Normals drawn from a von Mises-Fisher lobe have a mean length that gives back 2 / kappa."""
+    rng = np.random.default_rng(0)
+    for kappa in (20.0, 60.0, 200.0):
+        z = 1 + np.log(rng.random(400_000) * (1 - np.exp(-2 * kappa)) + np.exp(-2 * kappa)) / kappa
+        length = np.array([[z.mean()]], np.float32)
+        assert lost_variance(length, 0.0)[0, 0] == pytest.approx(2 / kappa, rel=0.03)
+    steps = lost_variance(np.linspace(0.2, 1, 50, dtype=np.float32)[None], 0.0)[0]
+    assert (np.diff(steps) < 0).all()
+    assert steps[-1] == 0
+
+
+@pytest.mark.parametrize(("top", "depth"), [(255, "uint8"), (65535, "uint16")])
+def test_quantisation_alone_loses_nothing(top: int, depth: str) -> None:
+    field = height_field(64, 64, steepness=1.0)
+    result = decode_normals(bytes_of((field + 1) / 2, top), HERE)
+    assert result.length is not None
+    assert lost_variance(result.length, length_resolution(depth)).max() < 1e-6
+
+
+def test_missing_length_becomes_roughness_when_asked(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    fine = height_field(128, 128, steepness=0.2) + 0.3 * rng.normal(size=(128, 128, 3)) * [1, 1, 0]
+    fine /= np.linalg.norm(fine, axis=-1, keepdims=True)
+    short = fine.reshape(32, 4, 32, 4, 3).mean((1, 3))
+    folder = plain_set(tmp_path, normal_gl=encoded(short), roughness=np.full((32, 32), 77, np.uint8))
+    ignored, counted = load(folder), load(folder, normal_length="roughness")
+    assert any("shorter than one (mean length 0.9" in w for w in ignored.warnings)
+    assert not any("shorter than one" in w for w in counted.warnings)
+    np.testing.assert_array_equal(ignored.maps["normal"].pixels, counted.maps["normal"].pixels)
+    before, after = (s.maps["roughness"].pixels.astype(np.float64) for s in (ignored, counted))
+    assert (after >= before).all()
+    lost = lost_variance(np.linalg.norm(short, axis=-1).astype(np.float32), length_resolution("uint8"))
+    np.testing.assert_allclose(after[..., 0] ** 4 - before[..., 0] ** 4, lost, atol=0.02)
+    assert any("adds" in n and "roughness alpha" in n for n in counted.notes)
+    assert ignored.source_hash != counted.source_hash

@@ -1,0 +1,167 @@
+"""Reading files: every stored type comes back as it was written, every damage is refused in one sentence."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake.errors import InputError
+from mipbake.io.read import read_header, read_image
+
+from .input_files import write_image
+
+INTEGERS = {"uint8": 255, "uint16": 65535}
+
+
+@pytest.mark.parametrize(
+    ("suffix", "depth", "channels"),
+    [
+        *(("png", depth, c) for depth in INTEGERS for c in (1, 2, 3, 4)),
+        *(("tif", depth, c) for depth in (*INTEGERS, "float") for c in (1, 3, 4)),
+        *(("tga", "uint8", c) for c in (3, 4)),
+        *(("exr", depth, c) for depth in ("half", "float") for c in (1, 3, 4)),
+        ("bmp", "uint8", 3),
+    ],
+)
+def test_values_come_back_as_stored(suffix: str, depth: str, channels: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(channels)
+    shape = (5, 7, channels)
+    if depth in INTEGERS:
+        pixels = rng.integers(0, INTEGERS[depth], shape, endpoint=True).astype(depth)
+    else:
+        pixels = rng.normal(size=shape).astype(np.float16 if depth == "half" else np.float32)
+    path = write_image(tmp_path / f"a.{suffix}", pixels, depth)
+    image = read_image(path)
+    np.testing.assert_array_equal(image.pixels, pixels)
+    assert image.pixels.dtype == pixels.dtype
+    header = read_header(path)
+    assert header == image.header
+    assert (header.width, header.height, header.channels, header.depth) == (7, 5, channels, depth)
+    assert header.is_integer == (depth in INTEGERS)
+    assert header.alpha == (channels - 1 if channels in (2, 4) else -1)
+    assert image.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_radiance_files_are_floats(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).random((8, 8, 3), np.float32) * 10
+    image = read_image(write_image(tmp_path / "a.hdr", pixels, "float"))
+    assert not image.header.is_integer
+    np.testing.assert_allclose(image.pixels, pixels, atol=10 / 128)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 300), (300, 1), (17, 5)])
+def test_any_size_is_read(height: int, width: int, tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    np.testing.assert_array_equal(read_image(write_image(tmp_path / "a.png", pixels)).pixels, pixels)
+
+
+def test_the_first_of_several_images_is_read_and_all_are_counted(tmp_path: Path) -> None:
+    import OpenImageIO as oiio  # noqa: N813
+
+    path = tmp_path / "parts.exr"
+    specs = [oiio.ImageSpec(4, 4, 1, "half") for _ in range(3)]
+    for i, spec in enumerate(specs):
+        spec.attribute("oiio:subimagename", f"part{i}")
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), specs)
+    for i, spec in enumerate(specs):
+        assert i == 0 or output.open(str(path), spec, "AppendSubimage")
+        assert output.write_image(np.full((4, 4, 1), i + 0.5, np.float32))
+    output.close()
+    del output
+    image = read_image(path)
+    assert image.header.subimages == 3
+    assert (image.pixels == 0.5).all()
+
+
+def noise_file(folder: Path, suffix: str) -> Path:
+    """An image of noise, so that no compressor makes it small."""
+    pixels = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
+    is_float = suffix in ("exr", "hdr")
+    return write_image(folder / f"a.{suffix}", pixels if is_float else (pixels * 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "exr", "hdr", "webp", "tga", "bmp"])
+def test_files_cut_short_are_refused(
+    suffix: str, share: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = noise_file(tmp_path, suffix)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(InputError, match=rf"a\.{suffix} is (damaged or )?(cut short|not a readable)") as error:
+        read_image(path)
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_flipped_bit_in_a_png_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = noise_file(tmp_path, "png")
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.png is damaged \(checksum of IDAT"):
+        read_image(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "exr", "tga", "hdr", "webp", "bmp"])
+@pytest.mark.parametrize("content", [b"", b"roughness = 0.5\n" * 50])
+def test_text_and_empty_files_are_refused(
+    suffix: str, content: bytes, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"a.{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"a\.{suffix} is (empty|not a readable \.{suffix} image)") as error:
+        read_header(path)
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def png(width: int, height: int) -> bytes:
+    """A grey 8-bit PNG of zeros, of any size that its header can state."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(height * (width + 1)))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(("width", "height"), [(0, 4), (4, 0), (0, 0)])
+def test_images_without_texels_are_refused(
+    width: int, height: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(png(4, 4))
+    assert read_header(path).width == 4
+    path.write_bytes(png(width, height))
+    with pytest.raises(InputError, match=rf"a\.png is {width} x {height} texels"):
+        read_header(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("depth", ["half", "float"])
+def test_nan_and_infinity_are_counted_and_located(depth: str, tmp_path: Path) -> None:
+    pixels = np.zeros((6, 8, 3), np.float32)
+    pixels[2, 5, 1] = np.nan
+    pixels[4, 0, 0] = np.inf
+    pixels[5, 7, 2] = -np.inf
+    path = write_image(tmp_path / "a.exr", pixels, depth)
+    with pytest.raises(InputError, match=r"a\.exr holds 3 NaN or infinite values.* row 2, column 5, channel 1"):
+        read_image(path)
+    pixels[4:] = 0
+    with pytest.raises(InputError, match=r"holds 1 NaN or infinite value,"):
+        read_image(write_image(tmp_path / "a.exr", pixels, depth))
+
+
+def test_a_file_that_is_gone_is_refused(tmp_path: Path) -> None:
+    for read in (read_header, read_image):
+        with pytest.raises(InputError, match=r"a\.png cannot be read"):
+            read(tmp_path / "a.png")

@@ -1,0 +1,366 @@
+"""Loading texture sets: what every role is decoded to, what is said about it, and sets made from arrays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mipbake.errors import InputError, UsageError
+from mipbake.io.colour import srgb_to_linear
+from mipbake.io.decode import upsample
+from mipbake.material import MODELS, convert
+from mipbake.texture_set import TextureSet, load
+
+from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image, write_set
+
+
+def test_a_complete_set_is_decoded(tmp_path: Path) -> None:
+    stems = ("metallic", "occlusion", "height", "emissive", "opacity")
+    folder = plain_set(tmp_path / "old wall (2)", **{s: s for s in stems})
+    result = load(folder)
+    assert (result.name, result.width, result.height) == ("old_wall_2", 32, 32)
+    for role, texture in result.maps.items():
+        stem = "normal_gl" if role == "normal" else role
+        pixels = pixels_for(role)
+        if role == "normal":
+            expected = pixels / 127.5 - 1
+            expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+        else:
+            expected = srgb_to_linear(pixels / 255) if role in ("base_color", "emissive") else pixels / 255
+        np.testing.assert_allclose(texture.pixels, expected, atol=1e-6)
+        assert texture.pixels.dtype == np.float32
+        assert texture.pixels.flags.c_contiguous
+        assert texture.source.path == folder / f"{stem}.png"
+        assert (texture.source.depth, len(texture.source.sha256)) == ("uint8", 64)
+    assert list(result.plain_maps) == ["occlusion", "height", "emissive", "opacity"]
+    assert result.warnings == ()
+
+
+def test_srgb_decoding_is_the_standard_one() -> None:
+    import colour
+
+    encoded_values = np.linspace(0, 1, 1001)
+    np.testing.assert_allclose(srgb_to_linear(encoded_values), colour.eotf(encoded_values, "sRGB"), atol=1e-12)
+    np.testing.assert_allclose(srgb_to_linear(-encoded_values), -srgb_to_linear(encoded_values))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "depth", "is_srgb"),
+    [
+        ("png", "uint8", True),
+        ("tga", "uint8", True),
+        ("png", "uint16", True),
+        ("tif", "uint16", True),
+        ("tif", "float", False),
+        ("exr", "half", False),
+        ("exr", "float", False),
+    ],
+)
+def test_every_stored_type_means_the_same_values(suffix: str, depth: str, is_srgb: bool, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).uniform(0.05, 0.95, (16, 16, 3))
+    folder = plain_set(tmp_path, normal_gl=encoded(height_field(16, 16)))
+    for stem, channels in (("base_color", 3), ("roughness", 1)):
+        (folder / f"{stem}.png").unlink()
+        stored = {"uint8": bytes_of(values), "uint16": bytes_of(values, 65535)}.get(depth, values.astype(np.float32))
+        write_image(folder / f"{stem}.{suffix}", stored[..., : 3 if suffix == "tga" else channels], depth)
+    result = load(folder)
+    tolerance = {"uint8": 0.6 / 255, "half": 3e-4}.get(depth, 1e-5) * (2.3 if is_srgb else 1)
+    colour = srgb_to_linear(values) if is_srgb else values
+    np.testing.assert_allclose(result.maps["base_color"].pixels, colour, atol=tolerance)
+    np.testing.assert_allclose(result.maps["roughness"].pixels, values[..., :1], atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "space"),
+    [("ACEScg", "ACEScg"), ("display p3", "Display P3"), ("ITU-R BT.2020", "ITU-R BT.2020"), ("srgb", "sRGB")],
+)
+@pytest.mark.parametrize("linear", [False, True])
+def test_colour_spaces_become_linear_rec709(name: str, space: str, linear: bool, tmp_path: Path) -> None:
+    import colour
+
+    wanted = np.random.default_rng(0).uniform(0.2, 0.6, (16, 16, 3))
+    rgb = colour.RGB_COLOURSPACES
+    stored = colour.RGB_to_RGB(wanted, rgb["ITU-R BT.709"], rgb[space], "Bradford", apply_cctf_encoding=not linear)
+    folder = plain_set(tmp_path, normal_gl=encoded(height_field(16, 16)), roughness=pixels_for("roughness", 16))
+    write_image(folder / "base_color.png", bytes_of(stored, 65535))
+    result = load(folder, colour_space=f"linear {name}" if linear else name)
+    np.testing.assert_allclose(result.maps["base_color"].pixels, wanted, atol=2e-4)
+    assert result.maps["roughness"].source.encoding == "data"
+
+
+def test_the_named_encoding_applies_to_floating_point_files_too(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    (folder / "base_color.png").unlink()
+    values = np.full((32, 32, 3), 0.5, np.float32)
+    write_image(folder / "base_color.exr", values, "float")
+    assert load(folder).maps["base_color"].pixels.max() == 0.5
+    assert load(folder, colour_space="sRGB").maps["base_color"].pixels.max() == pytest.approx(0.21404, abs=1e-5)
+    assert load(folder, colour_space="linear Rec.709").maps["base_color"].pixels.max() == 0.5
+
+
+def test_colours_outside_rec709_are_clipped_and_counted(tmp_path: Path) -> None:
+    pixels = np.full((32, 32, 3), 128, np.uint8)
+    pixels[:2, :4] = (0, 255, 0)
+    folder = plain_set(tmp_path, base_color=pixels, emissive=pixels)
+    result = load(folder, colour_space="Display P3")
+    base, emissive = result.maps["base_color"].pixels, result.maps["emissive"].pixels
+    assert (base.min(), base.max()) == (0, 1)
+    assert any(n.startswith("base_color.png: 8 texels outside [0, 1] clipped") for n in result.notes)
+    assert emissive.min() < 0
+    assert not any(n.startswith("emissive.png: 8") for n in result.notes)
+
+
+def test_float_roughness_outside_its_range_is_clipped_and_said(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    (folder / "roughness.png").unlink()
+    values = np.full((32, 32), 0.5, np.float32)
+    values[3, 4], values[5, 6] = -0.25, 1.5
+    write_image(folder / "roughness.exr", values, "float")
+    result = load(folder)
+    roughness = result.maps["roughness"].pixels
+    assert (roughness[3, 4, 0], roughness[5, 6, 0], roughness[0, 0, 0]) == (0, 1, 0.5)
+    assert any("roughness.exr: 2 texels outside [0, 1] clipped (from -0.25 to 1.5)" in n for n in result.notes)
+
+
+def test_maps_that_do_not_shade_are_never_altered(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    height = np.random.default_rng(0).normal(size=(8, 4, 1)).astype(np.float32) * 10
+    emissive = np.random.default_rng(1).random((64, 64, 3)).astype(np.float32) * 100
+    write_image(folder / "height.exr", height, "float")
+    write_image(folder / "emissive.exr", emissive, "float")
+    result = load(folder)
+    np.testing.assert_array_equal(result.maps["height"].pixels, height)
+    np.testing.assert_array_equal(result.maps["emissive"].pixels, emissive)
+    assert (result.width, result.height) == (32, 32)
+
+
+def test_gloss_is_inverted_and_packed_channels_are_taken(tmp_path: Path) -> None:
+    packed = pixels_for("packed_alpha")
+    files = {"a_baseColor.png": "base_color", "a_normal_gl.png": "normal"}
+    result = load(write_set(tmp_path / "unity", files | {"a_MetallicSmoothness.png": packed}))
+    np.testing.assert_allclose(result.maps["metallic"].pixels[..., 0], packed[..., 0] / 255, atol=1e-6)
+    np.testing.assert_allclose(result.maps["roughness"].pixels[..., 0], 1 - packed[..., 3] / 255, atol=1e-6)
+    assert any("gloss, inverted" in n for n in result.notes)
+    result = load(write_set(tmp_path / "orm", files | {"a_orm.png": packed[..., :3].copy()}))
+    for role, channel in (("occlusion", 0), ("roughness", 1), ("metallic", 2)):
+        np.testing.assert_allclose(result.maps[role].pixels[..., 0], packed[..., channel] / 255, atol=1e-6)
+    explicit = {"roughness": "a_orm.png:B", "metallic": "a_orm.png:R"}
+    result = load(tmp_path / "orm", maps=explicit, roughness_is_gloss=True)
+    np.testing.assert_allclose(result.maps["roughness"].pixels[..., 0], 1 - packed[..., 2] / 255, atol=1e-6)
+    np.testing.assert_allclose(result.maps["metallic"].pixels[..., 0], packed[..., 0] / 255, atol=1e-6)
+
+
+def test_a_coloured_roughness_map_is_questioned(tmp_path: Path) -> None:
+    grey = np.repeat(pixels_for("roughness"), 3, -1)
+    assert load(plain_set(tmp_path / "grey", roughness=grey)).warnings == ()
+    coloured = load(plain_set(tmp_path / "coloured", roughness="packed"))
+    assert any("roughness.png: its channels differ" in w for w in coloured.warnings)
+
+
+def test_grey_base_colours_and_alpha(tmp_path: Path) -> None:
+    grey = pixels_for("roughness")
+    result = load(plain_set(tmp_path / "grey", base_color=grey))
+    np.testing.assert_allclose(
+        result.maps["base_color"].pixels, srgb_to_linear(np.repeat(grey, 3, -1) / 255), atol=1e-6
+    )
+    rgba = pixels_for("packed_alpha")
+    result = load(plain_set(tmp_path / "alpha", base_color=rgba))
+    np.testing.assert_allclose(result.maps["base_color"].pixels, srgb_to_linear(rgba[..., :3] / 255), atol=1e-6)
+    np.testing.assert_allclose(result.maps["opacity"].pixels, rgba[..., 3:] / 255, atol=1e-6)
+    assert any("opacity is the alpha channel" in n for n in result.notes)
+    assert "opacity" not in load(tmp_path / "alpha", maps={"opacity": None}).maps
+
+
+def test_anisotropy_is_direction_and_strength(tmp_path: Path) -> None:
+    angle = np.linspace(0, 2 * np.pi, 32 * 32).reshape(32, 32)
+    strength = np.linspace(0, 1, 32 * 32).reshape(32, 32).T
+    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+    pixels = bytes_of(np.concatenate([direction / 2 + 0.5, strength[..., None]], -1))
+    pixels[0, 0] = (128, 128, 200)
+    result = load(plain_set(tmp_path / "a", anisotropy=pixels))
+    assert result.anisotropic
+    assert result.source_model == "gltf-anisotropic"
+    stored = result.material("gltf-anisotropic")
+    np.testing.assert_allclose(stored[1:, :, 8:10], direction[1:], atol=0.01)
+    np.testing.assert_allclose(stored[1:, :, 10], strength[1:], atol=0.005)
+    np.testing.assert_allclose(stored[0, 0, 8:], (1, 0, 200 / 255), atol=1e-6)
+    result = load(plain_set(tmp_path / "b", anisotropy=pixels_for("roughness")))
+    assert (result.maps["anisotropy"].pixels[..., :2] == (1, 0)).all()
+
+
+def test_missing_maps_are_constants_and_that_is_said(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    (folder / "base_color.png").unlink()
+    result = load(folder, maps={"roughness": 0.25, "normal": None})
+    assert (result.width, result.height) == (1, 1)
+    result = load(folder, maps={"roughness": 0.25})
+    assert result.maps["base_color"].pixels.shape == (32, 32, 3)
+    assert (result.maps["base_color"].pixels == 0.5).all()
+    assert (result.maps["metallic"].pixels == 0).all()
+    assert (result.maps["roughness"].pixels == 0.25).all()
+    for role in ("base colour", "metallic"):
+        assert any(n.startswith(f"no {role} map: the constant") for n in result.notes)
+
+
+def test_smaller_maps_are_resampled_to_the_largest(tmp_path: Path) -> None:
+    small = np.arange(16, dtype=np.uint8).reshape(4, 4, 1) * 16
+    folder = plain_set(
+        tmp_path, roughness=small, base_color=pixels_for("base_color", 1), normal_gl=encoded(height_field(8, 8))
+    )
+    write_image(folder / "metallic.png", pixels_for("metallic", 16))
+    result = load(folder)
+    assert (result.width, result.height) == (16, 16)
+    np.testing.assert_allclose(
+        result.maps["roughness"].pixels, upsample(small / np.float32(255), 16, 16, ("wrap", "wrap")), atol=1e-6
+    )
+    np.testing.assert_allclose(np.linalg.norm(result.maps["normal"].pixels, axis=-1), 1, atol=1e-5)
+    assert np.ptp(result.maps["base_color"].pixels.reshape(-1, 3), axis=0).max() == 0
+    assert sum("resampled" in n for n in result.notes) == 2
+    assert result.material("gltf").shape == (16, 16, 8)
+    assert not np.array_equal(load(folder, wrap=("clamp", "wrap")).material("gltf"), result.material("gltf"))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 4), st.booleans(), st.booleans(), st.data())
+def test_resampling_is_bilinear_between_texel_centres(
+    rows: int, columns: int, factor: int, wrap_u: bool, wrap_v: bool, data: st.DataObject
+) -> None:
+    width, height = columns * factor, rows * factor
+    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
+    pixels = rng.random((rows, columns, 2)).astype(np.float32)
+    modes = ("wrap" if wrap_u else "clamp", "wrap" if wrap_v else "clamp")
+    result = upsample(pixels, width, height, modes)
+    assert result.shape == (height, width, 2)
+    row, column = data.draw(st.integers(0, height - 1)), data.draw(st.integers(0, width - 1))
+    y, x = (row + 0.5) / factor - 0.5, (column + 0.5) / factor - 0.5
+    expected = np.zeros(2)
+    for i in (int(np.floor(y)), int(np.floor(y)) + 1):
+        for j in (int(np.floor(x)), int(np.floor(x)) + 1):
+            weight = (1 - abs(y - i)) * (1 - abs(x - j))
+            at_row = i % rows if wrap_v else min(max(i, 0), rows - 1)
+            at_column = j % columns if wrap_u else min(max(j, 0), columns - 1)
+            expected += weight * pixels[at_row, at_column]
+    np.testing.assert_allclose(result[row, column], expected, atol=1e-5)
+    if wrap_u and wrap_v:
+        np.testing.assert_allclose(result.mean((0, 1)), pixels.mean((0, 1)), atol=1e-5)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 40), (40, 1), (7, 33), (30, 20)])
+def test_any_size_and_shape(height: int, width: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for stem, pixels in {
+        "base_color": rng.integers(0, 256, (height, width, 3)).astype(np.uint8),
+        "normal_gl": encoded(np.broadcast_to([0.0, 0, 1], (height, width, 3))),
+        "roughness": rng.integers(0, 256, (height, width, 1)).astype(np.uint8),
+    }.items():
+        write_image(tmp_path / f"{stem}.png", pixels)
+    result = load(tmp_path)
+    for model in MODELS:
+        stored = result.material(model)
+        assert stored.shape == (height, width, MODELS[model].channels)
+        assert stored.dtype == np.float32
+        assert stored.flags.c_contiguous
+        assert np.isfinite(stored).all()
+
+
+def test_material_channels_are_those_of_the_models(tmp_path: Path) -> None:
+    result = load(plain_set(tmp_path, metallic="metallic"))
+    stored = result.material("gltf")
+    for role, channels in {"base_color": [0, 1, 2], "metallic": [3], "roughness": [4], "normal": [5, 6, 7]}.items():
+        np.testing.assert_array_equal(stored[..., channels], result.maps[role].pixels)
+    np.testing.assert_allclose(result.material("ggx"), convert(stored, "gltf", "ggx"), atol=1e-6)
+    with pytest.raises(UsageError, match="unknown material model"):
+        result.material("phong")
+
+
+def test_the_source_hash_is_that_of_the_pixels(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path / "a")
+    first = load(folder)
+    assert load(folder).source_hash == first.source_hash
+    assert load(plain_set(tmp_path / "b")).source_hash == first.source_hash
+    assert load(folder, wrap=("clamp", "clamp")).source_hash != first.source_hash
+    assert load(folder, normal_convention="directx").source_hash != first.source_hash
+    assert load(folder, maps={"metallic": 1}).source_hash != first.source_hash
+    write_image(folder / "roughness.png", pixels_for("roughness")[::-1].copy())
+    assert load(folder).source_hash != first.source_hash
+
+
+def test_unknown_options_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"unknown option 'color_space'.*colour_space"):
+        load(plain_set(tmp_path), color_space="sRGB")
+
+
+@pytest.mark.parametrize("stem", ["base_color", "normal_gl", "roughness"])
+def test_one_damaged_file_refuses_the_set(stem: str, tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    file = folder / f"{stem}.png"
+    file.write_bytes(file.read_bytes()[:-40])
+    with pytest.raises(InputError, match=rf"{stem}\.png is cut short"):
+        load(folder)
+    file.write_text("no image")
+    with pytest.raises(InputError, match=rf"{stem}\.png is not a readable \.png image"):
+        load(folder)
+
+
+def arrays(**others: Any) -> dict[str, Any]:
+    """Arguments of from_arrays for a small set."""
+    rng = np.random.default_rng(0)
+    return {
+        "normal": height_field(8, 12),
+        "roughness": rng.random((8, 12)),
+        "base_color": rng.random((8, 12, 3)),
+    } | others
+
+
+def test_sets_are_made_from_arrays() -> None:
+    given_arrays = arrays(metallic=1.0, anisotropy=np.full((8, 12, 3), (0, 2, 0.5)), height=np.ones((4, 4)) * 7)
+    result = TextureSet.from_arrays("brass", wrap=("clamp", "wrap"), **given_arrays)
+    assert (result.name, result.width, result.height, result.wrap) == ("brass", 12, 8, ("clamp", "wrap"))
+    stored = result.material("gltf-anisotropic")
+    np.testing.assert_allclose(stored[..., :3], given_arrays["base_color"], atol=1e-6)
+    np.testing.assert_allclose(stored[..., 4], given_arrays["roughness"], atol=1e-6)
+    np.testing.assert_allclose(stored[..., 5:8], given_arrays["normal"], atol=1e-6)
+    assert (stored[..., 3] == 1).all()
+    np.testing.assert_allclose(stored[..., 8:], np.broadcast_to([0, 1, 0.5], (8, 12, 3)))
+    assert result.maps["height"].pixels.shape == (4, 4, 1)
+    assert result.convention.name == "opengl"
+    plain = TextureSet.from_arrays("brass", **arrays())
+    assert not plain.anisotropic
+    grey = TextureSet.from_arrays("grey", **arrays(base_color=np.full((8, 12), 0.25)))
+    assert (grey.maps["base_color"].pixels == np.full((8, 12, 3), 0.25)).all()
+    assert plain.source_hash != result.source_hash
+    assert plain.source_hash == TextureSet.from_arrays("brass", **arrays()).source_hash
+
+
+def test_the_arrays_given_are_copied() -> None:
+    roughness = np.full((8, 12, 1), 0.5, np.float32)
+    result = TextureSet.from_arrays("a", **arrays(roughness=roughness))
+    roughness[:] = 0
+    assert (result.maps["roughness"].pixels == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("others", "match"),
+    [
+        ({"roughness": np.full((8, 12), 1.5)}, r"roughness runs from 1\.5 to 1\.5"),
+        ({"roughness": np.full((8, 12), np.nan)}, "roughness holds 96 NaN"),
+        ({"roughness": np.ones((8, 12, 3))}, r"roughness has shape \(8, 12, 3\)"),
+        ({"roughness": np.ones((8, 8))}, "roughness is 8 x 8 and the largest map is 12 x 8"),
+        ({"roughness": np.ones((0, 8))}, "at least 1 x 1"),
+        ({"base_color": np.ones((8, 12, 4))}, r"base_color has shape \(8, 12, 4\)"),
+        ({"normal": height_field(8, 12) * [1, 1, -1]}, "points into the surface"),
+        ({"normal": 0.5}, r"normal has shape \(\)"),
+        ({"emissive": np.full((8, 12, 3), -1.0)}, "emissive runs from -1"),
+        ({"metallic": -0.1}, "metallic runs from"),
+    ],
+)
+def test_arrays_that_are_no_texture_set_are_refused(others: dict[str, Any], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        TextureSet.from_arrays("a", **arrays(**others))
+    with pytest.raises(UsageError, match="wrap"):
+        TextureSet.from_arrays("a", wrap=("wrap", "mirror"), **arrays())
