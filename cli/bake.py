@@ -115,16 +115,16 @@ def _bake_one(
     """Bakes and writes one set, prints what happened, and returns it for JSON."""
     place = out / find(folder, load).name
     check_output(place)
-    with stages(session, place.name) as progress:
+    with stages(session, place.name) as reading:
+        reading("read", 0.0)
         texture_set = mipbake.load(folder, load)
-        progress("read", 1.0)
+        reading("read", 1.0)
     session.print(f"{folder}: {texture_set.width} x {texture_set.height}", map_table(sources_of(texture_set)))
     session.print(*remarks(texture_set))
     with stages(session, place.name) as baking:
-        baking.seconds.update(progress.seconds)
+        baking.seconds.update(reading.seconds)
         stack = mipbake.bake(texture_set, method, target, pixel_filter, baking)
-        files = stack.save(place, format)
-        baking("write", 1.0)
+        files = stack.save(place, format, lambda share: baking("write", share))
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
     weights = f" with {provenance.weights}" if provenance.weights else ""

@@ -88,7 +88,7 @@ def plain(value: Any) -> Any:
 class Stages:
     """Stages of a piece of work as they finish: how long each took, and a bar for the one at work."""
 
-    show: Callable[[str, float], None]
+    show: Callable[[str, float], None] = lambda _stage, _share: None
     seconds: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
@@ -109,7 +109,7 @@ class Stages:
 def stages(session: Session, label: str) -> Iterator[Stages]:
     """Stages with a progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
     if session.quiet or not sys.stderr.isatty():
-        yield Stages(lambda _stage, _share: None)
+        yield Stages()
         return
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

@@ -6,7 +6,7 @@ A stack lies in a folder: `stack.json`, which declares every convention, and the
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,12 @@ class MipStack:
         plain = [(extra_layout(role, chain[0].shape[-1]), list(chain)) for role, chain in self.extra.items()]
         return shading + plain
 
-    def save(self, path: str | Path, format: str = DEFAULT_FORMAT) -> list[Path]:
+    def save(
+        self,
+        path: str | Path,
+        format: str = DEFAULT_FORMAT,
+        progress: Callable[[float], None] = lambda _share: None,
+    ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
         The folder appears under its name when it is complete. An earlier stack there is replaced; a folder that holds
@@ -109,6 +114,7 @@ class MipStack:
         Args:
             path: the folder; its last part need not be the stack's name.
             format: a name in `mipbake.io.containers.FORMATS`. Values are rounded to what it stores.
+            progress: told the finished share, from 0 to 1.
 
         Returns:
             The files, stack.json first.
@@ -123,11 +129,13 @@ class MipStack:
         ]
         manifest = _manifest(self, container)
         with published(target, is_stack_folder) as folder:
-            for layout, chain in quantised:
+            for index, (layout, chain) in enumerate(quantised):
                 container.write(folder, layout, chain, self.wrap)
                 _verify(container, folder, layout, chain)
+                progress((index + 1) / (len(quantised) + 1))
             (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
             names = [MANIFEST, *(n for entry in manifest["maps"].values() for n in entry["files"])]
+        progress(1.0)
         return [target / name for name in names]
 
 

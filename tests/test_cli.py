@@ -364,12 +364,13 @@ def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatc
 def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatch):
     save = MipStack.save
 
-    def interrupted(self, path, format):
-        monkeypatch.setattr("mipbake.stack.json.dumps", _interrupt)
-        return save(self, path, format)
+    def interrupted(self, path, format, progress):
+        def stop(share):
+            if share >= 0.5:
+                assert list(tmp_path.glob("out/.metal*/*.exr"))
+                raise KeyboardInterrupt
 
-    def _interrupt(*_arguments, **_options):
-        raise KeyboardInterrupt
+        return save(self, path, format, stop)
 
     monkeypatch.setattr(MipStack, "save", interrupted)
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 130
