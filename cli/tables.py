@@ -20,12 +20,12 @@ def sources_of(found: Discovery | TextureSet) -> dict[str, MapSource]:
     return dict(found.sources)
 
 
-def table(title: str | None, *columns: str) -> Table:
+def table(*columns: str) -> Table:
     """An empty table in the style of all of ours."""
     from rich import box
     from rich.table import Table
 
-    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE, pad_edge=False, show_edge=False)
+    made = Table(box=box.SIMPLE, pad_edge=False, show_edge=False)
     for column in columns:
         made.add_column(column, overflow="fold")
     return made
@@ -33,7 +33,7 @@ def table(title: str | None, *columns: str) -> Table:
 
 def map_table(sources: Mapping[str, MapSource]) -> Table:
     """One row a map: where it comes from, how it is read, and why."""
-    made = table(None, "map", "from", "size", "stored as", "read as", "why")
+    made = table("map", "from", "size", "stored as", "read as", "why")
     for role, source in sources.items():
         size = f"{source.width} x {source.height}" if source.path else ""
         stored = f"{source.depth} {source.channels}" if source.path else ""

@@ -59,8 +59,8 @@ def validate(
         measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
     session.print(f"{stack}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
     for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
-        session.print(snr_table(measured, pairs))
-    session.print(*(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
+        session.print("", snr_table(measured, pairs))
+    session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
     session.dump(
         {
             "version": mipbake.__version__,
@@ -76,7 +76,7 @@ def snr_table(measured: Validation, pairs: str) -> Table:
     """Methods by level of detail, for one pair set; the best of each column is bold."""
     from rich.text import Text
 
-    made = table(f"{pairs}: SNR in dB by level of detail", "method", *(f"{lod:g}" for lod in measured.lods))
+    made = table(f"{pairs}, SNR in dB", *(f"lod {lod:g}" for lod in measured.lods))
     for column in made.columns[1:]:
         column.justify = "right"
     columns = {lod: {m: measured.snr(m, pairs, lod) for m in measured.methods} for lod in measured.lods}

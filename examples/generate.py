@@ -104,16 +104,16 @@ def hammered_copper(height: int, width: int) -> dict[str, Image]:
         total += np.exp(-sharpness * ((du * du + dv * dv) / (2 * radius) + cd))
     cups = -np.log(total) / sharpness
     grain = noise(height, width, 12, band(24, 60))
-    relief = cups + 0.00013 * grain
+    relief = 0.65 * cups + 0.0001 * grain
     ridge = smoothstep(0.0086, 0.0150, cups + 0.0008 * noise(height, width, 13, band(4, 20)))
     polish = noise(height, width, 14, band(2, 12))
     clean = np.array([0.86, 0.50, 0.37]) * (1 + 0.03 * polish[..., None])
     return {
         "base_color": srgb(mix(clean, np.array([0.16, 0.075, 0.05]), 0.85 * ridge)),
         "normal": normal_map(relief),
-        "roughness": np.clip(0.16 + 0.02 * polish + 0.38 * ridge + 0.012 * grain, 0.06, 1),
+        "roughness": np.clip(0.27 + 0.03 * polish + 0.30 * ridge + 0.012 * grain, 0.06, 1),
         "metallic": mix(1.0, 0.45, ridge),
-        "height": np.clip((relief + 0.001) / 0.02, 0, 1),
+        "height": np.clip((relief + 0.001) / 0.015, 0, 1),
     }
 
 
@@ -167,7 +167,7 @@ def glazed_tiles(height: int, width: int) -> dict[str, Image]:
     glaze = smoothstep(0.008, 0.0125, gap)
     tilt = rng.normal(0, 0.018, (2, rows, columns))
     pillow = -0.010 * np.exp(-np.maximum(gap - 0.008, 0) / 0.007)
-    orange_peel = 0.00042 * noise(height, width, 33, band(14, 48)) + 0.0010 * noise(height, width, 34, band(3, 9))
+    orange_peel = 0.00026 * noise(height, width, 33, band(14, 48)) + 0.0008 * noise(height, width, 34, band(3, 9))
     tile = pillow + orange_peel + tilt[0, row, column] * x / columns + tilt[1, row, column] * y / rows
     grain = noise(height, width, 35, band(20, 64))
     relief = mix(-0.014 + 0.0007 * grain, tile, glaze)
@@ -180,7 +180,7 @@ def glazed_tiles(height: int, width: int) -> dict[str, Image]:
     return {
         "base_color": srgb(mix(grout, enamel, glaze)),
         "normal": normal_map(relief),
-        "roughness": np.clip(mix(0.86 + 0.04 * grain, 0.10 + 0.05 * pooled, glaze), 0.06, 1),
+        "roughness": np.clip(mix(0.86 + 0.04 * grain, 0.20 + 0.06 * pooled, glaze), 0.06, 1),
         "metallic": np.zeros((height, width)),
         "ao": np.clip(mix(0.55, 1.0, smoothstep(0.004, 0.022, gap)), 0, 1),
         "height": np.clip((relief + 0.02) / 0.026, 0, 1),
