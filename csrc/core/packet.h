@@ -183,6 +183,17 @@ struct Narrow<Packet<float, N>> {
     static MIPBAKE_INLINE Packet<float, N> from(const Packet<float, N>& same) { return same; }
 };
 
+template <class P, class T, int N>
+MIPBAKE_INLINE auto narrow_mask(const Mask<T, N>& mask) {
+    if constexpr (sizeof(typename P::Scalar) == sizeof(T)) {
+        return mask;
+    } else {
+        // 0 or -1, as a number and back: exact, and cheap beside the arithmetic that it guards.
+        const auto as_number = select(mask, Packet<T, N>(1), Packet<T, N>(0));
+        return narrow<P>(as_number) > P(0.5f);
+    }
+}
+
 // e^x for |x| <= 700, to 1 unit in the last place: x = k ln 2 + r, the Taylor series of e^r, times 2^k.
 template <int N>
 MIPBAKE_FUNCTION Packet<double, N> exponential(const Packet<double, N>& x) {

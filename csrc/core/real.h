@@ -33,6 +33,12 @@ MIPBAKE_INLINE T narrow(const W& wide) {
     return Narrow<T>::from(wide);
 }
 
+// A mask of the wide type as one of the narrow type T.
+template <class T>
+MIPBAKE_INLINE bool narrow_mask(bool mask) {
+    return mask;
+}
+
 template <class T>
 MIPBAKE_INLINE T larger(const T& a, const T& b) {
     return select(a > b, a, b);
@@ -50,6 +56,14 @@ template <class T>
 struct Vec3 {
     T x, y, z;
 };
+
+// Calls f(a_i, b_i) on the components of two vectors.
+template <class A, class B, class F>
+MIPBAKE_INLINE void zip_vector(A& a, B& b, F& f) {
+    f(a.x, b.x);
+    f(a.y, b.y);
+    f(a.z, b.z);
+}
 
 // The product with a vector of plain numbers, or of the same type.
 template <class T, class S>

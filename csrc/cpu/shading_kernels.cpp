@@ -20,6 +20,7 @@ struct Kernel {
     using T = typename Lanes<S>::Real;
     using W = typename Lanes<S>::Wide;
     static constexpr int C = Model::channels;
+    static constexpr int colours = Model::colour_channels;
     static constexpr int lanes = Lanes<S>::count;
     static constexpr int packets = kTexelBlock / lanes;
     static_assert(kTexelBlock % lanes == 0, "a block is a whole number of packets");
@@ -37,39 +38,57 @@ struct Kernel {
         for (int c = 0; c < C; ++c) channels[c] = load_lanes(planes[c], W());
     }
 
-    // A surface with the fields that only the lobe's precision needs brought to it.
+    // Visits the fields of both halves.
+    template <class A, class B, class F>
+    static MIPBAKE_INLINE void zip(A& a, B& b, F f) {
+        std::decay_t<A>::zip_colour(a, b, f);
+        std::decay_t<A>::zip_shape(a, b, f);
+    }
+
+    // Prepares in A, then brings the fields that only the lobe's precision needs to B.
     template <class A, class B>
-    static Surface<A, B> narrowed(const Surface<A, A>& wide) {
+    static Surface<A, B> prepare(const A (&channels)[C]) {
+        Surface<A, A> wide;
+        Model::prepare_colour(channels, wide);
+        Model::prepare_shape(channels + colours, wide);
         Surface<A, B> out;
-        Surface<A, B>::zip(out, wide, [](auto& to, const A& from) { to = narrow<std::decay_t<decltype(to)>>(from); });
+        zip(out, wide, [](auto& to, const A& from) { to = narrow<std::decay_t<decltype(to)>>(from); });
         return out;
     }
 
-    // The gradient by the stored channels from that by the surface: prepare, on dual numbers.
-    static void pull_back(const W (&channels)[C], const Surface<T, T>& adjoint, W (&gradient)[C]) {
-        using D = Dual<W, C>;
-        D inputs[C];
-        for (int c = 0; c < C; ++c) inputs[c] = D::input(channels[c], c);
-        const Surface<D, D> surface = Model::prepare(inputs);
-        for (W& g : gradient) g = W(0);
-        Surface<T, T>::zip(adjoint, surface, [&](const T& bar, const D& field) {
-            S narrow_lanes[lanes];
-            double wide_lanes[lanes];
-            store_lanes(narrow_lanes, bar);
-            for (int i = 0; i < lanes; ++i) wide_lanes[i] = static_cast<double>(narrow_lanes[i]);
-            const W weight = load_lanes(wide_lanes, W());
-            for (int c = 0; c < C; ++c) gradient[c] = gradient[c] + weight * field.d[c];
-        });
+    // The gradient by the stored channels from that by the surface: each half of prepare on dual numbers.
+    static void pull_back(const W (&channels)[C], const Surface<T, T>& adjoint, T (&gradient)[C]) {
+        for (T& g : gradient) g = T(0);
+        {
+            using D = Dual<W, colours, T>;
+            D inputs[colours];
+            for (int c = 0; c < colours; ++c) inputs[c] = D::input(channels[c], c);
+            Surface<D, D> surface;
+            Model::prepare_colour(inputs, surface);
+            Surface<D, D>::zip_colour(adjoint, surface, [&](const T& bar, const D& field) {
+                for (int c = 0; c < colours; ++c) gradient[c] = gradient[c] + bar * field.d[c];
+            });
+        }
+        {
+            using D = Dual<W, C - colours, T>;
+            D inputs[C - colours];
+            for (int c = colours; c < C; ++c) inputs[c - colours] = D::input(channels[c], c - colours);
+            Surface<D, D> surface;
+            Model::prepare_shape(inputs, surface);
+            Surface<D, D>::zip_shape(adjoint, surface, [&](const T& bar, const D& field) {
+                for (int c = colours; c < C; ++c) gradient[c] = gradient[c] + bar * field.d[c - colours];
+            });
+        }
     }
 
-    static void store_gradient(const ShadeArgs& args, const ShadeTile& tile, std::int64_t n, const W (&gradient)[C],
+    static void store_gradient(const ShadeArgs& args, const ShadeTile& tile, std::int64_t n, const T (&gradient)[C],
                                S* grad_material) {
-        double planes[C][lanes];
+        S planes[C][lanes];
         for (int c = 0; c < C; ++c) store_lanes(planes[c], gradient[c]);
         S* const out = grad_material + (tile.b * args.N + n) * C;
         const std::int64_t left = tile.n1 - n;
         for (int lane = 0; lane < lanes && lane < left; ++lane)
-            for (int c = 0; c < C; ++c) out[lane * C + c] = static_cast<S>(planes[c][lane]);
+            for (int c = 0; c < C; ++c) out[lane * C + c] = planes[c][lane];
     }
 
     static Vec3<T> load_gradient(const S* data, std::int64_t texels) {
@@ -85,7 +104,7 @@ struct Kernel {
         for (int i = 0; i < count; ++i) {
             W channels[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = narrowed<W, T>(Model::prepare(channels));
+            surfaces[i] = prepare<W, T>(channels);
         }
         const std::int64_t texels = tile.n1 - tile.n0;
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
@@ -111,8 +130,8 @@ struct Kernel {
         for (int i = 0; i < count; ++i) {
             W channels[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = narrowed<W, T>(Model::prepare(channels));
-            Surface<T, T>::zip(adjoints[i], adjoints[i], [](T& a, T&) { a = T(0); });
+            surfaces[i] = prepare<W, T>(channels);
+            zip(adjoints[i], adjoints[i], [](T& a, T&) { a = T(0); });
         }
         const std::int64_t texels = tile.n1 - tile.n0;
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
@@ -123,7 +142,8 @@ struct Kernel {
             }
         }
         for (int i = 0; i < count; ++i) {
-            W channels[C], gradient[C];
+            W channels[C];
+            T gradient[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
             pull_back(channels, adjoints[i], gradient);
             store_gradient(args, tile, tile.n0 + i * lanes, gradient, grad_material);
@@ -132,28 +152,22 @@ struct Kernel {
 
     static void backward_duals(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs,
                                const S* grad_radiance, S* grad_material) {
-        using DW = Dual<W, C>;
-        using DT = Dual<T, C>;
+        using DW = Dual<W, C, T>;
+        using DT = Dual<T, C, T>;
         for (std::int64_t n = tile.n0; n < tile.n1; n += lanes) {
-            W channels[C], gradient[C];
+            W channels[C];
             load_material(args, tile, n, channels);
             DW inputs[C];
             for (int c = 0; c < C; ++c) inputs[c] = DW::input(channels[c], c);
-            const Surface<DW, DT> surface = narrowed<DW, DT>(Model::prepare(inputs));
-            T sums[C];
-            for (T& sum : sums) sum = T(0);
+            const Surface<DW, DT> surface = prepare<DW, DT>(inputs);
+            T gradient[C];
+            for (T& g : gradient) g = T(0);
             for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
                 const S* const line = grad_radiance + ((tile.b * args.K + k) * args.N + n) * 3;
                 const Vec3<T> g = load_gradient(line, tile.n1 - n);
                 const Vec3<DT> f = Model::evaluate(surface, pairs[k]);
-                for (int c = 0; c < C; ++c) sums[c] = sums[c] + (g.x * f.x.d[c] + g.y * f.y.d[c] + g.z * f.z.d[c]);
-            }
-            for (int c = 0; c < C; ++c) {
-                S narrow_lanes[lanes];
-                double wide_lanes[lanes];
-                store_lanes(narrow_lanes, sums[c]);
-                for (int i = 0; i < lanes; ++i) wide_lanes[i] = static_cast<double>(narrow_lanes[i]);
-                gradient[c] = load_lanes(wide_lanes, W());
+                for (int c = 0; c < C; ++c)
+                    gradient[c] = gradient[c] + (g.x * f.x.d[c] + g.y * f.y.d[c] + g.z * f.z.d[c]);
             }
             store_gradient(args, tile, n, gradient, grad_material);
         }

@@ -9,7 +9,7 @@ inline namespace MIPBAKE_ISA {
 
 struct Ggx : GgxLobe<Ggx> {
     static constexpr const char* name = "ggx";
-    static constexpr int channels = 11;
+    static constexpr int channels = 11, colour_channels = 6;
 
     template <class S>
     static MIPBAKE_INLINE S diffuse_weight(S) {
@@ -17,18 +17,21 @@ struct Ggx : GgxLobe<Ggx> {
     }
 
     template <class R>
-    static MIPBAKE_FUNCTION GgxSurface<R, R> prepare(const R (&c)[channels]) {
-        const Frame<R> frame = tangent_frame(lift_normal(c[6], c[7]));
-        GgxSurface<R, R> s;
+    static MIPBAKE_INLINE void prepare_colour(const R* c, GgxSurface<R, R>& s) {
         s.diffuse = {c[0] * 0.3183098861837907, c[1] * 0.3183098861837907, c[2] * 0.3183098861837907};
         s.f0 = {c[3], c[4], c[5]};
+    }
+
+    template <class R>
+    static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
+        const Frame<R> frame = tangent_frame(lift_normal(c[0], c[1]));
         s.n = frame.n;
 
         // S = exp([[a, c], [c, b]]) (Kemppinen et al. 2023, equation 6). With m = (a + b) / 2, d = (a - b) / 2 and
         // r = sqrt(d^2 + c^2): S = e^m [[A, C], [C, B]], A = cosh r + d sinh(r) / r, C = c sinh(r) / r, A B - C^2 = 1.
         // m is held to [-30, 30] and r to [0, 20], far beyond any material, so that nothing overflows.
-        const R m = larger(smaller((c[8] + c[9]) * 0.5, R(30)), R(-30));
-        R d = (c[8] - c[9]) * 0.5, k = c[10];
+        const R m = larger(smaller((c[2] + c[3]) * 0.5, R(30)), R(-30));
+        R d = (c[2] - c[3]) * 0.5, k = c[4];
         const R unlimited = d * d + k * k;
         const R limit = select(unlimited > 400.0, 20.0 / square_root(larger(unlimited, R(400))), R(1));
         d = d * limit;
@@ -58,7 +61,6 @@ struct Ggx : GgxLobe<Ggx> {
         s.w1 = frame.t * (1.0 / l11);
         s.w2 = (frame.b - frame.t * shear) * (1.0 / l22);
         s.peak = 0.3183098861837907 / scale;
-        return s;
     }
 };
 

@@ -31,21 +31,19 @@ struct GgxSurface {
     Vec3<T> diffuse, f0;  // albedo / pi; reflectance at normal incidence
     T peak;               // 1 / (pi sqrt(det S)), D at h = n
 
-    // Calls f(a_i, b_i) on the fields of two surfaces.
+    // Calls f(a_i, b_i) on the fields of two surfaces: those that prepare_colour sets, and those of prepare_shape.
     template <class A, class B, class F>
-    static MIPBAKE_FUNCTION void zip(A& a, B& b, F f) {
-        const auto vector = [&](auto& p, auto& q) {
-            f(p.x, q.x);
-            f(p.y, q.y);
-            f(p.z, q.z);
-        };
-        vector(a.n, b.n);
-        vector(a.w1, b.w1);
-        vector(a.w2, b.w2);
-        vector(a.u1, b.u1);
-        vector(a.u2, b.u2);
-        vector(a.diffuse, b.diffuse);
-        vector(a.f0, b.f0);
+    static MIPBAKE_INLINE void zip_colour(A& a, B& b, F f) {
+        zip_vector(a.diffuse, b.diffuse, f);
+        zip_vector(a.f0, b.f0, f);
+    }
+    template <class A, class B, class F>
+    static MIPBAKE_INLINE void zip_shape(A& a, B& b, F f) {
+        zip_vector(a.n, b.n, f);
+        zip_vector(a.w1, b.w1, f);
+        zip_vector(a.w2, b.w2, f);
+        zip_vector(a.u1, b.u1, f);
+        zip_vector(a.u2, b.u2, f);
         f(a.peak, b.peak);
     }
 };

@@ -29,7 +29,7 @@ MIPBAKE_FUNCTION void set_metallic(GgxSurface<R, R>& s, const R& r, const R& g, 
 
 struct Gltf : GgxLobe<Gltf> {
     static constexpr const char* name = "gltf";
-    static constexpr int channels = 8;
+    static constexpr int channels = 8, colour_channels = 4;
 
     template <class S>
     static MIPBAKE_INLINE S diffuse_weight(S schlick) {
@@ -37,14 +37,16 @@ struct Gltf : GgxLobe<Gltf> {
     }
 
     template <class R>
-    static MIPBAKE_FUNCTION GgxSurface<R, R> prepare(const R (&c)[channels]) {
-        GgxSurface<R, R> s;
+    static MIPBAKE_INLINE void prepare_colour(const R* c, GgxSurface<R, R>& s) {
         set_metallic(s, c[0], c[1], c[2], c[3]);
-        const R alpha = square(larger(c[4], R(kMinRoughness)));
-        const Frame<R> frame = any_frame(unit_normal(Vec3<R>{c[5], c[6], c[7]}));
+    }
+
+    template <class R>
+    static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
+        const R alpha = square(larger(c[0], R(kMinRoughness)));
+        const Frame<R> frame = any_frame(unit_normal(Vec3<R>{c[1], c[2], c[3]}));
         s.n = frame.n;
         set_axes(s, frame.t, alpha, frame.b, alpha);
-        return s;
     }
 };
 

@@ -4,15 +4,18 @@
 //
 //     static constexpr const char* name;             what users call it
 //     static constexpr int channels;                 stored channels C
+//     static constexpr int colour_channels;          how many of them, the first ones, prepare_colour reads
 //     static constexpr bool has_adjoint;             whether evaluate_adjoint exists
-//     template <class W, class T> Surface;           what is prepared per texel; its zip(a, b, f) visits the fields
-//     prepare(const R (&c)[C]) -> Surface<R, R>      once per texel, from the stored channels; R is double or wider
+//     template <class W, class T> Surface;           what is prepared per texel; see GgxSurface for what it offers
+//     prepare_colour(const R* c, Surface<R, R>&)     once per texel, from the first colour_channels stored channels
+//     prepare_shape(const R* c, Surface<R, R>&)      once per texel, from the rest
 //     evaluate(Surface<W, T>, Pair<S>) -> Vec3<T>    once per texel and light-view pair: f(theta, l, v), cosine
 //     included evaluate_adjoint(Surface<W, T>, Pair<S>, Vec3<T> gradient, Surface<T, T>& adjoint)
 //
-// all of them templates that run on numbers, packets and dual numbers. A model with no adjoint of its own is
-// differentiated by evaluating it on dual numbers; one that reflects with the GGX lobe inherits everything but prepare
-// from GgxLobe. To add one: a header, a line here, a twin in mipbake/shading/reference.py, a layout in
+// all of them templates that run on numbers, packets and dual numbers; R is double. It is prepared in two halves
+// because dual numbers cost as much as they have inputs. A model with no adjoint of its own is differentiated by
+// evaluating it on dual numbers; one that reflects with the GGX lobe inherits everything but the names and the two
+// halves from GgxLobe. To add one: a header, a line here, a twin in mipbake/shading/reference.py, a layout in
 // mipbake/material.py.
 #pragma once
 
