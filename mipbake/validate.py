@@ -19,8 +19,8 @@ from mipbake.texture_set import TextureSet
 
 DEFAULT_LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 DEFAULT_SEED = 0
-DEFAULT_POINTS = 1024
-DEFAULT_SAMPLES = 256
+DEFAULT_POINTS = 8192
+DEFAULT_SAMPLES = 64
 
 CLOSED_FORMS = (("linear", "box"), ("linear", None), ("lean", "box"), ("lean", None))
 """Method and averaging kernel of each baseline; None stands for the pixel filter of the stack under test."""

@@ -46,7 +46,7 @@ def test_a_constant_material_has_no_error(pixel_filter: str) -> None:
 def test_doubling_the_samples_changes_nothing() -> None:
     texture_set = bumpy()
     stack = mipbake.bake(texture_set, method="lean")
-    once, twice = (mipbake.validate(texture_set, stack, samples=samples) for samples in (256, 512))
+    once, twice = (mipbake.validate(texture_set, stack, points=2048, samples=n) for n in (64, 128))
     difference = [abs(a.snr - b.snr) for a, b in zip(once.rows, twice.rows, strict=True)]
     assert max(difference) < 0.1
 
@@ -60,7 +60,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
     """
     texture_set = flat(1, 2, np.array([[[0.0], [1.0]]]))
     stack = mipbake.bake(texture_set, method="linear", pixel_filter="box")
-    result = mipbake.validate(texture_set, stack, lods=(0, 1), points=4096, samples=256)
+    result = mipbake.validate(texture_set, stack, lods=(0, 1), points=4096, samples=64)
     for name in ("near-mirror", "hemisphere"):
         pairs = pair_set(name, result.seed)
         light, view = pairs.light.astype(float), pairs.view.astype(float)

@@ -48,6 +48,11 @@ class PixelFilter:
     def _cumulative_magnitude(self) -> NDArray[np.float64]:
         return _integrate(np.abs(self.shape(self._grid)))
 
+    @cached_property
+    def signed(self) -> bool:
+        """Whether p has negative lobes."""
+        return bool((self.shape(self._grid) < 0).any())
+
     def cumulative(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Integral of the normalised p from -infinity to x; any shape, x in pixels, values from 0 to 1."""
         return np.interp(x, self._grid, self._cumulative / self._cumulative[-1])
