@@ -33,7 +33,8 @@ def _matrix(n_in: int, n_out: int, latent_filter: str, wrap: str, level: int) ->
     index, weights = latent_weights(n_in, n_out, latent_filter, wrap, level)
     matrix = np.zeros((n_out, n_in), np.float32)
     np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
-    return torch.from_numpy(matrix)
+    with torch.inference_mode(False):  # whoever asks first, training may ask later
+        return torch.from_numpy(matrix)
 
 
 def downsample(latent: Tensor, size: tuple[int, int], latent_filter: str, wrap: Wrap, level: int) -> Tensor:

@@ -108,10 +108,20 @@ class Network(nn.Module):
 
     def decode(self, latent: Tensor) -> Tensor:
         """(..., Z) latents of any level to (..., C) stored channels, valid as they are; differentiable."""
-        maps = latent
-        for layer in self.decoder:
-            maps = torch.cat([maps, functional.leaky_relu(layer(maps), _SLOPE)], -1)
-        return to_stored(self.whitening.inverse(self.output(maps)), self.config.model)
+        # Every layer reads all maps before it. So each group of maps is multiplied once, by the weights that all later
+        # layers have for it, and their sums wait: few large products in place of many small ones and of copies.
+        layers = [*self.decoder, self.output]
+        channels, growth = self.config.latent_channels, self.config.growth
+        weights = [layer.weight for layer in layers]
+        sums = functional.linear(
+            latent, torch.cat([w[:, :channels] for w in weights]), torch.cat([layer.bias for layer in layers])
+        )
+        for i in range(len(self.decoder)):
+            first = channels + growth * i
+            later = torch.cat([w[:, first : first + growth] for w in weights[i + 1 :]])
+            new = functional.leaky_relu(sums[..., :growth], _SLOPE)
+            sums = sums[..., growth:] + functional.linear(new, later)
+        return to_stored(self.whitening.inverse(sums), self.config.model)
 
     def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
         """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1."""

@@ -23,6 +23,8 @@ from mipbake.models.network import Network
 from mipbake.models.parameters import clamp, to_parameters, to_stored
 from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
 
+torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
+
 MODEL_NAMES = tuple(PARAMETERS)
 
 
@@ -274,3 +276,14 @@ def test_damaged_descriptions_are_refused(released: registry.WeightsInfo, damage
 def test_listing_weights_imports_no_torch() -> None:
     code = "import sys, mipbake.models; mipbake.models.list_weights(); sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_decoder_is_densely_connected() -> None:
+    """The grouped products equal the definition: every layer reads the latents and all maps before it."""
+    network = perturbed("gltf")
+    latent = torch.randn(5, 64, generator=torch.Generator().manual_seed(4))
+    maps = latent
+    for layer in network.decoder:
+        maps = torch.cat([maps, torch.nn.functional.leaky_relu(layer(maps), 0.1)], -1)
+    expected = to_stored(network.whitening.inverse(network.output(maps)), "gltf")
+    assert torch.allclose(network.decode(latent), expected, atol=1e-5)

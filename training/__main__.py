@@ -34,11 +34,12 @@ def main() -> int:
     try:
         if arguments.command == "train":
             from mipbake.training.config import read_config
-            from mipbake.training.loop import train
 
             config = read_config(arguments.config)
             if arguments.data:
                 config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
+            from mipbake.training.loop import train
+
             train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume)
         else:
             from mipbake.models.registry import WEIGHTS_FOLDER

@@ -48,13 +48,18 @@ def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch
 
 def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
     """The batches of steps `first` to the last, each drawn in a second thread while its predecessor is trained on."""
-    with ThreadPoolExecutor(1) as pool:
+    with ThreadPoolExecutor(1, initializer=_one_thread) as pool:
         pending = pool.submit(draw_batch, materials, config, first)
         for step in range(first, config.run.steps):
             batch = pending.result()
             if step + 1 < config.run.steps:
                 pending = pool.submit(draw_batch, materials, config, step + 1)
             yield batch
+
+
+def _one_thread() -> None:
+    """The two threads share the cores: a second team of torch threads would only wait for the first."""
+    torch.set_num_threads(1)
 
 
 def batch_loss(network: Network, batch: Batch) -> Tensor:

@@ -1,0 +1,125 @@
+"""Time of one training step at the paper's settings, and where it goes.
+
+    python benchmarks/training_step.py [--config CONFIG] [--threads N] [--steps N]
+
+Prints the median over steps of each part, run one after the other, and of the whole loop, in which the next batch is
+drawn in a second thread while a step is under way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import statistics
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import torch
+
+from mipbake.sampling.ops import sample
+from mipbake.shading.ops import shade
+from mipbake.training import loop, loss
+from mipbake.training.config import TrainingConfig, read_config
+from mipbake.training.data import draw_crops, load_materials, step_generator
+
+PAPER = Path(__file__).resolve().parent.parent / "training" / "configs" / "paper-ggx.toml"
+
+
+class Stopwatch:
+    """Collects times by part; `lap` closes the part that began at the last call."""
+
+    def __init__(self) -> None:
+        self.parts: dict[str, list[float]] = defaultdict(list)
+        self._last = time.perf_counter()
+
+    def start(self) -> None:
+        self._last = time.perf_counter()
+
+    def lap(self, part: str) -> None:
+        now = time.perf_counter()
+        self.parts[part].append(now - self._last)
+        self._last = now
+
+
+def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, watch: Stopwatch) -> None:
+    """What loop.draw_batch and TrainingState.advance do, with a lap after each part."""
+    config, model = state.config, state.config.network.model
+    settings, rng = config.loss, step_generator(config.run.seed, step)
+    watch.start()
+    patches = torch.from_numpy(draw_crops(materials, settings.crops, settings.crop_size, model, rng))
+    watch.lap("patches and augmentation")
+    views = loss.draw_views(settings, rng)
+    watch.lap("views")
+    target = loss.draw_target(patches, views, model, settings.pixel_filter, settings.target_samples, rng)
+    watch.lap("target: lookups and shading")
+    levels = state.network(patches, loss.TORUS)
+    watch.lap("network forward")
+    texels = sample(levels, views.uv, views.lod, loss.TORUS)
+    watch.lap("prediction: lookups")
+    prediction = shade(model, texels, views.light, views.view)
+    watch.lap("prediction: shading")
+    value = loss.relative_loss(prediction, target, views.lods)
+    watch.lap("loss")
+    (gradient,) = torch.autograd.grad(value, prediction, retain_graph=True)
+    watch.lap("loss backward")
+    (gradient,) = torch.autograd.grad(prediction, texels, gradient, retain_graph=True)
+    watch.lap("shading backward")
+    gradients = torch.autograd.grad(texels, levels, gradient, retain_graph=True)
+    watch.lap("lookups backward")
+    state.optimiser.zero_grad(set_to_none=True)
+    torch.autograd.backward(levels, gradients)
+    watch.lap("network backward")
+    state.optimiser.step()
+    watch.lap("optimiser")
+
+
+def whole_loop(config: TrainingConfig, materials: loop.Materials, steps: int) -> list[float]:
+    """Seconds of each step of the real loop."""
+    state, times = loop.new_state(config), []
+    loop.fit_whitening(state.network, materials, config)
+    last = time.perf_counter()
+    for step, batch in enumerate(loop.batches(materials, config, 0)):
+        state.advance(batch)
+        now = time.perf_counter()
+        times.append(now - last)
+        last = now
+        if step == steps:
+            break
+    return times[1:]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", type=Path, default=PAPER, help="default: paper-ggx.toml")
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="of torch (default: its own)")
+    parser.add_argument("--steps", type=int, default=100, help="measured steps (default 100)")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    config = read_config(arguments.config)
+    materials, _ = load_materials(config)
+    state, watch = loop.new_state(config), Stopwatch()
+    loop.fit_whitening(state.network, materials, config)
+    for step in range(10):
+        one_step(state, materials, step, Stopwatch())
+    for step in range(arguments.steps):
+        one_step(state, materials, step, watch)
+    loss_config = config.loss
+    evaluations = loss_config.crops * loss_config.pairs * loss_config.lods * loss_config.crop_size**2
+    print(f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}")
+    print(
+        f"{arguments.config.name}: {evaluations} predicted evaluations with gradients, "
+        f"{evaluations * loss_config.target_samples} of targets"
+    )
+    total = 0.0
+    for part, times in watch.parts.items():
+        total += statistics.median(times)
+        print(f"{part:28} {1e3 * statistics.median(times):8.2f} ms")
+    print(f"{'sum':28} {1e3 * total:8.2f} ms")
+    times = sorted(whole_loop(config, materials, arguments.steps))
+    low, middle, high = times[len(times) // 10], times[len(times) // 2], times[9 * len(times) // 10]
+    print(f"{'whole loop, median':28} {1e3 * middle:8.2f} ms (10 % to 90 %: {1e3 * low:.2f} to {1e3 * high:.2f})")
+
+
+if __name__ == "__main__":
+    main()
