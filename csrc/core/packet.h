@@ -77,6 +77,19 @@ MIPBAKE_INLINE Register<double>::type register_sqrt(Register<double>::type x) {
 #endif
 }
 
+// A register of doubles from as many consecutive floats.
+MIPBAKE_INLINE Register<double>::type register_widen(const float* data) {
+#if defined(__AVX512F__)
+    return _mm512_cvtps_pd(_mm256_loadu_ps(data));
+#elif defined(__AVX2__)
+    return _mm256_cvtps_pd(_mm_loadu_ps(data));
+#else
+    Register<double>::type out;
+    for (int i = 0; i < Register<double>::lanes; ++i) out[i] = static_cast<double>(data[i]);
+    return out;
+#endif
+}
+
 MIPBAKE_INLINE Register<float>::type register_narrow(Register<double>::type low, Register<double>::type high) {
 #if defined(__AVX512DQ__)
     return _mm512_insertf32x8(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high), 1);
@@ -288,9 +301,15 @@ struct Lanes {
     using Wide = Packet<double, count>;
 };
 // The last argument of the loads names the type alone, so that the same call serves packets and plain numbers.
-template <class T, int N>
-MIPBAKE_INLINE Packet<T, N> load_lanes(const T* data, const Packet<T, N>&) {
-    return Packet<T, N>::load(data);
+template <int N>
+MIPBAKE_INLINE Packet<double, N> load_widened(const double* data, const Packet<double, N>&) {
+    return Packet<double, N>::load(data);
+}
+template <int N>
+MIPBAKE_INLINE Packet<double, N> load_widened(const float* data, const Packet<double, N>&) {
+    Packet<double, N> out;
+    for (int i = 0; i < out.registers; ++i) out.r[i] = register_widen(data + i * Register<double>::lanes);
+    return out;
 }
 template <class T, int N>
 MIPBAKE_INLINE void store_lanes(T* data, const Packet<T, N>& p) {
@@ -306,8 +325,8 @@ struct Lanes {
     using Wide = double;
 };
 template <class T>
-MIPBAKE_INLINE T load_lanes(const T* data, const T&) {
-    return *data;
+MIPBAKE_INLINE double load_widened(const T* data, double) {
+    return static_cast<double>(*data);
 }
 template <class T>
 MIPBAKE_INLINE void store_lanes(T* data, const T& value) {

@@ -72,12 +72,12 @@ void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* 
     // the same instruction set.
     const std::int64_t blocks = (args.N + kTexelBlock - 1) / kTexelBlock;
     const std::int64_t per_block = std::min<std::int64_t>(args.N, kTexelBlock) * std::max<std::int64_t>(args.K, 1);
-    const auto tile = MIPBAKE_DISPATCH(shade_backward_tile);
+    const auto tile = duals ? shade_backward_duals_tile : MIPBAKE_DISPATCH(shade_backward_tile);
     parallel_for(args.B * blocks, kEvaluationsPerItem / per_block, [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
             const std::int64_t n0 = i % blocks * kTexelBlock, b = i / blocks;
             const ShadeTile t{b, n0, std::min(args.N, n0 + kTexelBlock), 0, args.K};
-            tile(args, t, pairs.of(b), grad_radiance, grad_material, duals);
+            tile(args, t, pairs.of(b), grad_radiance, grad_material);
         }
     });
 }

@@ -15,12 +15,17 @@ struct ShadeTile {
 // Texels that a kernel prepares before it runs over the pairs: whole packets for every instruction set.
 constexpr int kTexelBlock = 64;
 
-// `pairs` points to the tile's batch element: Pair<S>[K] of the instruction set's own type, size pair_bytes each.
+// `pairs` points to those of the tile's batch element: Pair<S>[K], shade_pair_bytes each, laid out alike in every
+// instruction set.
 MIPBAKE_FOR_EACH_ISA(std::int64_t shade_pair_bytes(bool is_double);
                      void shade_make_pairs(const ShadeArgs&, std::int64_t b, std::int64_t k0, std::int64_t k1,
                                            void* pairs);
                      void shade_tile(const ShadeArgs&, const ShadeTile&, const void* pairs, void* radiance);
                      void shade_backward_tile(const ShadeArgs&, const ShadeTile&, const void* pairs,
-                                              const void* grad_radiance, void* grad_material, bool duals);)
+                                              const void* grad_radiance, void* grad_material);)
+
+// shade_backward_tile on dual numbers, for the baseline alone.
+void shade_backward_duals_tile(const ShadeArgs& args, const ShadeTile& tile, const void* pairs,
+                               const void* grad_radiance, void* grad_material);
 
 }  // namespace mipbake

@@ -1,178 +1,9 @@
-// The shading kernels, compiled once per instruction set. Texels go in packets; a block of them is prepared once, then
-// run over the light-view pairs.
-#include "core/dual.h"
-#include "core/packet.h"
-#include "cpu/shading.h"
-#include "shading/models.h"
+// The shading kernels, compiled once per instruction set.
+#include "cpu/shading_kernel.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
-
-template <class S>
-const S* row(const StridedArray3& a, std::int64_t i, std::int64_t j) {
-    return static_cast<const S*>(a.data) + i * a.strides[0] + j * a.strides[1];
-}
-
-// One model in one precision.
-template <class Model, class S>
-struct Kernel {
-    using T = typename Lanes<S>::Real;
-    using W = typename Lanes<S>::Wide;
-    static constexpr int C = Model::channels;
-    static constexpr int colours = Model::colour_channels;
-    static constexpr int lanes = Lanes<S>::count;
-    static constexpr int packets = kTexelBlock / lanes;
-    static_assert(kTexelBlock % lanes == 0, "a block is a whole number of packets");
-    template <class A, class B>
-    using Surface = typename Model::template Surface<A, B>;
-
-    // The stored channels of the lanes from texel n on; lanes past the tile repeat its last texel.
-    static void load_material(const ShadeArgs& args, const ShadeTile& tile, std::int64_t n, W (&channels)[C]) {
-        double planes[C][lanes];
-        const std::int64_t stride = args.material.strides[2];
-        for (int lane = 0; lane < lanes; ++lane) {
-            const S* const texel = row<S>(args.material, tile.b, n + lane < tile.n1 ? n + lane : tile.n1 - 1);
-            for (int c = 0; c < C; ++c) planes[c][lane] = static_cast<double>(texel[c * stride]);
-        }
-        for (int c = 0; c < C; ++c) channels[c] = load_lanes(planes[c], W());
-    }
-
-    // Visits the fields of both halves.
-    template <class A, class B, class F>
-    static MIPBAKE_INLINE void zip(A& a, B& b, F f) {
-        std::decay_t<A>::zip_colour(a, b, f);
-        std::decay_t<A>::zip_shape(a, b, f);
-    }
-
-    // Prepares in A, then brings the fields that only the lobe's precision needs to B.
-    template <class A, class B>
-    static Surface<A, B> prepare(const A (&channels)[C]) {
-        Surface<A, A> wide;
-        Model::prepare_colour(channels, wide);
-        Model::prepare_shape(channels + colours, wide);
-        Surface<A, B> out;
-        zip(out, wide, [](auto& to, const A& from) { to = narrow<std::decay_t<decltype(to)>>(from); });
-        return out;
-    }
-
-    // The gradient by the stored channels from that by the surface: each half of prepare on dual numbers.
-    static void pull_back(const W (&channels)[C], const Surface<T, T>& adjoint, T (&gradient)[C]) {
-        for (T& g : gradient) g = T(0);
-        {
-            using D = Dual<W, colours, T>;
-            D inputs[colours];
-            for (int c = 0; c < colours; ++c) inputs[c] = D::input(channels[c], c);
-            Surface<D, D> surface;
-            Model::prepare_colour(inputs, surface);
-            Surface<D, D>::zip_colour(adjoint, surface, [&](const T& bar, const D& field) {
-                for (int c = 0; c < colours; ++c) gradient[c] = gradient[c] + bar * field.d[c];
-            });
-        }
-        {
-            using D = Dual<W, C - colours, T>;
-            D inputs[C - colours];
-            for (int c = colours; c < C; ++c) inputs[c - colours] = D::input(channels[c], c - colours);
-            Surface<D, D> surface;
-            Model::prepare_shape(inputs, surface);
-            Surface<D, D>::zip_shape(adjoint, surface, [&](const T& bar, const D& field) {
-                for (int c = colours; c < C; ++c) gradient[c] = gradient[c] + bar * field.d[c - colours];
-            });
-        }
-    }
-
-    static void store_gradient(const ShadeArgs& args, const ShadeTile& tile, std::int64_t n, const T (&gradient)[C],
-                               S* grad_material) {
-        S planes[C][lanes];
-        for (int c = 0; c < C; ++c) store_lanes(planes[c], gradient[c]);
-        S* const out = grad_material + (tile.b * args.N + n) * C;
-        const std::int64_t left = tile.n1 - n;
-        for (int lane = 0; lane < lanes && lane < left; ++lane)
-            for (int c = 0; c < C; ++c) out[lane * C + c] = planes[c][lane];
-    }
-
-    static Vec3<T> load_gradient(const S* data, std::int64_t texels) {
-        if (texels >= lanes) return load_interleaved(data, T());
-        S buffer[3 * lanes] = {};
-        for (std::int64_t i = 0; i < 3 * texels; ++i) buffer[i] = data[i];
-        return load_interleaved(buffer, T());
-    }
-
-    static void forward(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs, S* radiance) {
-        Surface<W, T> surfaces[packets];
-        const int count = static_cast<int>((tile.n1 - tile.n0 + lanes - 1) / lanes);
-        for (int i = 0; i < count; ++i) {
-            W channels[C];
-            load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = prepare<W, T>(channels);
-        }
-        const std::int64_t texels = tile.n1 - tile.n0;
-        for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
-            S* const line = radiance + ((tile.b * args.K + k) * args.N + tile.n0) * 3;
-            for (int i = 0; i < count; ++i) {
-                const Vec3<T> f = Model::evaluate(surfaces[i], pairs[k]);
-                if ((i + 1) * lanes <= texels) {
-                    store_interleaved(line + i * lanes * 3, f);
-                } else {
-                    S buffer[3 * lanes];
-                    store_interleaved(buffer, f);
-                    for (std::int64_t j = 0; j < 3 * (texels - i * lanes); ++j) line[i * lanes * 3 + j] = buffer[j];
-                }
-            }
-        }
-    }
-
-    static void backward(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs, const S* grad_radiance,
-                         S* grad_material) {
-        Surface<W, T> surfaces[packets];
-        Surface<T, T> adjoints[packets];
-        const int count = static_cast<int>((tile.n1 - tile.n0 + lanes - 1) / lanes);
-        for (int i = 0; i < count; ++i) {
-            W channels[C];
-            load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = prepare<W, T>(channels);
-            zip(adjoints[i], adjoints[i], [](T& a, T&) { a = T(0); });
-        }
-        const std::int64_t texels = tile.n1 - tile.n0;
-        for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
-            const S* const line = grad_radiance + ((tile.b * args.K + k) * args.N + tile.n0) * 3;
-            for (int i = 0; i < count; ++i) {
-                const Vec3<T> g = load_gradient(line + i * lanes * 3, texels - i * lanes);
-                Model::evaluate_adjoint(surfaces[i], pairs[k], g, adjoints[i]);
-            }
-        }
-        for (int i = 0; i < count; ++i) {
-            W channels[C];
-            T gradient[C];
-            load_material(args, tile, tile.n0 + i * lanes, channels);
-            pull_back(channels, adjoints[i], gradient);
-            store_gradient(args, tile, tile.n0 + i * lanes, gradient, grad_material);
-        }
-    }
-
-    static void backward_duals(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs,
-                               const S* grad_radiance, S* grad_material) {
-        using DW = Dual<W, C, T>;
-        using DT = Dual<T, C, T>;
-        for (std::int64_t n = tile.n0; n < tile.n1; n += lanes) {
-            W channels[C];
-            load_material(args, tile, n, channels);
-            DW inputs[C];
-            for (int c = 0; c < C; ++c) inputs[c] = DW::input(channels[c], c);
-            const Surface<DW, DT> surface = prepare<DW, DT>(inputs);
-            T gradient[C];
-            for (T& g : gradient) g = T(0);
-            for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
-                const S* const line = grad_radiance + ((tile.b * args.K + k) * args.N + n) * 3;
-                const Vec3<T> g = load_gradient(line, tile.n1 - n);
-                const Vec3<DT> f = Model::evaluate(surface, pairs[k]);
-                for (int c = 0; c < C; ++c)
-                    gradient[c] = gradient[c] + (g.x * f.x.d[c] + g.y * f.y.d[c] + g.z * f.z.d[c]);
-            }
-            store_gradient(args, tile, n, gradient, grad_material);
-        }
-    }
-};
 
 template <class S>
 void make_pairs(const ShadeArgs& args, std::int64_t b, std::int64_t k0, std::int64_t k1, Pair<S>* pairs) {
@@ -182,18 +13,6 @@ void make_pairs(const ShadeArgs& args, std::int64_t b, std::int64_t k0, std::int
         return Vec3<double>{static_cast<double>(v[0]), static_cast<double>(v[s]), static_cast<double>(v[2 * s])};
     };
     for (std::int64_t k = k0; k < k1; ++k) pairs[k - k0] = Pair<S>::of(vector(args.light, k), vector(args.view, k));
-}
-
-// Calls f.operator()<Model, Scalar>() for the model and the precision of the call.
-template <class F>
-void specialise(const ShadeArgs& args, F f) {
-    Models::visit(args.model, [&](auto model) {
-        if (args.is_double) {
-            f(model, double());
-        } else {
-            f(model, float());
-        }
-    });
 }
 
 }  // namespace
@@ -216,16 +35,17 @@ void shade_tile(const ShadeArgs& args, const ShadeTile& tile, const void* pairs,
 }
 
 void shade_backward_tile(const ShadeArgs& args, const ShadeTile& tile, const void* pairs, const void* grad_radiance,
-                         void* grad_material, bool duals) {
+                         void* grad_material) {
     specialise(args, [&](auto model, auto scalar) {
         using S = decltype(scalar);
         using K = Kernel<decltype(model), S>;
         const auto* const p = static_cast<const Pair<S>*>(pairs);
         const auto* const g = static_cast<const S*>(grad_radiance);
         if constexpr (decltype(model)::has_adjoint) {
-            if (!duals) return K::backward(args, tile, p, g, static_cast<S*>(grad_material));
+            K::backward(args, tile, p, g, static_cast<S*>(grad_material));
+        } else {
+            K::backward_duals(args, tile, p, g, static_cast<S*>(grad_material));
         }
-        K::backward_duals(args, tile, p, g, static_cast<S*>(grad_material));
     });
 }
 
