@@ -421,6 +421,18 @@ def test_an_untrained_network_scores_like_averaging() -> None:
     assert score.columns().keys() == {f"{m} {s}" for m in ("network", "linear") for s in ("near-mirror", "hemisphere")}
 
 
+def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    config = tiny(run={"steps": 2, "tensorboard": True, "validate_every": 2})
+    loop.train(config, tmp_path, resume=False, say=lambda _: None)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    _, *rows = csv.reader((tmp_path / "validation.csv").open())
+    logged = [event.value for event in events.Scalars("validation/network near-mirror")]
+    assert logged == pytest.approx([float(row[1]) for row in rows], rel=1e-4)
+
+
 # Export
 
 
