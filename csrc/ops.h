@@ -48,8 +48,7 @@ void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* 
 // The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the current device. They throw
 // std::runtime_error with CUDA's message; in a build without CUDA, always.
 void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream);
-void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream,
-                         bool duals);
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream);
 
 // ---- Texture sampling ----
 

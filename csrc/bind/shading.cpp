@@ -89,9 +89,10 @@ void shade_backward(const std::string& model, const Input& material, const Input
     const void* const in = grad_radiance.data();
     void* const out = grad_material.data();
     const bool gpu = on_gpu(material);
+    if (gpu && duals) throw nb::value_error("duals are for the CPU");
     const nb::gil_scoped_release release;
     if (gpu) {
-        mipbake::shade_backward_cuda(args, in, out, stream, duals);
+        mipbake::shade_backward_cuda(args, in, out, stream);
     } else {
         mipbake::shade_backward_cpu(args, in, out, duals);
     }

@@ -12,7 +12,7 @@ bool cuda_compiled() { return false; }
 bool cuda_available() { return false; }
 
 void shade_cuda(const ShadeArgs&, void*, std::uintptr_t) { throw std::runtime_error("built without CUDA"); }
-void shade_backward_cuda(const ShadeArgs&, const void*, void*, std::uintptr_t, bool) {
+void shade_backward_cuda(const ShadeArgs&, const void*, void*, std::uintptr_t) {
     throw std::runtime_error("built without CUDA");
 }
 #endif

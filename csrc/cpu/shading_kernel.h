@@ -2,12 +2,11 @@
 // light-view pairs. For the files that are compiled into kernels, and no other.
 #pragma once
 
-#include <type_traits>
-
 #include "core/dual.h"
 #include "core/packet.h"
 #include "cpu/shading.h"
 #include "shading/models.h"
+#include "shading/prepare.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
@@ -19,10 +18,10 @@ const S* row(const StridedArray3& a, std::int64_t i, std::int64_t j) {
 // One model in one precision.
 template <class Model, class S>
 struct Kernel {
+    using P = Prepare<Model>;
     using T = typename Lanes<S>::Real;
     using W = typename Lanes<S>::Wide;
     static constexpr int C = Model::channels;
-    static constexpr int colours = Model::colour_channels;
     static constexpr int lanes = Lanes<S>::count;
     static constexpr int packets = kTexelBlock / lanes;
     static_assert(kTexelBlock % lanes == 0, "a block is a whole number of packets");
@@ -38,49 +37,6 @@ struct Kernel {
             for (int c = 0; c < C; ++c) planes[c][lane] = texel[c * stride];
         }
         for (int c = 0; c < C; ++c) channels[c] = load_widened(planes[c], W());
-    }
-
-    // Visits the fields of both halves.
-    template <class A, class B, class F>
-    static MIPBAKE_INLINE void zip(A& a, B& b, F f) {
-        std::decay_t<A>::zip_colour(a, b, f);
-        std::decay_t<A>::zip_shape(a, b, f);
-    }
-
-    // Prepares in A, then brings the fields that only the lobe's precision needs to B.
-    template <class A, class B>
-    static Surface<A, B> prepare(const A (&channels)[C]) {
-        Surface<A, A> wide;
-        Model::prepare_colour(channels, wide);
-        Model::prepare_shape(channels + colours, wide);
-        Surface<A, B> out;
-        zip(out, wide, [](auto& to, const A& from) { to = narrow<std::decay_t<decltype(to)>>(from); });
-        return out;
-    }
-
-    // The gradient by the stored channels from that by the surface: each half of prepare on dual numbers.
-    static void pull_back(const W (&channels)[C], const Surface<T, T>& adjoint, T (&gradient)[C]) {
-        for (T& g : gradient) g = T(0);
-        {
-            using D = Dual<W, colours, T>;
-            D inputs[colours];
-            for (int c = 0; c < colours; ++c) inputs[c] = D::input(channels[c], c);
-            Surface<D, D> surface;
-            Model::prepare_colour(inputs, surface);
-            Surface<D, D>::zip_colour(adjoint, surface, [&](const T& bar, const D& field) {
-                for (int c = 0; c < colours; ++c) gradient[c] = gradient[c] + bar * field.d[c];
-            });
-        }
-        {
-            using D = Dual<W, C - colours, T>;
-            D inputs[C - colours];
-            for (int c = colours; c < C; ++c) inputs[c - colours] = D::input(channels[c], c - colours);
-            Surface<D, D> surface;
-            Model::prepare_shape(inputs, surface);
-            Surface<D, D>::zip_shape(adjoint, surface, [&](const T& bar, const D& field) {
-                for (int c = colours; c < C; ++c) gradient[c] = gradient[c] + bar * field.d[c - colours];
-            });
-        }
     }
 
     static void store_gradient(const ShadeArgs& args, const ShadeTile& tile, std::int64_t n, const T (&gradient)[C],
@@ -106,7 +62,7 @@ struct Kernel {
         for (int i = 0; i < count; ++i) {
             W channels[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = prepare<W, T>(channels);
+            surfaces[i] = P::template surface<W, T>(channels);
         }
         const std::int64_t texels = tile.n1 - tile.n0;
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
@@ -132,8 +88,8 @@ struct Kernel {
         for (int i = 0; i < count; ++i) {
             W channels[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
-            surfaces[i] = prepare<W, T>(channels);
-            zip(adjoints[i], adjoints[i], [](T& a, T&) { a = T(0); });
+            surfaces[i] = P::template surface<W, T>(channels);
+            P::zip(adjoints[i], adjoints[i], [](T& a, T&) { a = T(0); });
         }
         const std::int64_t texels = tile.n1 - tile.n0;
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
@@ -147,7 +103,7 @@ struct Kernel {
             W channels[C];
             T gradient[C];
             load_material(args, tile, tile.n0 + i * lanes, channels);
-            pull_back(channels, adjoints[i], gradient);
+            P::pull_back(channels, adjoints[i], gradient);
             store_gradient(args, tile, tile.n0 + i * lanes, gradient, grad_material);
         }
     }
@@ -161,7 +117,7 @@ struct Kernel {
             load_material(args, tile, n, channels);
             DW inputs[C];
             for (int c = 0; c < C; ++c) inputs[c] = DW::input(channels[c], c);
-            const Surface<DW, DT> surface = prepare<DW, DT>(inputs);
+            const Surface<DW, DT> surface = P::template surface<DW, DT>(inputs);
             T gradient[C];
             for (T& g : gradient) g = T(0);
             for (std::int64_t k = tile.k0; k < tile.k1; ++k) {

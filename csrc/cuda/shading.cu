@@ -1,0 +1,176 @@
+// Shading on the GPU, from the same headers as on the CPU: geometry in double, the lobe in float.
+#include <cuda_runtime.h>
+
+#include <stdexcept>
+#include <string>
+
+#include "ops.h"
+#include "shading/models.h"
+#include "shading/prepare.h"
+
+namespace mipbake {
+namespace {
+
+using Index = std::int64_t;
+
+// A block shades kTexels texels, and kSlices threads share the pairs of each. Pairs are worked out kPairs at a time, in
+// shared memory, because every texel needs them.
+constexpr int kTexels = 32, kSlices = 8, kPairs = 64;
+constexpr int kThreads = kTexels * kSlices;
+
+__device__ Vec3<double> direction(const StridedArray3& a, Index b, Index k) {
+    const float* const v = static_cast<const float*>(a.data) + b * a.strides[0] + k * a.strides[1];
+    return {v[0], v[a.strides[2]], v[2 * a.strides[2]]};
+}
+
+// Pairs [k0, k0 + count) into shared memory, by all threads of the block.
+__device__ void load_pairs(const ShadeArgs& args, Index b, Index k0, int count, Pair<float>* pairs) {
+    const int i = threadIdx.y * kTexels + threadIdx.x;
+    if (i < count) pairs[i] = Pair<float>::of(direction(args.light, b, k0 + i), direction(args.view, b, k0 + i));
+    __syncthreads();
+}
+static_assert(kPairs <= kThreads, "one thread works out one pair");
+
+template <int C>
+__device__ void load_material(const ShadeArgs& args, Index b, Index n, double (&channels)[C]) {
+    const StridedArray3& a = args.material;
+    const float* const texel = static_cast<const float*>(a.data) + b * a.strides[0] + n * a.strides[1];
+    for (int c = 0; c < C; ++c) channels[c] = texel[c * a.strides[2]];
+}
+
+// Grid: batch elements, times chunks of kPairs pairs, times blocks of kTexels texels.
+template <class Model>
+__global__ void __launch_bounds__(kThreads) forward_kernel(const __grid_constant__ ShadeArgs args, float* radiance) {
+    using Surface = typename Model::template Surface<double, float>;
+    __shared__ Surface surfaces[kTexels];
+    __shared__ Pair<float> pairs[kPairs];
+    const Index blocks = (args.N + kTexels - 1) / kTexels, chunks = (args.K + kPairs - 1) / kPairs;
+    const Index n = blockIdx.x % blocks * kTexels + threadIdx.x, b = blockIdx.x / blocks / chunks;
+    const Index k0 = blockIdx.x / blocks % chunks * kPairs;
+    const int count = static_cast<int>(smaller<Index>(kPairs, args.K - k0));
+    if (threadIdx.y == 0 && n < args.N) {
+        double channels[Model::channels];
+        load_material(args, b, n, channels);
+        surfaces[threadIdx.x] = Prepare<Model>::template surface<double, float>(channels);
+    }
+    load_pairs(args, b, k0, count, pairs);  // its barrier covers the surfaces too
+    if (n >= args.N) return;
+    for (int i = threadIdx.y; i < count; i += kSlices) {
+        const Vec3<float> f = Model::evaluate(surfaces[threadIdx.x], pairs[i]);
+        float* const out = radiance + ((b * args.K + k0 + i) * args.N + n) * 3;
+        out[0] = f.x;
+        out[1] = f.y;
+        out[2] = f.z;
+    }
+}
+
+// Grid: batch elements, times blocks of texels. Each slice sums its pairs in order, then the slices are summed in
+// order: the same bits every time.
+template <class Model>
+__global__ void __launch_bounds__(kThreads)
+    backward_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance, float* grad_material) {
+    using Surface = typename Model::template Surface<double, float>;
+    using Adjoint = typename Model::template Surface<float, float>;
+    constexpr int C = Model::channels;
+    __shared__ Surface surfaces[kTexels];
+    __shared__ Pair<float> pairs[kPairs];
+    __shared__ Adjoint adjoints[kSlices][kTexels];
+    const Index blocks = (args.N + kTexels - 1) / kTexels;
+    const Index n = blockIdx.x % blocks * kTexels + threadIdx.x, b = blockIdx.x / blocks;
+    const auto zero = [](float& a, float&) { a = 0; };
+    const auto add = [](float& a, const float& other) { a += other; };
+
+    double channels[C];
+    if (threadIdx.y == 0 && n < args.N) {
+        load_material(args, b, n, channels);
+        surfaces[threadIdx.x] = Prepare<Model>::template surface<double, float>(channels);
+    }
+    Adjoint adjoint;
+    Prepare<Model>::zip(adjoint, adjoint, zero);
+    for (Index k0 = 0; k0 < args.K; k0 += kPairs) {
+        const int count = static_cast<int>(smaller<Index>(kPairs, args.K - k0));
+        __syncthreads();  // the pairs before are done with
+        load_pairs(args, b, k0, count, pairs);
+        for (int i = threadIdx.y; n < args.N && i < count; i += kSlices) {
+            const float* const g = grad_radiance + ((b * args.K + k0 + i) * args.N + n) * 3;
+            Model::evaluate_adjoint(surfaces[threadIdx.x], pairs[i], Vec3<float>{g[0], g[1], g[2]}, adjoint);
+        }
+    }
+    adjoints[threadIdx.y][threadIdx.x] = adjoint;
+    __syncthreads();
+    if (threadIdx.y != 0 || n >= args.N) return;
+    for (int slice = 1; slice < kSlices; ++slice) Prepare<Model>::zip(adjoint, adjoints[slice][threadIdx.x], add);
+    float gradient[C];
+    Prepare<Model>::pull_back(channels, adjoint, gradient);
+    for (int c = 0; c < C; ++c) grad_material[(b * args.N + n) * C + c] = gradient[c];
+}
+
+// For a model with no adjoint of its own. One thread per texel.
+template <class Model>
+__global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance,
+                                      float* grad_material) {
+    constexpr int C = Model::channels;
+    using W = Dual<double, C, float>;
+    using T = Dual<float, C>;
+    const Index i = Index(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i >= args.B * args.N) return;
+    const Index b = i / args.N, n = i % args.N;
+    double channels[C];
+    load_material(args, b, n, channels);
+    W inputs[C];
+    for (int c = 0; c < C; ++c) inputs[c] = W::input(channels[c], c);
+    const auto surface = Prepare<Model>::template surface<W, T>(inputs);
+    float gradient[C] = {};
+    for (Index k = 0; k < args.K; ++k) {
+        const auto pair = Pair<float>::of(direction(args.light, b, k), direction(args.view, b, k));
+        const float* const g = grad_radiance + ((b * args.K + k) * args.N + n) * 3;
+        const Vec3<T> f = Model::evaluate(surface, pair);
+        for (int c = 0; c < C; ++c) gradient[c] += g[0] * f.x.d[c] + g[1] * f.y.d[c] + g[2] * f.z.d[c];
+    }
+    for (int c = 0; c < C; ++c) grad_material[i * C + c] = gradient[c];
+}
+
+void check_cuda(const char* kernel) {
+    const cudaError_t error = cudaGetLastError();
+    if (error != cudaSuccess)
+        throw std::runtime_error(std::string("CUDA, ") + kernel + ": " + cudaGetErrorString(error));
+}
+
+void require_float(const ShadeArgs& args) {
+    if (args.is_double) throw std::runtime_error("the CUDA kernels are for float32 alone");
+}
+
+}  // namespace
+
+void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream) {
+    require_float(args);
+    if (args.B * args.K * args.N == 0) return;
+    const Index blocks = (args.N + kTexels - 1) / kTexels * ((args.K + kPairs - 1) / kPairs) * args.B;
+    Models::visit(args.model, [&](auto model) {
+        forward_kernel<decltype(model)>
+            <<<static_cast<unsigned>(blocks), dim3(kTexels, kSlices), 0, reinterpret_cast<cudaStream_t>(stream)>>>(
+                args, static_cast<float*>(radiance));
+    });
+    check_cuda("shade");
+}
+
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream) {
+    require_float(args);
+    if (args.B * args.N == 0) return;
+    const auto s = reinterpret_cast<cudaStream_t>(stream);
+    const auto* const g = static_cast<const float*>(grad_radiance);
+    auto* const out = static_cast<float*>(grad_material);
+    Models::visit(args.model, [&](auto model) {
+        using Model = decltype(model);
+        if constexpr (Model::has_adjoint) {
+            const Index blocks = (args.N + kTexels - 1) / kTexels * args.B;
+            backward_kernel<Model><<<static_cast<unsigned>(blocks), dim3(kTexels, kSlices), 0, s>>>(args, g, out);
+        } else {
+            const Index blocks = (args.B * args.N + kThreads - 1) / kThreads;
+            backward_duals_kernel<Model><<<static_cast<unsigned>(blocks), kThreads, 0, s>>>(args, g, out);
+        }
+    });
+    check_cuda("shade_backward");
+}
+
+}  // namespace mipbake
