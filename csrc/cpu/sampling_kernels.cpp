@@ -46,7 +46,8 @@ struct Sizes {
 };
 
 template <bool wrap, class T>
-void taps(int count, const T* coordinate, const int* size, int* first, int* second, T* fraction) {
+void taps_with(int count, const T* __restrict coordinate, const int* __restrict size, int* __restrict first,
+               int* __restrict second, T* __restrict fraction) {
     for (int i = 0; i < count; ++i) {
         const Tap<T> tap = axis_tap<wrap>(coordinate[i], size[i]);
         first[i] = tap.first;
@@ -56,41 +57,77 @@ void taps(int count, const T* coordinate, const int* size, int* first, int* seco
 }
 
 template <class T>
+void taps(bool wrap, int count, const T* coordinate, const int* size, int* first, int* second, T* fraction) {
+    if (wrap)
+        taps_with<true>(count, coordinate, size, first, second, fraction);
+    else
+        taps_with<false>(count, coordinate, size, first, second, fraction);
+}
+
+template <class T>
+void level_pairs(int count, const T* __restrict lod, int last, int* __restrict finer, int* __restrict coarser,
+                 T* __restrict blend) {
+    for (int i = 0; i < count; ++i) {
+        const LevelPair<T> pair = level_pair(lod[i], last);
+        finer[i] = pair.finer;
+        coarser[i] = pair.coarser;
+        blend[i] = pair.blend;
+    }
+}
+
+inline void gather(int count, const int* __restrict table, const int* __restrict index, int* __restrict out) {
+    for (int i = 0; i < count; ++i) out[i] = table[index[i]];
+}
+
+template <class T>
+bool any_blend(int count, const T* blend) {
+    int mixed = 0;
+    for (int i = 0; i < count; ++i) mixed |= static_cast<int>(blend[i] != 0);
+    return mixed != 0;
+}
+
+// Needs block.lod; where args repeats one lod, its first element only.
+template <class T>
 void choose_levels(const SampleArgs<T>& args, const Sizes<T>& sizes, bool always_both, Block<T>& block) {
     const int last = args.level_count - 1;
-    int mixed = 0;
-    for (int i = 0; i < block.count; ++i) {
-        const LevelPair<T> pair = level_pair(block.lod[i], last);
-        block.level[0][i] = pair.finer;
-        block.level[1][i] = pair.coarser;
-        block.blend[i] = pair.blend;
-        mixed |= pair.blend != 0 ? 1 : 0;
-    }
-    block.blended = mixed != 0 || always_both;
-    for (int s = 0; s < (block.blended ? 2 : 1); ++s)
-        for (int i = 0; i < block.count; ++i) {
-            block.height[s][i] = sizes.height[block.level[s][i]];
-            block.width[s][i] = sizes.width[block.level[s][i]];
+    if (args.lod_point_stride == 0) {
+        const LevelPair<T> pair = level_pair(block.lod[0], last);
+        block.blended = pair.blend != 0 || always_both;
+        for (int i = 0; i < block.count; ++i) block.blend[i] = pair.blend;
+        for (int s = 0; s < (block.blended ? 2 : 1); ++s) {
+            const int level = s == 0 ? pair.finer : pair.coarser;
+            for (int i = 0; i < block.count; ++i) block.level[s][i] = level;
+            for (int i = 0; i < block.count; ++i) block.height[s][i] = sizes.height[level];
+            for (int i = 0; i < block.count; ++i) block.width[s][i] = sizes.width[level];
         }
+        return;
+    }
+    level_pairs(block.count, block.lod, last, block.level[0], block.level[1], block.blend);
+    block.blended = any_blend(block.count, block.blend) || always_both;
+    for (int s = 0; s < (block.blended ? 2 : 1); ++s) {
+        gather(block.count, sizes.height, block.level[s], block.height[s]);
+        gather(block.count, sizes.width, block.level[s], block.width[s]);
+    }
 }
 
 template <class T>
 void rows_of(const SampleArgs<T>& args, Block<T>& block) {
-    for (int s = 0; s < (block.blended ? 2 : 1); ++s) {
-        if (args.wrap_v)
-            taps<true>(block.count, block.v, block.height[s], block.y0[s], block.y1[s], block.y[s]);
-        else
-            taps<false>(block.count, block.v, block.height[s], block.y0[s], block.y1[s], block.y[s]);
-    }
+    for (int s = 0; s < (block.blended ? 2 : 1); ++s)
+        taps(args.wrap_v, block.count, block.v, block.height[s], block.y0[s], block.y1[s], block.y[s]);
 }
 
 template <class T>
 void columns_of(const SampleArgs<T>& args, Block<T>& block) {
-    for (int s = 0; s < (block.blended ? 2 : 1); ++s) {
-        if (args.wrap_u)
-            taps<true>(block.count, block.u, block.width[s], block.x0[s], block.x1[s], block.x[s]);
-        else
-            taps<false>(block.count, block.u, block.width[s], block.x0[s], block.x1[s], block.x[s]);
+    for (int s = 0; s < (block.blended ? 2 : 1); ++s)
+        taps(args.wrap_u, block.count, block.u, block.width[s], block.x0[s], block.x1[s], block.x[s]);
+}
+
+// Forced inline, so that a constant stride makes wide loads of it.
+template <class T>
+MIPBAKE_INLINE void deinterleave(int count, const T* __restrict uv, Index stride, T* __restrict u, T* __restrict v) {
+    for (int i = 0; i < count; ++i) {
+        u[i] = uv[i * stride];
+        v[i] = uv[i * stride + 1];
     }
 }
 
@@ -99,11 +136,14 @@ template <class T>
 void load(const SampleArgs<T>& args, Index item, Index point, Block<T>& block) {
     const T* const uv = args.uv + item * args.uv_batch_stride + point * args.uv_point_stride;
     const T* const lod = args.lod + item * args.lod_batch_stride + point * args.lod_point_stride;
-    for (int i = 0; i < block.count; ++i) {
-        block.u[i] = uv[i * args.uv_point_stride];
-        block.v[i] = uv[i * args.uv_point_stride + 1];
-    }
-    for (int i = 0; i < block.count; ++i) block.lod[i] = lod[i * args.lod_point_stride];
+    if (args.uv_point_stride == 2)
+        deinterleave(block.count, uv, 2, block.u, block.v);
+    else
+        deinterleave(block.count, uv, args.uv_point_stride, block.u, block.v);
+    if (args.lod_point_stride == 1)
+        for (int i = 0; i < block.count; ++i) block.lod[i] = lod[i];
+    else
+        for (int i = 0; i < block.count; ++i) block.lod[i] = lod[i * args.lod_point_stride];
 }
 
 // NaN in any of them makes the whole lookup NaN: it then adds to no gradient.
@@ -232,10 +272,12 @@ void slopes_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index b
 }
 
 // Adds a lookup's gradient to the texels of two rows of one level, of which [row_begin, row_end) are wanted. The order
-// (upper row before lower, left before right) is the same for every caller.
+// (upper row before lower, left before right) is the same for every caller. Forced inline, because GCC 12.2 with AVX2
+// at -O3 otherwise takes its callers for functions without effect and leaves them out (-fno-ipa-modref cures it too);
+// tests/test_sampling_isas.py would tell.
 template <int C, class T>
-void scatter_quad(T* level, int width, int channels, int x0, int x1, int y0, int y1, T x, T y, T weight, int row_begin,
-                  int row_end, const T* grad) {
+MIPBAKE_INLINE void scatter_quad(T* level, int width, int channels, int x0, int x1, int y0, int y1, T x, T y, T weight,
+                                 int row_begin, int row_end, const T* grad) {
     const int n = C > 0 ? C : channels;
     const T upper = weight * (1 - y), lower = weight * y;
     if (y0 >= row_begin && y0 < row_end) {
@@ -301,39 +343,64 @@ void for_each_bin(const SampleArgs<T>& args, const SampleBins& bins, Index begin
     });
 }
 
-template <bool wrap_u, bool wrap_v, int C, class T>
+// A block of the lookups of one bin. Their gradients lie apart in memory, and are asked for on reading.
+template <class T>
+struct BinBlock {
+    int count;
+    T u[block_size], v[block_size], lod[block_size], weight[block_size];
+    int x0[block_size], x1[block_size], y0[block_size], y1[block_size], size[block_size];
+    T x[block_size], y[block_size];
+    const T* grad[block_size];
+};
+
+// one_item: the batch item of every lookup, or -1 where each has its own.
+template <class T>
+void load_listed(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index one_item, const std::uint32_t* lookups,
+                 Index origin, BinBlock<T>& block) {
+    for (int i = 0; i < block.count; ++i) {
+        const Index lookup = origin + lookups[i];
+        Index item = one_item;
+        if (one_item < 0) item = lookup / args.points;
+        const Index point = lookup - item * args.points;
+        const T* const uv = args.uv + item * args.uv_batch_stride + point * args.uv_point_stride;
+        block.u[i] = uv[0];
+        block.v[i] = uv[1];
+        block.lod[i] = args.lod[item * args.lod_batch_stride + point * args.lod_point_stride];
+        block.grad[i] = grads.out + lookup * args.channels;
+        MIPBAKE_PREFETCH(block.grad[i]);
+    }
+}
+
+template <class T>
+void locate_listed(const SampleArgs<T>& args, int level, BinBlock<T>& block) {
+    const int last = args.level_count - 1;
+    for (int i = 0; i < block.count; ++i) block.size[i] = args.levels[level].width;
+    taps(args.wrap_u, block.count, block.u, block.size, block.x0, block.x1, block.x);
+    for (int i = 0; i < block.count; ++i) block.size[i] = args.levels[level].height;
+    taps(args.wrap_v, block.count, block.v, block.size, block.y0, block.y1, block.y);
+    for (int i = 0; i < block.count; ++i) {
+        const LevelPair<T> pair = level_pair(block.lod[i], last);
+        block.weight[i] = pair.finer == level ? 1 - pair.blend : pair.blend;
+    }
+}
+
+template <int C, class T>
 void scatter_bin_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, int level, int row_begin, int row_end,
                       const std::uint32_t* lookups, Index count, Index origin) {
-    const int height = args.levels[level].height, width = args.levels[level].width, last = args.level_count - 1;
-    const bool one_item = args.batch == 1 || grads.level_batch > 1;
+    const bool is_one_item = args.batch == 1 || grads.level_batch > 1;
     const Index first_item = origin / args.points;
     T* const target = level_grad(args, grads, level, first_item);
-    T u[block_size], v[block_size], lod[block_size], weight[block_size];
-    Tap<T> x[block_size], y[block_size];
-    const T* grad[block_size];
+    const int width = args.levels[level].width;
+    BinBlock<T> block;
     for (Index begin = 0; begin < count; begin += block_size) {
-        const int n = static_cast<int>(count - begin < block_size ? count - begin : block_size);
-        for (int i = 0; i < n; ++i) {
-            const Index lookup = origin + lookups[begin + i];
-            const Index item = one_item ? first_item : lookup / args.points, point = lookup - item * args.points;
-            const T* const uv = args.uv + item * args.uv_batch_stride + point * args.uv_point_stride;
-            u[i] = uv[0];
-            v[i] = uv[1];
-            lod[i] = args.lod[item * args.lod_batch_stride + point * args.lod_point_stride];
-            grad[i] = grads.out + lookup * args.channels;
-            MIPBAKE_PREFETCH(grad[i]);
-        }
-        for (int i = 0; i < n; ++i) x[i] = axis_tap<wrap_u>(u[i], width);
-        for (int i = 0; i < n; ++i) y[i] = axis_tap<wrap_v>(v[i], height);
-        for (int i = 0; i < n; ++i) {
-            const LevelPair<T> pair = level_pair(lod[i], last);
-            weight[i] = pair.finer == level ? 1 - pair.blend : pair.blend;
-        }
-        for (int i = 0; i < n; ++i) {
-            const T sum = x[i].fraction + y[i].fraction + weight[i];
+        block.count = static_cast<int>(count - begin < block_size ? count - begin : block_size);
+        load_listed(args, grads, is_one_item ? first_item : -1, lookups + begin, origin, block);
+        locate_listed(args, level, block);
+        for (int i = 0; i < block.count; ++i) {
+            const T sum = block.x[i] + block.y[i] + block.weight[i];
             if (sum != sum) continue;
-            scatter_quad<C>(target, width, args.channels, x[i].first, x[i].second, y[i].first, y[i].second,
-                            x[i].fraction, y[i].fraction, weight[i], row_begin, row_end, grad[i]);
+            scatter_quad<C>(target, width, args.channels, block.x0[i], block.x1[i], block.y0[i], block.y1[i],
+                            block.x[i], block.y[i], block.weight[i], row_begin, row_end, block.grad[i]);
         }
     }
 }
@@ -371,9 +438,9 @@ template <class T>
 void sample_range(const SampleArgs<T>& args, T* out, Index begin, Index end) {
     with_channels(args.channels, [&](auto c) {
         if (is_large(args))
-            sample_with<decltype(c)::value, true>(args, out, begin, end);
+            sample_with<c.value, true>(args, out, begin, end);
         else
-            sample_with<decltype(c)::value, false>(args, out, begin, end);
+            sample_with<c.value, false>(args, out, begin, end);
     });
 }
 
@@ -381,15 +448,15 @@ template <class T>
 void sample_slopes_range(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
     with_channels(args.channels, [&](auto c) {
         if (is_large(args))
-            slopes_with<decltype(c)::value, true>(args, grads, begin, end);
+            slopes_with<c.value, true>(args, grads, begin, end);
         else
-            slopes_with<decltype(c)::value, false>(args, grads, begin, end);
+            slopes_with<c.value, false>(args, grads, begin, end);
     });
 }
 
 template <class T>
 void scatter_range(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
-    with_channels(args.channels, [&](auto c) { scatter_with<decltype(c)::value>(args, grads, begin, end); });
+    with_channels(args.channels, [&](auto c) { scatter_with<c.value>(args, grads, begin, end); });
 }
 
 template <class T>
@@ -409,11 +476,7 @@ template <class T>
 void scatter_bin(const SampleArgs<T>& args, const SampleGrads<T>& grads, int level, int row_begin, int row_end,
                  const std::uint32_t* lookups, Index count, Index origin) {
     with_channels(args.channels, [&](auto c) {
-        constexpr int C = decltype(c)::value;
-        const auto kernel =
-            args.wrap_u ? (args.wrap_v ? scatter_bin_with<true, true, C, T> : scatter_bin_with<true, false, C, T>)
-                        : (args.wrap_v ? scatter_bin_with<false, true, C, T> : scatter_bin_with<false, false, C, T>);
-        kernel(args, grads, level, row_begin, row_end, lookups, count, origin);
+        scatter_bin_with<c.value>(args, grads, level, row_begin, row_end, lookups, count, origin);
     });
 }
 

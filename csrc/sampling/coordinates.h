@@ -85,7 +85,7 @@ MIPBAKE_INLINE LevelPair<T> level_pair(T lod, int last) {
     const T whole = floor_of(clamped);
     LevelPair<T> pair;
     pair.finer = static_cast<int>(whole == whole ? whole : T(0));
-    pair.coarser = (below || pair.finer >= last) ? pair.finer : pair.finer + 1;
+    pair.coarser = pair.finer + (!below & (pair.finer < last) ? 1 : 0);
     pair.blend = clamped - whole;
     return pair;
 }
