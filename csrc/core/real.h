@@ -47,6 +47,11 @@ template <class T>
 MIPBAKE_INLINE T smaller(const T& a, const T& b) {
     return select(a < b, a, b);
 }
+// x held to [low, high]; its derivative is 1 up to and at the limits, and 0 beyond.
+template <class T>
+MIPBAKE_INLINE T clamp(const T& x, double low, double high) {
+    return select(x > high, T(high), select(x < low, T(low), x));
+}
 template <class T>
 MIPBAKE_INLINE T square(const T& x) {
     return x * x;

@@ -29,9 +29,9 @@ struct Ggx : GgxLobe<Ggx> {
 
         // S = exp([[a, c], [c, b]]) (Kemppinen et al. 2023, equation 6). With m = (a + b) / 2, d = (a - b) / 2 and
         // r = sqrt(d^2 + c^2): S = e^m [[A, C], [C, B]], A = cosh r + d sinh(r) / r, C = c sinh(r) / r, A B - C^2 = 1.
-        // m is held to [-30, 30] and r to 20, at the same direction of (d, c), far beyond any material, so that nothing
+        // m is held to [-30, 10] and r to 20, at the same direction of (d, c), far beyond any material, so that nothing
         // overflows.
-        const R m = larger(smaller((c[2] + c[3]) * 0.5, R(30)), R(-30));
+        const R m = clamp((c[2] + c[3]) * 0.5, -30, 10);
         const R d = (c[2] - c[3]) * 0.5, k = c[4];
         const R r2 = d * d + k * k;
         const auto small = r2 < 0.01;

@@ -23,6 +23,9 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
+// Cosines up to this count as not positive: products of smaller ones leave the range of float.
+constexpr double kHorizon = 1e-9;
+
 // What a texel contributes, prepared once for all light-view pairs.
 template <class W, class T>
 struct GgxSurface {
@@ -132,7 +135,7 @@ struct GgxLobe {
         static MIPBAKE_INLINE Terms of(const GgxSurface<W, T>& s, const Pair<S>& p) {
             Terms c;
             const T l_n = narrow<T>(dot(s.n, p.light)), v_n = narrow<T>(dot(s.n, p.view));
-            c.lit = both(l_n > T(0), v_n > T(0));
+            c.lit = both(l_n > T(kHorizon), v_n > T(kHorizon));
             c.l_n = select(c.lit, l_n, T(1));
             c.v_n = select(c.lit, v_n, T(1));
             c.y1 = narrow<T>(dot(s.w1, p.half));

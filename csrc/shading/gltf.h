@@ -10,6 +10,7 @@ inline namespace MIPBAKE_ISA {
 
 constexpr double kDielectricF0 = 0.04;  // as DIELECTRIC_F0 and MIN_ROUGHNESS in mipbake/material.py
 constexpr double kMinRoughness = 0.045;
+constexpr double kMaxRoughness = 100;  // no material's: only so that nothing overflows
 
 // mix(dielectric, metal, metallic), where the dielectric is mix(base / pi, D V, F_d) with
 // F_d = 0.04 + 0.96 P, and the metal D V (base + (1 - base) P). The microfacet terms add up to D V F with
@@ -43,7 +44,7 @@ struct Gltf : GgxLobe<Gltf> {
 
     template <class R>
     static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
-        const R alpha = square(larger(c[0], R(kMinRoughness)));
+        const R alpha = square(clamp(c[0], kMinRoughness, kMaxRoughness));
         const Frame<R> frame = any_frame(unit_normal(Vec3<R>{c[1], c[2], c[3]}));
         s.n = frame.n;
         set_axes(s, frame.t, alpha, frame.b, alpha);

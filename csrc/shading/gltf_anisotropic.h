@@ -23,8 +23,8 @@ struct GltfAnisotropic : GgxLobe<GltfAnisotropic> {
 
     template <class R>
     static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
-        const R alpha = square(larger(c[0], R(kMinRoughness)));
-        const R along = alpha + (1.0 - alpha) * square(c[6]);
+        const R alpha = square(clamp(c[0], kMinRoughness, kMaxRoughness));
+        const R along = alpha + (1.0 - alpha) * square(clamp(c[6], -1, 1));
         const Frame<R> frame = tangent_frame(unit_normal(Vec3<R>{c[1], c[2], c[3]}));
         s.n = frame.n;
 

@@ -9,6 +9,9 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
+// Stored channels are held to this magnitude, far beyond any material, so that nothing overflows.
+constexpr double kLargestChannel = 1e4;
+
 template <class Model>
 struct Prepare {
     static constexpr int C = Model::channels;
@@ -26,9 +29,11 @@ struct Prepare {
     // Prepares in A, then brings the fields that only the lobe's precision needs to B.
     template <class A, class B>
     static MIPBAKE_FUNCTION Surface<A, B> surface(const A (&channels)[C]) {
+        A held[C];
+        for (int c = 0; c < C; ++c) held[c] = clamp(channels[c], -kLargestChannel, kLargestChannel);
         Surface<A, A> wide;
-        Model::prepare_colour(channels, wide);
-        Model::prepare_shape(channels + colours, wide);
+        Model::prepare_colour(held, wide);
+        Model::prepare_shape(held + colours, wide);
         Surface<A, B> out;
         zip(out, wide, [](auto& to, const A& from) { to = narrow<std::decay_t<decltype(to)>>(from); });
         return out;
@@ -41,7 +46,7 @@ struct Prepare {
         {
             using D = Dual<W, colours, T>;
             D inputs[colours];
-            for (int c = 0; c < colours; ++c) inputs[c] = D::input(channels[c], c);
+            for (int c = 0; c < colours; ++c) inputs[c] = input<D>(channels[c], c);
             Surface<D, D> surface;
             Model::prepare_colour(inputs, surface);
             Surface<D, D>::zip_colour(adjoint, surface, [&](const T& bar, const D& field) {
@@ -51,13 +56,19 @@ struct Prepare {
         {
             using D = Dual<W, C - colours, T>;
             D inputs[C - colours];
-            for (int c = colours; c < C; ++c) inputs[c - colours] = D::input(channels[c], c - colours);
+            for (int c = colours; c < C; ++c) inputs[c - colours] = input<D>(channels[c], c - colours);
             Surface<D, D> surface;
             Model::prepare_shape(inputs, surface);
             Surface<D, D>::zip_shape(adjoint, surface, [&](const T& bar, const D& field) {
                 for (int c = colours; c < C; ++c) gradient[c] = gradient[c] + bar * field.d[c - colours];
             });
         }
+    }
+
+  private:
+    template <class D, class W>
+    static MIPBAKE_INLINE D input(const W& channel, int index) {
+        return clamp(D::input(channel, index), -kLargestChannel, kLargestChannel);
     }
 };
 

@@ -30,16 +30,16 @@ def models() -> Mapping[str, int]:
 def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) -> NDArray[Any]:
     """Radiance towards `view` of every texel, lit by unit radiance from `light`: f(theta, l, v), the cosine included.
 
-    f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 or n.v <= 0, with the anisotropic GGX distribution D,
-    height-correlated Smith masking-shadowing V and Schlick's Fresnel term F (docs/conventions.md, section 2). k is 1
-    for `ggx`, and 0.96 (1 - (1 - l.h)^5) for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B).
+    f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 or n.v <= 0 (in fact up to 1e-9), with the anisotropic
+    GGX distribution D, height-correlated Smith masking-shadowing V and Schlick's Fresnel term F (docs/conventions.md,
+    section 2). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5) for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B).
 
     Args:
         model: "gltf", "gltf-anisotropic" or "ggx".
         material: (N, C) or (B, N, C) stored channels of the model, float32 or float64, any strides. Normals and
-            anisotropy directions are renormalised; glTF's roughness is raised to 0.045; the eigenvalues of ggx's
-            log-roughness tensor are held to a mean within 30 and a distance from it within 20. Other channels are
-            taken as they are.
+            anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
+            channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, and of ggx's log-roughness tensor
+            the mean of the eigenvalues to [-30, 10] and their distance from it to 20.
         light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; converted to the dtype
             of the material.
         view: the same, from the surface to the viewer.

@@ -34,7 +34,7 @@ class Surface(NamedTuple):
 def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
     batch, *_ = batch_shape(model, material.shape, light.shape, view.shape)
-    surface = MODELS[model](material.unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1, 3)
+    surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1, 3)
     radiance = evaluate(surface, light.unsqueeze(-2), view.unsqueeze(-2))
     return radiance if batch is None or radiance.ndim == 4 else radiance[None]
 
@@ -45,7 +45,7 @@ def evaluate(s: Surface, light: Tensor, view: Tensor) -> Tensor:
     half = total / total.norm(dim=-1, keepdim=True).clamp_min(1e-15)
     lt, lb, ln = _in_frame(light, s.normal)
     vt, vb, vn = _in_frame(view, s.normal)
-    lit = (ln > 0) & (vn > 0)
+    lit = (ln > 1e-9) & (vn > 1e-9)
     # Unlit pairs get an upright geometry, so that no gradient through torch.where is NaN.
     ln, vn = torch.where(lit, ln, 1.0), torch.where(lit, vn, 1.0)
     g_l = torch.sqrt(ln * ln + _form(s.tensor, lt, lb))
@@ -98,15 +98,15 @@ def _normalized(v: Tensor, axis: int) -> Tensor:
 
 
 def _gltf(c: Tensor) -> Surface:
-    base, metallic, alpha = c[..., 0:3], c[..., 3:4], c[..., 4].clamp_min(MIN_ROUGHNESS) ** 2
+    base, metallic, alpha = c[..., 0:3], c[..., 3:4], c[..., 4].clamp(MIN_ROUGHNESS, 100) ** 2
     f0 = DIELECTRIC_F0 + (base - DIELECTRIC_F0) * metallic
     tensor = torch.stack([alpha * alpha, alpha * alpha, torch.zeros_like(alpha)], -1)
     return Surface(base * (1 - metallic), f0, _normalized(c[..., 5:8], 2), tensor, True)
 
 
 def _gltf_anisotropic(c: Tensor) -> Surface:
-    alpha = c[..., 4].clamp_min(MIN_ROUGHNESS) ** 2
-    along, across = (alpha + (1 - alpha) * c[..., 10] ** 2) ** 2, alpha**2
+    alpha = c[..., 4].clamp(MIN_ROUGHNESS, 100) ** 2
+    along, across = (alpha + (1 - alpha) * c[..., 10].clamp(-1, 1) ** 2) ** 2, alpha**2
     x, y = _normalized(c[..., 8:10], 0).unbind(-1)
     tensor = torch.stack([along * x * x + across * y * y, along * y * y + across * x * x, (along - across) * x * y], -1)
     return _gltf(c[..., 0:8])._replace(tensor=tensor)
@@ -127,10 +127,10 @@ def _lifted(xy: Tensor) -> Tensor:
 def _tensor_exp(abc: Tensor) -> Tensor:
     """exp([[a, c], [c, b]]) = e^m (cosh r I + sinh(r) / r [[d, c], [c, -d]]), m = (a + b) / 2, d = (a - b) / 2.
 
-    Kemppinen et al. 2023, equation 6. m is held to [-30, 30] and r = sqrt(d^2 + c^2) to 20.
+    Kemppinen et al. 2023, equation 6. m is held to [-30, 10] and r = sqrt(d^2 + c^2) to 20.
     """
     a, b, c = abc.unbind(-1)
-    m, d = ((a + b) / 2).clamp(-30, 30), (a - b) / 2
+    m, d = ((a + b) / 2).clamp(-30, 10), (a - b) / 2
     r2 = d * d + c * c
     limit = torch.where(r2 > 400, 20 * torch.rsqrt(r2.clamp_min(400)), 1.0)
     d, c, r2 = d * limit, c * limit, r2.clamp_max(400)
