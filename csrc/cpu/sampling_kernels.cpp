@@ -13,6 +13,14 @@
 #define MIPBAKE_PREFETCH(p) __builtin_prefetch(p)
 #endif
 
+// GCC 12.2 with -O3 and AVX2 takes some of these kernels for functions without effect, and leaves their calls out,
+// unless it is kept from looking into them (or -fno-ipa-modref is given). tests/test_sampling_isas.py would tell.
+#if defined(__GNUC__) && !defined(__clang__)
+#define MIPBAKE_KERNEL __attribute__((noipa))
+#else
+#define MIPBAKE_KERNEL
+#endif
+
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
@@ -230,7 +238,7 @@ bool is_large(const SampleArgs<T>& args) {
 }
 
 template <int C, bool fetch, class T>
-void sample_with(const SampleArgs<T>& args, T* out, Index begin, Index end) {
+MIPBAKE_KERNEL void sample_with(const SampleArgs<T>& args, T* out, Index begin, Index end) {
     pipeline<C, fetch>(args, false, begin, end, [&](const BlockQuads<T>& b) {
         T* texel = out + b.first * args.channels;
         for (int i = 0; i < b.block.count; ++i, texel += C > 0 ? C : args.channels) {
@@ -243,7 +251,7 @@ void sample_with(const SampleArgs<T>& args, T* out, Index begin, Index end) {
 }
 
 template <int C, bool fetch, class T>
-void slopes_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
+MIPBAKE_KERNEL void slopes_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
     pipeline<C, fetch>(args, grads.lod != nullptr, begin, end, [&](const BlockQuads<T>& b) {
         for (int i = 0; i < b.block.count; ++i) {
             const Index lookup = b.first + i;
@@ -272,12 +280,10 @@ void slopes_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index b
 }
 
 // Adds a lookup's gradient to the texels of two rows of one level, of which [row_begin, row_end) are wanted. The order
-// (upper row before lower, left before right) is the same for every caller. Forced inline, because GCC 12.2 with AVX2
-// at -O3 otherwise takes its callers for functions without effect and leaves them out (-fno-ipa-modref cures it too);
-// tests/test_sampling_isas.py would tell.
+// (upper row before lower, left before right) is the same for every caller.
 template <int C, class T>
-MIPBAKE_INLINE void scatter_quad(T* level, int width, int channels, int x0, int x1, int y0, int y1, T x, T y, T weight,
-                                 int row_begin, int row_end, const T* grad) {
+void scatter_quad(T* level, int width, int channels, int x0, int x1, int y0, int y1, T x, T y, T weight, int row_begin,
+                  int row_end, const T* grad) {
     const int n = C > 0 ? C : channels;
     const T upper = weight * (1 - y), lower = weight * y;
     if (y0 >= row_begin && y0 < row_end) {
@@ -299,7 +305,7 @@ T* level_grad(const SampleArgs<T>& args, const SampleGrads<T>& grads, int level,
 }
 
 template <int C, class T>
-void scatter_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
+MIPBAKE_KERNEL void scatter_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, Index begin, Index end) {
     const Sizes<T> sizes(args);
     Block<T> block;
     for_each_run(begin, end, args.points, [&](Index item, Index point, int count) {
@@ -385,8 +391,8 @@ void locate_listed(const SampleArgs<T>& args, int level, BinBlock<T>& block) {
 }
 
 template <int C, class T>
-void scatter_bin_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, int level, int row_begin, int row_end,
-                      const std::uint32_t* lookups, Index count, Index origin) {
+MIPBAKE_KERNEL void scatter_bin_with(const SampleArgs<T>& args, const SampleGrads<T>& grads, int level, int row_begin,
+                                     int row_end, const std::uint32_t* lookups, Index count, Index origin) {
     const bool is_one_item = args.batch == 1 || grads.level_batch > 1;
     const Index first_item = origin / args.points;
     T* const target = level_grad(args, grads, level, first_item);
