@@ -25,6 +25,8 @@ class NetworkConfig:
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
         decoder_layers: dense 1 x 1 layers.
         growth: new maps a layer.
+        residual: whether some latents are fixed to the filtered parameters and their second moment, and the decoder
+            predicts a correction (mipbake.models.network); the paper has no such thing.
     """
 
     model: str = "gltf"
@@ -33,6 +35,7 @@ class NetworkConfig:
     encoder_layers: int = 6
     decoder_layers: int = 4
     growth: int = 16
+    residual: bool = False
 
     def __post_init__(self) -> None:
         if self.model not in PARAMETERS:
@@ -45,13 +48,20 @@ class NetworkConfig:
             value: Any = getattr(self, field.name)
             if field.type == "int" and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
                 raise UsageError(f"network.{field.name} must be a whole number of at least 1, got {value!r}")
-        if self.latent_channels < self.parameters:
+        if not isinstance(self.residual, bool):
+            raise UsageError(f"network.residual must be true or false, got {self.residual!r}")
+        least = max(self.parameters, self.fixed_latents + 1)
+        if self.latent_channels < least:
             raise UsageError(
-                f"network.latent_channels must be at least {self.parameters}, the parameters of model "
-                f"{self.model!r}, got {self.latent_channels}"
+                f"network.latent_channels must be at least {least} for model {self.model!r}, got {self.latent_channels}"
             )
 
     @property
     def parameters(self) -> int:
         """Optimisation parameters a texel has in this model."""
         return PARAMETERS[self.model]
+
+    @property
+    def fixed_latents(self) -> int:
+        """Latents that are not learned: those of a residual network."""
+        return self.parameters + 1 if self.residual else 0

@@ -60,10 +60,11 @@ def bake_levels(
     with torch.inference_mode():
         for level, (height, width) in enumerate(sizes):
             down = sizes[level + 1] if level + 1 < len(sizes) else None
-            columns = _pieces(width, down and down[1], tile, network, wrap[0], level + 1)
+            first = level == 0 and not network.config.residual
+            columns = _pieces(width, down and down[1], tile, network, wrap[0], first)
             coarser = torch.zeros(*down, network.config.latent_channels) if down else None
             out = np.empty((height, width, material.shape[2]), np.float32)
-            for row in _pieces(height, down and down[0], tile, network, wrap[1], level + 1):
+            for row in _pieces(height, down and down[0], tile, network, wrap[1], first):
                 for column in columns:
                     part = slice(row.start, row.stop), slice(column.start, column.stop)
                     z = _encode_tile(network, material, wrap, row, column) if latent is None else latent[part]
@@ -93,10 +94,10 @@ def _add(coarser: Tensor, z: Tensor, row: _Piece, column: _Piece) -> None:
     coarser.index_put_((row.rows[:, None], column.rows[None, :]), part, accumulate=True)
 
 
-def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, level: int) -> list[_Piece]:
+def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, first: bool) -> list[_Piece]:
     if n_out is None:
         return [_Piece(0, n_in, torch.empty(0), torch.empty(0))]
-    index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, level)
+    index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, first)
     return list(_split(index, weights, n_in, tile))
 
 

@@ -1,8 +1,8 @@
 """Antialiased linear downsampling of latents: level L + 1 from level L, any size.
 
-Level 0 of the latents is not filtered, the encoder sees to the pixel filter there. With a filter of variance s^2
-(pixels^2), level L is to have s^2 4^L texels^2 in total, so the step to level 1 adds 4 s^2 and each later one
-s^2 (4^L - 4^(L-1)): the kernel is narrower by sqrt(3/4). The box composes by itself.
+With a filter of variance s^2 (pixels^2), level L is to have s^2 4^L texels^2 in total, so each step to a level L adds
+s^2 (4^L - 4^(L-1)): the kernel is narrower by sqrt(3/4). Where level 0 is not filtered, because the encoder sees to the
+pixel filter there, the first step adds all of 4 s^2. The box composes by itself.
 """
 
 from __future__ import annotations
@@ -19,29 +19,35 @@ from mipbake.prefilter.pixel_filter import Wrap, resample_weights
 
 
 def latent_weights(
-    n_in: int, n_out: int, latent_filter: str, wrap: str, level: int
+    n_in: int, n_out: int, latent_filter: str, wrap: str, first: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Source indices and weights, (n_out, taps) each, of one axis of the step from level - 1 to `level` >= 1."""
+    """Source indices and weights, (n_out, taps) each, of one axis of a step; `first` from an unfiltered level 0."""
     if n_in == n_out:
         return np.arange(n_in)[:, None], np.ones((n_in, 1), np.float32)
-    width = 1.0 if level == 1 or latent_filter == "box" else math.sqrt(0.75)
+    width = 1.0 if first or latent_filter == "box" else math.sqrt(0.75)
     return resample_weights(n_in, n_out, latent_filter, wrap, width)
 
 
 @lru_cache(maxsize=64)
-def _matrix(n_in: int, n_out: int, latent_filter: str, wrap: str, level: int) -> Tensor:
-    index, weights = latent_weights(n_in, n_out, latent_filter, wrap, level)
+def _matrix(n_in: int, n_out: int, latent_filter: str, wrap: str, first: bool) -> Tensor:
+    index, weights = latent_weights(n_in, n_out, latent_filter, wrap, first)
     matrix = np.zeros((n_out, n_in), np.float32)
     np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
     with torch.inference_mode(False):  # whoever asks first, training may ask later
         return torch.from_numpy(matrix)
 
 
-def downsample(latent: Tensor, size: tuple[int, int], latent_filter: str, wrap: Wrap, level: int) -> Tensor:
-    """(B, H, W, Z) latents of level - 1 to (B, size[0], size[1], Z) of `level`; linear, differentiable."""
+def pixel_taps(latent_filter: str) -> list[float]:
+    """Weights of the texels around a pixel of level 0, its own in the middle."""
+    _, weights = resample_weights(16, 16, latent_filter, "wrap")
+    return [float(w) for w in weights[0]]
+
+
+def downsample(latent: Tensor, size: tuple[int, int], latent_filter: str, wrap: Wrap, first: bool) -> Tensor:
+    """(B, H, W, Z) latents of a level to (B, size[0], size[1], Z) of the next; linear, differentiable."""
     batch, height, width, channels = latent.shape
-    down_rows = _matrix(height, size[0], latent_filter, wrap[1], level).to(latent)
-    down_columns = _matrix(width, size[1], latent_filter, wrap[0], level).to(latent)
+    down_rows = _matrix(height, size[0], latent_filter, wrap[1], first).to(latent)
+    down_columns = _matrix(width, size[1], latent_filter, wrap[0], first).to(latent)
     rows = torch.matmul(down_rows, latent.reshape(batch, height, width * channels))
     columns = torch.matmul(down_columns, rows.reshape(batch * size[0], width, channels))
     return columns.reshape(batch, *size, channels)

@@ -5,6 +5,11 @@ that halo with convolutions that pad nothing. So a tile with its halo gives what
 
 An untrained network is linear prefiltering: the first latents carry the whitened input, the decoder's last layer reads
 them alone, and un-whitening undoes whitening. Training starts from there.
+
+A residual network (`NetworkConfig.residual`) keeps that baseline instead of only starting from it. The first P latents
+*are* the pixel-filtered whitened parameters and one more is the filtered sum of their squares, so that any level knows
+mean and variance of what it covers. The output is the mean plus the decoder's correction times v / (v + c), v the
+variance: where a material is constant the result is exactly the average, and where it hardly varies it hardly differs.
 """
 
 from __future__ import annotations
@@ -14,11 +19,17 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake.models.config import NetworkConfig
-from mipbake.models.latent import downsample
+from mipbake.models.latent import downsample, pixel_taps
 from mipbake.models.parameters import to_parameters, to_stored
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
 
 _SLOPE = 0.1  # of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does
+
+_GATE = 0.01
+"""c: variance, in whitened units and summed over parameters, at which half of the correction is applied."""
+
+_STEP = 0.1
+"""Scale of the correction: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
 
 _VARIANCE_FLOOR = 1e-3
 """Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite."""
@@ -68,7 +79,7 @@ class Network(nn.Module):
         self.encoder = nn.ModuleList(
             nn.Conv2d(parameters + growth * i, growth, 3) for i in range(config.encoder_layers)
         )
-        self.project = nn.Linear(encoder_out, config.latent_channels)
+        self.project = nn.Linear(encoder_out, config.latent_channels - config.fixed_latents)
         self.decoder = nn.ModuleList(
             nn.Linear(config.latent_channels + growth * i, growth) for i in range(config.decoder_layers)
         )
@@ -83,8 +94,11 @@ class Network(nn.Module):
         with torch.no_grad():
             nn.init.kaiming_normal_(self.project.weight, nonlinearity="linear")
             nn.init.zeros_(self.project.bias)
-            self.project.weight[:p] = torch.eye(p, self.project.in_features)
-            self.output.weight.copy_(torch.eye(p, self.output.in_features))
+            if self.config.residual:
+                nn.init.zeros_(self.output.weight)
+            else:
+                self.project.weight[:p] = torch.eye(p, self.project.in_features)
+                self.output.weight.copy_(torch.eye(p, self.output.in_features))
             nn.init.zeros_(self.output.bias)
             # Convolutions run on channels-last memory, in which images come.
             self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -100,11 +114,25 @@ class Network(nn.Module):
 
     def encode_extended(self, stored: Tensor) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, C) stored channels, borders included, to (B, H, W, Z) latents."""
-        maps = self.whitening(to_parameters(stored, self.config.model)).permute(0, 3, 1, 2)
+        whitened = self.whitening(to_parameters(stored, self.config.model))
+        fixed = [self._moments(whitened)] if self.config.residual else []
+        maps = whitened.permute(0, 3, 1, 2)
         for layer in self.encoder:
             new = functional.leaky_relu(layer(maps), _SLOPE)
             maps = torch.cat([maps[:, :, 1:-1, 1:-1], new], 1)
-        return self.project(maps.permute(0, 2, 3, 1))  # type: ignore[no-any-return]
+        latent: Tensor = self.project(maps.permute(0, 2, 3, 1))
+        return torch.cat([*fixed, latent], -1) if fixed else latent
+
+    def _moments(self, whitened: Tensor) -> Tensor:
+        """(B, H + 2 halo, W + 2 halo, P) to (B, H, W, P + 1): filtered parameters, filtered sum of their squares."""
+        taps = pixel_taps(self.config.latent_filter)
+        border = self.halo - len(taps) // 2
+        moments = torch.cat([whitened, whitened.square().sum(-1, keepdim=True)], -1)
+        moments = moments[:, border : moments.shape[1] - border, border : moments.shape[2] - border]
+        for axis in (1, 2):
+            size = moments.shape[axis] - len(taps) + 1
+            moments = torch.stack([w * moments.narrow(axis, i, size) for i, w in enumerate(taps)]).sum(0)
+        return moments
 
     def decode(self, latent: Tensor) -> Tensor:
         """(..., Z) latents of any level to (..., C) stored channels, valid as they are; differentiable."""
@@ -121,6 +149,11 @@ class Network(nn.Module):
             later = torch.cat([w[:, first : first + growth] for w in weights[i + 1 :]])
             new = functional.leaky_relu(sums[..., :growth], _SLOPE)
             sums = sums[..., growth:] + functional.linear(new, later)
+        if self.config.residual:
+            p = self.config.parameters
+            mean = latent[..., :p]
+            variance = (latent[..., p : p + 1] - mean.square().sum(-1, keepdim=True)).clamp(min=0)
+            sums = mean + _STEP * variance / (variance + _GATE) * sums
         return to_stored(self.whitening.inverse(sums), self.config.model)
 
     def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
@@ -128,7 +161,8 @@ class Network(nn.Module):
         latent = self.encode(stored, wrap)
         latents = [latent]
         for level, size in enumerate(level_sizes(*stored.shape[1:3])[1:], 1):
-            latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, level))
+            first = level == 1 and not self.config.residual
+            latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, first))
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         flat = [z.reshape(len(z), -1, z.shape[-1]) for z in latents]
         decoded = torch.split(self.decode(torch.cat(flat, 1)), [z.shape[1] for z in flat], 1)

@@ -21,7 +21,7 @@ from mipbake.models.inference import bake_levels
 from mipbake.models.latent import downsample
 from mipbake.models.network import Network
 from mipbake.models.parameters import clamp, to_parameters, to_stored
-from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
+from mipbake.prefilter.pixel_filter import FILTERS, level_sizes, resample
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
@@ -47,9 +47,9 @@ def untrained(model: str = "gltf", **changes: object) -> Network:
     return network.requires_grad_(False)
 
 
-def perturbed(model: str) -> Network:
+def perturbed(model: str, **changes: object) -> Network:
     """As a trained network: every unit has its say, and outputs stay ordinary materials."""
-    network = untrained(model)
+    network = untrained(model, **changes)
     generator = torch.Generator().manual_seed(2)
     network.output.weight += 0.02 * torch.randn(network.output.weight.shape, generator=generator)
     return network
@@ -147,7 +147,7 @@ def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
     ramp = torch.stack([torch.arange(size) + 0.5, (torch.arange(size) + 0.5).square()], -1)[None, None].double()
     moments = ramp
     for level in range(1, 4):
-        moments = downsample(moments, (1, size >> level), "gaussian", ("clamp", wrap), level)
+        moments = downsample(moments, (1, size >> level), "gaussian", ("clamp", wrap), level == 1)
         middle = moments[0, 0, (size >> level) // 2]
         variance = float(middle[1] - middle[0] ** 2)
         boxes = sum(4**step for step in range(level)) / 12
@@ -158,13 +158,34 @@ def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
 @pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "clamp"), ("clamp", "wrap")])
 @pytest.mark.parametrize("size", [(37, 23), (1, 9), (64, 40)])
-def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int]) -> None:
-    network, stored = perturbed(model), material_of(model, *size)
+@pytest.mark.parametrize("residual", [False, True])
+def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int], residual: bool) -> None:
+    network, stored = perturbed(model, residual=residual), material_of(model, *size)
     whole = network(torch.from_numpy(stored)[None], wrap)
     tiled = bake_levels(network, stored, wrap, tile=11)
     assert [level.shape for level in tiled] == [tuple(level.shape[1:]) for level in whole]
     for left, right in zip(tiled, whole, strict=True):
         np.testing.assert_allclose(left, right[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_trained_residual_network_leaves_a_constant_material_alone(model: str) -> None:
+    """Black and white texels too: no squashing keeps 0 and 1 out of reach."""
+    texel = material_of(model, 1, 1, 3)
+    texel[..., :4] = [0, 1, 0.5, 1]
+    for level in bake_levels(perturbed(model, residual=True), np.tile(texel, (10, 13, 1)), ("wrap", "clamp")):
+        np.testing.assert_allclose(level, np.broadcast_to(texel, level.shape), atol=2e-4)
+        np.testing.assert_allclose(level[..., :2], np.broadcast_to(texel[..., :2], level[..., :2].shape), atol=1e-5)
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_untrained_residual_network_averages_its_parameters_under_the_pixel_filter(model: str) -> None:
+    stored = material_of(model, 16, 16)
+    network = untrained(model, residual=True)
+    parameters = to_parameters(torch.from_numpy(stored), model).numpy()
+    averaged = torch.from_numpy(resample(parameters, (16, 16), "gaussian", ("wrap", "wrap")))
+    level = bake_levels(network, stored, ("wrap", "wrap"))[0]
+    np.testing.assert_allclose(level, to_stored(averaged, model), atol=2e-5)
 
 
 def test_wrapping_network_is_shift_equivariant() -> None:

@@ -328,6 +328,24 @@ def test_loss_is_equation_5() -> None:
     assert torch.allclose(prediction.grad, gradient, rtol=1e-4, atol=1e-7)
 
 
+def test_error_loss_descends_the_mean_error_in_decibels() -> None:
+    """With exact targets its gradient is that of the mean logarithm of every group's error."""
+    generator = torch.Generator().manual_seed(0)
+    views = loss.draw_views(LossConfig(crops=2, crop_size=4, pairs=6, lods=3), np.random.default_rng(0))
+    prediction = torch.rand(2, 6, 3 * 16, 3, generator=generator, requires_grad=True)
+    target = torch.rand(2, 6, 3 * 16, 3, generator=generator) * torch.rand(2, 6, 1, 1, generator=generator)
+    loss.error_loss(prediction, target, target, views, 2).backward()
+    assert prediction.grad is not None
+    gradient = prediction.grad.clone()
+    prediction.grad = None
+    errors = loss.squared_errors(prediction, target, 3)
+    energy = loss.squared_errors(torch.zeros_like(target), target, 3)
+    total = errors + 1e-4 * energy + loss.EPSILON * 48
+    groups = [g.mean(1).log().mean() * g.shape[1] / 6 for g in (total[:, :2], total[:, 2:])]
+    sum(groups, torch.zeros(())).backward()
+    assert torch.allclose(prediction.grad, gradient, rtol=1e-3, atol=1e-7)
+
+
 # The loop
 
 
@@ -391,7 +409,7 @@ def test_loss_decreases() -> None:
 
     def dense_loss() -> float:
         with torch.no_grad():
-            return float(np.mean([float(loop.batch_loss(state.network, batch)) for batch in held]))
+            return float(np.mean([float(loop.batch_loss(state.network, batch, 16)) for batch in held]))
 
     before = dense_loss()
     for batch in loop.batches(materials, config, 0):

@@ -49,6 +49,9 @@ class DataConfig:
         _require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
 
 
+WEIGHTINGS = ("prediction", "error")
+
+
 @dataclass(frozen=True)
 class LossConfig:
     """One step's batch and its loss (section 3.2).
@@ -61,6 +64,8 @@ class LossConfig:
         lods: levels of detail drawn for each patch.
         pixel_filter: filter of the target.
         target_samples: surface samples whose mean is one target pixel; divides `pairs`.
+        weighting: what a render's squared error is divided by. "prediction": its own energy, equation 5 of the paper.
+            "error": the error itself, measured with a second, independent target.
     """
 
     crops: int = 1
@@ -70,6 +75,7 @@ class LossConfig:
     lods: int = 5
     pixel_filter: str = "gaussian"
     target_samples: int = 1
+    weighting: str = "prediction"
 
     def __post_init__(self) -> None:
         for name in ("crops", "pairs", "lods", "target_samples"):
@@ -82,6 +88,7 @@ class LossConfig:
             self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples
         )
         filter_named(self.pixel_filter)
+        _require(self.weighting in WEIGHTINGS, "loss.weighting", " or ".join(WEIGHTINGS), self.weighting)
 
     @property
     def mirror_pairs(self) -> int:

@@ -20,7 +20,15 @@ from mipbake.models.network import Network
 from mipbake.models.parameters import to_parameters
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
-from mipbake.training.loss import TORUS, Views, draw_target, draw_views, predict, relative_loss
+from mipbake.training.loss import (
+    TORUS,
+    Views,
+    draw_target,
+    draw_views,
+    error_loss,
+    predict,
+    relative_loss,
+)
 from mipbake.training.validation import Validator
 
 LAST, BEST = "last.pt", "best.pt"
@@ -36,6 +44,8 @@ class Batch:
     patches: Tensor
     views: Views
     target: Tensor
+    independent: Tensor | None
+    """A second estimate of the target, where the loss needs one."""
 
 
 def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch:
@@ -43,7 +53,11 @@ def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch
     rng, loss, model = step_generator(config.run.seed, step), config.loss, config.network.model
     patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, model, rng))
     views = draw_views(loss, rng)
-    return Batch(patches, views, draw_target(patches, views, model, loss.pixel_filter, loss.target_samples, rng))
+    target, *independent = (
+        draw_target(patches, views, model, loss.pixel_filter, loss.target_samples, rng)
+        for _ in range(2 if loss.weighting == "error" else 1)
+    )
+    return Batch(patches, views, target, independent[0] if independent else None)
 
 
 def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
@@ -62,11 +76,13 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
-def batch_loss(network: Network, batch: Batch) -> Tensor:
+def batch_loss(network: Network, batch: Batch, mirror: int) -> Tensor:
     """Predicts, renders and compares: the scalar loss of one batch."""
     levels = network(batch.patches, TORUS)
     prediction = predict(levels, batch.views, network.config.model)
-    return relative_loss(prediction, batch.target, batch.views.lods)
+    if batch.independent is None:
+        return relative_loss(prediction, batch.target, batch.views.lods)
+    return error_loss(prediction, batch.target, batch.independent, batch.views, mirror)
 
 
 @dataclass
@@ -92,7 +108,7 @@ class TrainingState:
         for group in self.optimiser.param_groups:
             group["lr"] = settings.rate(self.step)
         self.optimiser.zero_grad(set_to_none=True)
-        loss = batch_loss(self.network, batch)
+        loss = batch_loss(self.network, batch, self.config.loss.mirror_pairs)
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step()
         if settings.ema_decay:

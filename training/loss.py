@@ -33,6 +33,8 @@ EPSILON = 1e-4
 """Of equation 5, per summed value: a render whose mean square radiance lies below counts less and less. So a patch that
 is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
 
+_CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
+
 _TABLE = 1 << 14  # quantiles of the pixel filter
 _SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: powers of 1 / plastic number
 
@@ -117,6 +119,12 @@ def predict(levels: list[Tensor], views: Views, model: str) -> Tensor:
     return shade(model, sample(levels, views.uv, views.lod, TORUS), views.light, views.view)
 
 
+def squared_errors(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
+    """(B, K, S): squared error of each render, summed over pixels and channels, of (B, K, S * N, 3) renders."""
+    b, k = prediction.shape[:2]
+    return (prediction - target).square().reshape(b, k, lods, -1).sum(-1)
+
+
 def relative_loss(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
     """Equation 5 for each of the B K S renders, summed over pixels and channels; the mean over all renders.
 
@@ -125,7 +133,28 @@ def relative_loss(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
         lods: S.
     """
     b, k = prediction.shape[:2]
-    prediction, target = prediction.reshape(b, k, lods, -1), target.reshape(b, k, lods, -1)
-    epsilon = EPSILON * prediction.shape[-1]
-    norm = prediction.detach().square().sum(-1) + epsilon
-    return ((prediction - target).square().sum(-1) / norm).mean()
+    norm = prediction.detach().reshape(b, k, lods, -1)
+    epsilon = EPSILON * norm.shape[-1]
+    return (squared_errors(prediction, target, lods) / (norm.square().sum(-1) + epsilon)).mean()
+
+
+def error_loss(prediction: Tensor, target: Tensor, independent: Tensor, views: Views, mirror: int) -> Tensor:
+    """Squared errors over the error that the prediction has now: its gradient is that of the mean error in decibels.
+
+    Equation 5 divides by the energy, so a material that averaging gets nearly right hardly pulls, and a network stays
+    imprecise exactly there. Dividing by the error itself makes a decibel count the same everywhere, and bounds the pull
+    of a single bad render. The error is the mean over the renders of one patch and level whose pairs were drawn alike.
+
+    Args:
+        prediction, target: (B, K, S * N, 3). Gradients flow through the numerator's prediction only.
+        independent: a second estimate of the same target, for the denominator. The noise of one and the same would
+            weigh down the very samples that it made large, and bias the optimum.
+        mirror: how many of the K pairs, the first, were drawn near the mirror direction.
+    """
+    error = squared_errors(prediction.detach(), independent, views.lods)
+    energy = squared_errors(torch.zeros_like(independent), independent, views.lods)
+    floor = EPSILON * prediction[0, 0].numel() / views.lods
+    norm = error + _CEILING * energy + floor
+    groups = [g for g in (norm[:, :mirror], norm[:, mirror:]) if g.shape[1]]
+    norm = torch.cat([g.mean(1, keepdim=True).expand_as(g) for g in groups], 1)
+    return (squared_errors(prediction, target, views.lods) / norm).mean()
