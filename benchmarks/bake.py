@@ -1,0 +1,85 @@
+"""Time and peak memory of `mipbake bake` as a whole process, start-up included, next to the closed forms.
+
+    python benchmarks/bake.py [--sizes 1024 4096] [--runs 3]
+
+Sets are generated (examples/generate.py, hammered_copper). Prints a Markdown table; figures are medians of the runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "examples" / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["generate"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []:
+        if line.startswith("model name"):
+            return f"{line.split(':', 1)[1].strip()}, {os.cpu_count()} cores"
+    return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+
+
+def run(arguments: Sequence[str]) -> tuple[float, float, float]:
+    """Wall seconds, processor seconds and peak memory in GiB of one `mipbake` process."""
+    start = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from mipbake.cli.main import run; run()", *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        cwd=tempfile.gettempdir(),
+    )
+    assert process.stderr is not None
+    message = process.stderr.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(message.decode())
+    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
+
+
+def row(label: str, arguments: Sequence[str], runs: int) -> str:
+    figures = [run(arguments) for _ in range(runs)]
+    wall, cpu, memory = (statistics.median(column) for column in zip(*figures, strict=True))
+    return f"| {label} | {wall:.2f} | {cpu:.2f} | {memory:.2f} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096])
+    parser.add_argument("--runs", type=int, default=3)
+    options = parser.parse_args()
+    print(f"{processor()}, Python {platform.python_version()}\n")
+    print("| process | wall s | processor s | peak GiB |\n|---|---|---|---|")
+    print(row("--help", ["--help"], options.runs), flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for size in options.sizes:
+            source = Path(folder) / f"copper_{size}"
+            generator().write("hammered_copper", source, size, size)
+            print(row(f"inspect, {size} x {size}", ["inspect", str(source)], options.runs), flush=True)
+            for method in ("linear", "lean", "neural"):
+                arguments = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
+                print(row(f"bake {method}, {size} x {size}", arguments, options.runs), flush=True)
+
+
+if __name__ == "__main__":
+    main()
