@@ -18,7 +18,7 @@ MIPBAKE_FUNCTION Vec3<R> lift_normal(const R& x, const R& y) {
     const R r2 = x * x + y * y;
     const R shrink = select(r2 > 1.0, 1.0 / square_root(larger(r2, R(1))), R(1));
     const R nx = x * shrink, ny = y * shrink;
-    const R z2 = larger(1.0 - nx * nx - ny * ny, R(0));
+    const R z2 = select(r2 < 1.0, 1.0 - r2, R(0));
     return {nx, ny, select(z2 > 1e-8, square_root(larger(z2, R(1e-8))), z2 * 1e4)};
 }
 

@@ -120,7 +120,7 @@ def _lifted(xy: Tensor) -> Tensor:
     """z = sqrt(1 - x^2 - y^2), its chord over the last 1e-8 before the rim; outside the disc (x, y) is scaled to it."""
     r2 = (xy * xy).sum(-1, keepdim=True)
     xy = xy * torch.where(r2 > 1, torch.rsqrt(r2.clamp_min(1)), 1.0)
-    z2 = (1 - (xy * xy).sum(-1, keepdim=True)).clamp_min(0)
+    z2 = (1 - r2).clamp_min(0)
     return torch.cat([xy, torch.where(z2 > 1e-8, torch.sqrt(z2.clamp_min(1e-8)), z2 * 1e4)], -1)
 
 

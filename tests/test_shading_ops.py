@@ -1,0 +1,275 @@
+"""The torch op of shading: gradients, torch.compile, determinism and what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from mipbake import _native
+from mipbake.errors import UsageError
+from mipbake.shading import ops, reference
+from mipbake.shading import shade as shade_numpy
+
+from .shading_inputs import MODELS, material, pairs, smooth_material
+
+NO_CUDA = "no CUDA device and CUDA kernels here: the GPU kernels of shading are not tested"
+needs_cuda = pytest.mark.skipif(not (torch.cuda.is_available() and _native.cuda_compiled()), reason=NO_CUDA)
+
+
+def tensors(
+    model: str, B: int, K: int, N: int, dtype: torch.dtype, seed: int = 0, smooth: bool = False
+) -> list[Tensor]:
+    """A material that requires its gradient, lights and views: float32 values, whatever the dtype."""
+    rng = np.random.default_rng(seed)
+    stored = (smooth_material if smooth else material)(rng, model, B, N)
+    arrays = (stored, *pairs(rng, B, K))
+    stored_t, light, view = (torch.from_numpy(a.astype(np.float32)).to(dtype) for a in arrays)
+    return [stored_t.requires_grad_(), light, view]
+
+
+@pytest.fixture
+def thread_counts() -> Iterator[Any]:
+    default = _native.num_threads()
+    yield _native.set_num_threads
+    _native.set_num_threads(default)
+
+
+def gradient(shade: Any, model: str, arguments: list[Tensor], weights: Tensor) -> Tensor:
+    result = shade(model, *arguments)
+    (grad,) = torch.autograd.grad(result, arguments[0], weights.to(result.dtype))
+    return grad.detach()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_gradcheck(model: str) -> None:
+    stored, light, view = tensors(model, 2, 5, 3, torch.float64, smooth=True)
+    assert torch.autograd.gradcheck(lambda m: ops.shade(model, m, light, view), (stored,))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-8), (torch.float32, 1e-4)])
+def test_gradients_are_those_of_the_twin_in_float64(model: str, dtype: torch.dtype, tolerance: float) -> None:
+    weights = torch.randn(2, 40, 70, 3, generator=torch.Generator().manual_seed(1))
+    expected = gradient(reference.shade, model, tensors(model, 2, 40, 70, torch.float64), weights.double())
+    got = gradient(ops.shade, model, tensors(model, 2, 40, 70, dtype), weights)
+    # Relative to what the terms of each sum amount to, because where terms of both signs cancel no float32 sum is
+    # exact; and to a little of what they amount to elsewhere, because a direction without anisotropy only rounds.
+    magnitude = gradient(absolute_sum, model, tensors(model, 2, 40, 70, torch.float64), weights.double())
+    assert expected.abs().amax((0, 1)).all()
+    scale = magnitude + 1e-3 * magnitude.mean((0, 1))
+    assert ((got - expected).abs() / scale).max() < tolerance
+
+
+def absolute_sum(model: str, stored: Tensor, light: Tensor, view: Tensor) -> Tensor:
+    """The twin, its gradient by the material replaced by the sum over the pairs of the terms' magnitudes."""
+    return _AbsoluteSum.apply(stored, light, view, model)  # type: ignore[no-any-return]
+
+
+class _AbsoluteSum(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, stored: Tensor, light: Tensor, view: Tensor, model: str) -> Tensor:  # type: ignore[override]
+        ctx.model = model
+        ctx.save_for_backward(stored, light, view)
+        return reference.shade(model, stored, light, view)
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> Any:  # type: ignore[override]
+        stored, light, view = ctx.saved_tensors
+        total = torch.zeros_like(stored)
+        for k in range(light.shape[1]):
+            for c in range(3):
+                with torch.enable_grad():
+                    leaf = stored.detach().requires_grad_()
+                    f = reference.shade(ctx.model, leaf, light[:, k : k + 1], view[:, k : k + 1])[..., c]
+                (term,) = torch.autograd.grad(f, leaf, grad[:, k : k + 1, :, c])
+                total += term.abs()
+        return total, None, None, None
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-9), (np.float32, 2e-4)])
+def test_the_adjoint_agrees_with_dual_numbers(model: str, dtype: Any, tolerance: float) -> None:
+    rng = np.random.default_rng(5)
+    stored = smooth_material(rng, model, 2, 77).astype(dtype)
+    light, view = (a.astype(dtype) for a in pairs(rng, 2, 30))
+    weights = rng.standard_normal((2, 30, 77, 3)).astype(dtype)
+    adjoint, duals = np.empty_like(stored), np.empty_like(stored)
+    _native.shade_backward(model, stored, light, view, weights, adjoint)
+    _native.shade_backward(model, stored, light, view, weights, duals, duals=True)
+    assert (np.abs(adjoint - duals) <= tolerance * (np.abs(duals) + np.abs(duals).mean((0, 1)))).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_values_are_those_of_the_numpy_door(dtype: torch.dtype) -> None:
+    stored, light, view = tensors("ggx", 2, 9, 33, dtype)
+    expected = shade_numpy("ggx", stored.detach().numpy(), light.numpy(), view.numpy())
+    assert np.array_equal(ops.shade("ggx", stored, light, view).detach().numpy(), expected)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_no_gradient_where_a_channel_has_no_effect(model: str) -> None:
+    stored, light, view = tensors(model, 1, 30, 16, torch.float64)
+    with torch.no_grad():
+        if model == "ggx":
+            stored[..., 6:8] *= 1e-3
+        else:
+            stored[..., 4] = 0.03
+            stored[..., 5:8] = 1e-8
+    grad = gradient(ops.shade, model, [stored, light, view], torch.ones(1, 30, 16, 3))
+    if model != "ggx":
+        assert not grad[..., 4:8].any()  # below the floor of roughness; a normal too short to be one
+    below = gradient(ops.shade, model, [stored, -light.abs(), view], torch.ones(1, 30, 16, 3))
+    assert not below.any()
+
+
+@pytest.mark.parametrize("radius", [0.999999, 1.0, 1.5])
+def test_gradients_are_finite_at_the_rim_of_the_disc_of_normals(radius: float) -> None:
+    stored, light, view = tensors("ggx", 1, 40, 50, torch.float32)
+    with torch.no_grad():
+        stored[..., 6:8] *= radius / stored[..., 6:8].norm(dim=-1, keepdim=True)
+    grad = gradient(ops.shade, "ggx", [stored, light, view], torch.ones(1, 40, 50, 3))
+    assert grad.isfinite().all() and grad[..., 6:8].any()
+
+
+def test_isotropic_tensors_have_a_gradient_to_anisotropy() -> None:
+    stored, light, view = tensors("ggx", 1, 40, 50, torch.float64)
+    with torch.no_grad():
+        stored[..., 9] = stored[..., 8]
+        stored[..., 10] = 0
+    weights = torch.randn(1, 40, 50, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    grad = gradient(ops.shade, "ggx", [stored, light, view], weights)
+    expected = gradient(reference.shade, "ggx", [stored, light, view], weights)
+    assert grad[..., 10].any()
+    torch.testing.assert_close(grad, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_strided_and_broadcast_arguments_get_their_gradients() -> None:
+    stored, light, view = tensors("gltf", 2, 6, 20, torch.float64, smooth=True)
+    weights = torch.randn(2, 6, 20, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+
+    def results(shade: Any) -> list[Tensor]:
+        one = stored.detach()[0].clone().requires_grad_()
+        planar = stored.detach().permute(2, 0, 1).contiguous().permute(1, 2, 0).requires_grad_()
+        assert not planar.is_contiguous()
+        return [
+            gradient(shade, "gltf", [one, light, view], weights),
+            gradient(shade, "gltf", [planar, light[0], view[:1]], weights.mT.contiguous().mT),
+            torch.autograd.grad(shade("gltf", one, light, view).sum(), one)[0],
+        ]
+
+    for got, expected in zip(results(ops.shade), results(reference.shade), strict=True):
+        torch.testing.assert_close(got, expected, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_opcheck(model: str) -> None:
+    arguments = tensors(model, 2, 3, 5, torch.float64, smooth=True)
+    torch.library.opcheck(torch.ops.mipbake.shade.default, (model, *arguments))
+    grad = torch.rand(2, 3, 5, 3, dtype=torch.float64)
+    plain = [a.detach() for a in arguments]
+    torch.library.opcheck(torch.ops.mipbake.shade_backward.default, (model, *plain, grad))
+
+
+def test_a_function_that_uses_it_compiles() -> None:
+    stored, light, view = tensors("ggx", 2, 4, 20, torch.float32, smooth=True)
+
+    def loss(material: Tensor) -> Tensor:
+        return (ops.shade("ggx", torch.sigmoid(material), light, view) ** 2).sum()
+
+    (expected,) = torch.autograd.grad(loss(stored), stored)
+    (got,) = torch.autograd.grad(torch.compile(loss, fullgraph=True, backend="aot_eager")(stored), stored)
+    torch.testing.assert_close(got, expected)
+
+
+def test_results_do_not_depend_on_the_number_of_threads(thread_counts: Any) -> None:
+    arguments = tensors("ggx", 3, 50, 700, torch.float32)
+    few = tensors("ggx", 1, 3000, 2, torch.float32)  # pairs are split among threads too
+    results = []
+    for count in (1, 2, 3, 7):
+        thread_counts(count)
+        radiance = ops.shade("ggx", *arguments)
+        grad = gradient(ops.shade, "ggx", arguments, torch.ones(radiance.shape))
+        results.append((radiance.detach(), grad, ops.shade("ggx", *few).detach()))
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+def test_sizes_of_zero() -> None:
+    stored, light, view = tensors("ggx", 2, 3, 4, torch.float32)
+    assert ops.shade("ggx", stored[:, :0], light, view).shape == (2, 3, 0, 3)
+    nothing = ops.shade("ggx", stored, light[:, :0], view[:, :0])
+    assert nothing.shape == (2, 0, 4, 3)
+    (grad,) = torch.autograd.grad(nothing.sum(), stored)
+    assert not grad.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "phong"}, "unknown material model 'phong'"),
+        ({"material": np.zeros((4, 11))}, "material is a ndarray: expected a torch tensor"),
+        ({"material": torch.zeros(4, 8)}, r"material has shape \(4, 8\).*\(N, 11\)"),
+        (
+            {"material": torch.zeros(4, 11, dtype=torch.float16)},
+            "material is torch.float16: expected float32 or float64",
+        ),
+        ({"light": torch.zeros(5, 3, dtype=torch.bool)}, "light is torch.bool: expected real numbers"),
+        ({"light": torch.zeros(5, 3, device="meta")}, "light is on meta: expected cpu"),
+        ({"view": torch.zeros(6, 3)}, r"view has shape \(6, 3\) where light has \(5, 3\)"),
+        ({"view": torch.zeros(5, 3, requires_grad=True)}, r"view requires a gradient.*view.detach\(\)"),
+        ({"view": torch.zeros(2, 5, 3), "light": torch.zeros(3, 5, 3)}, "batch sizes.*light has 3, view has 2"),
+    ],
+)
+def test_wrong_arguments_are_named(change: dict[str, Any], message: str) -> None:
+    arguments: dict[str, Any] = {
+        "model": "ggx",
+        "material": torch.zeros(4, 11),
+        "light": torch.zeros(5, 3),
+        "view": torch.zeros(5, 3),
+    }
+    with pytest.raises(UsageError, match=message):
+        ops.shade(**(arguments | change))
+
+
+@pytest.mark.skipif(_native.cuda_compiled() or not torch.cuda.is_available(), reason="needs a GPU and no CUDA kernels")
+def test_without_cuda_kernels_a_gpu_tensor_is_refused() -> None:
+    arguments = [a.detach().cuda() for a in tensors("ggx", 1, 2, 3, torch.float32)]
+    with pytest.raises(UsageError, match="no CUDA kernels"):
+        ops.shade("ggx", *arguments)
+
+
+@needs_cuda
+@pytest.mark.parametrize("model", MODELS)
+def test_the_gpu_agrees_with_the_twin(model: str) -> None:
+    arguments = tensors(model, 3, 150, 77, torch.float32)
+    on_gpu = [a.detach().cuda().requires_grad_(a.requires_grad) for a in arguments]
+    weights = torch.randn(3, 150, 77, 3, generator=torch.Generator().manual_seed(1))
+    exact = [a.detach().double().requires_grad_(a.requires_grad) for a in arguments]
+    torch.testing.assert_close(
+        ops.shade(model, *on_gpu).detach().cpu().double(),
+        reference.shade(model, *exact).detach(),
+        rtol=1e-5,
+        atol=0,
+    )
+    cpu = gradient(ops.shade, model, arguments, weights)
+    gpu = gradient(ops.shade, model, on_gpu, weights.cuda()).cpu()
+    assert ((cpu - gpu).abs() <= 1e-4 * (cpu.abs() + cpu.abs().mean((0, 1)))).all()
+    assert torch.equal(gpu, gradient(ops.shade, model, on_gpu, weights.cuda()).cpu())
+
+
+@needs_cuda
+def test_the_gpu_takes_float32_alone_and_uses_the_current_stream() -> None:
+    arguments = [a.detach().cuda() for a in tensors("ggx", 1, 64, 5000, torch.float32)]
+    with pytest.raises(UsageError, match="expected float32 on the CPU or with CUDA"):
+        ops.shade("ggx", *(a.double() for a in arguments))
+    stream = torch.cuda.Stream()
+    with torch.cuda.stream(stream):
+        late = arguments[0] * 0 + arguments[0]
+        result = ops.shade("ggx", late, *arguments[1:])
+    stream.synchronize()
+    assert torch.equal(result, ops.shade("ggx", *arguments))
