@@ -76,7 +76,8 @@ def against_grid_sample(kind: str, lookups: int, rounds: int) -> list[str]:
         return ops.sample([texture], uv, 0.0, clamp)
 
     def torch_op() -> Tensor:
-        return grid_sample(planar, grid, mode="bilinear", padding_mode="border", align_corners=False)
+        out: Tensor = grid_sample(planar, grid, mode="bilinear", padding_mode="border", align_corners=False)
+        return out
 
     difference = float((native().T - torch_op()[0, :, 0]).abs().max())
     if difference > 1e-3:  # float32 resolves 2^-24 of the texture, which is 1e-4 of a texel
