@@ -29,9 +29,9 @@ struct StridedArray3 {
 };
 
 struct ShadeArgs {
-    int model;           // index of the model
-    bool is_double;      // all arrays are double, else float
-    std::int64_t B, K, N;  // batch, light-view pairs, texels
+    int model;               // index of the model
+    bool is_double;          // all arrays are double, else float
+    std::int64_t B, K, N;    // batch, light-view pairs, texels
     StridedArray3 material;  // (B, N, C) stored channels
     StridedArray3 light;     // (B, K, 3) unit vectors
     StridedArray3 view;      // (B, K, 3)
@@ -45,8 +45,8 @@ void shade_cpu(const ShadeArgs& args, void* radiance);
 // adjoint of its own; the two agree to rounding.
 void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_material, bool duals);
 
-// The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the current device. They throw
-// std::runtime_error with CUDA's message; in a build without CUDA, always.
+// The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the current device. They
+// throw std::runtime_error with CUDA's message; in a build without CUDA, always.
 void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream);
 void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream);
 

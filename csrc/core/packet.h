@@ -155,11 +155,11 @@ struct Packet {
         return out;
     }
 
-#define MIPBAKE_PACKET_COMPARISON(op)                                                \
-    friend MIPBAKE_INLINE Mask<T, N> operator op(const Packet& a, const Packet& b) { \
-        Mask<T, N> out;                                                              \
-        for (int i = 0; i < registers; ++i) out.r[i] = a.r[i] op b.r[i];             \
-        return out;                                                                  \
+#define MIPBAKE_PACKET_COMPARISON(op)                                                                     \
+    friend MIPBAKE_INLINE Mask<T, N> operator op(const Packet& a, const Packet& b) {                      \
+        Mask<T, N> out;                                                                                   \
+        for (int i = 0; i < registers; ++i) out.r[i] = (typename Mask<T, N>::Integers)(a.r[i] op b.r[i]); \
+        return out;                                                                                       \
     }
     MIPBAKE_PACKET_COMPARISON(<)
     MIPBAKE_PACKET_COMPARISON(>)

@@ -1,0 +1,102 @@
+// Every model in plain numbers, as the GPU runs it (geometry in double, the lobe in float), against the CPU kernels.
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "check.h"
+#include "ops.h"
+#include "shading/models.h"
+#include "shading/prepare.h"
+
+using namespace mipbake;
+
+namespace {
+
+constexpr int kPairs = 40, kTexels = 83;
+
+struct Case {
+    std::vector<float> material, light, view;
+};
+
+Case random_case(int channels) {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<float> uniform(0.05f, 0.95f);
+    std::normal_distribution<float> normal;
+    Case c;
+    for (int i = 0; i < kTexels * channels; ++i) c.material.push_back(uniform(random));
+    for (auto* directions : {&c.light, &c.view})
+        for (int k = 0; k < kPairs; ++k) {
+            const float x = normal(random), y = normal(random), z = normal(random);
+            const float length = std::sqrt(x * x + y * y + z * z);
+            for (const float w : {x, y, k % 4 == 0 ? z : std::abs(z)}) directions->push_back(w / length);
+        }
+    return c;
+}
+
+Vec3<double> direction(const std::vector<float>& directions, int k) {
+    const std::size_t i = 3 * static_cast<std::size_t>(k);
+    return {directions[i], directions[i + 1], directions[i + 2]};
+}
+
+template <class Model>
+void agrees_with_the_kernels(int index) {
+    constexpr int C = Model::channels;
+    const Case c = random_case(C);
+    const ShadeArgs args{index,
+                         false,
+                         1,
+                         kPairs,
+                         kTexels,
+                         {c.material.data(), {0, C, 1}},
+                         {c.light.data(), {0, 3, 1}},
+                         {c.view.data(), {0, 3, 1}}};
+    std::vector<float> radiance(3 * kPairs * kTexels), weights(radiance.size());
+    std::vector<float> adjoint(static_cast<std::size_t>(C) * kTexels), duals(adjoint.size());
+    for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sin(static_cast<float>(i));
+    shade_cpu(args, radiance.data());
+    shade_backward_cpu(args, weights.data(), adjoint.data(), false);
+    shade_backward_cpu(args, weights.data(), duals.data(), true);
+
+    double worst = 0, worst_gradient = 0, worst_duals = 0;
+    int lit = 0;
+    for (int n = 0; n < kTexels; ++n) {
+        double channels[C];
+        for (int i = 0; i < C; ++i) channels[i] = c.material[static_cast<std::size_t>(n * C + i)];
+        const auto surface = Prepare<Model>::template surface<double, float>(channels);
+        typename Model::template Surface<float, float> sums;
+        Prepare<Model>::zip(sums, sums, [](float& a, float&) { a = 0; });
+        for (int k = 0; k < kPairs; ++k) {
+            const auto pair = Pair<float>::of(direction(c.light, k), direction(c.view, k));
+            const Vec3<float> f = Model::evaluate(surface, pair);
+            const std::size_t at = 3 * static_cast<std::size_t>(k * kTexels + n);
+            Model::evaluate_adjoint(surface, pair, Vec3<float>{weights[at], weights[at + 1], weights[at + 2]}, sums);
+            const float expected[3] = {f.x, f.y, f.z};
+            for (std::size_t i = 0; i < 3; ++i) {
+                worst = std::max(worst, std::abs(double(radiance[at + i]) - expected[i]) / (expected[i] + 1e-12));
+                lit += expected[i] > 0;
+            }
+        }
+        float gradient[C];
+        Prepare<Model>::pull_back(channels, sums, gradient);
+        for (int i = 0; i < C; ++i) {
+            const std::size_t at = static_cast<std::size_t>(n * C + i);
+            const double scale = std::abs(gradient[i]) + 1;
+            worst_gradient = std::max(worst_gradient, std::abs(double(adjoint[at]) - gradient[i]) / scale);
+            worst_duals = std::max(worst_duals, std::abs(double(duals[at]) - gradient[i]) / scale);
+        }
+    }
+    std::printf("%s: radiance %.1e, gradient %.1e, duals %.1e\n", Model::name, worst, worst_gradient, worst_duals);
+    CHECK(lit > kPairs * kTexels);
+    CHECK(worst < 3e-6);
+    CHECK(worst_gradient < 3e-5);
+    CHECK(worst_duals < 3e-5);
+}
+
+}  // namespace
+
+int main() {
+    for (int i = 0; i < Models::size; ++i)
+        Models::visit(i, [&](auto model) { agrees_with_the_kernels<decltype(model)>(i); });
+    return report();
+}
