@@ -8,7 +8,16 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
+#if defined(__SSE2__) && !defined(__SSE4_1__)
+// Before SSE4.1 there is no instruction for it, and a call to the C library would keep loops from vectorising.
+MIPBAKE_INLINE float floor_of(float x) {
+    const bool is_small = x < 0x1p23f && x > -0x1p23f;  // beyond, every float is whole
+    const float whole = static_cast<float>(static_cast<int>(is_small ? x : 0.0f));
+    return is_small ? whole - (whole > x ? 1.0f : 0.0f) : x;
+}
+#else
 MIPBAKE_INLINE float floor_of(float x) { return ::floorf(x); }
+#endif
 MIPBAKE_INLINE double floor_of(double x) { return ::floor(x); }
 
 template <class T>
@@ -50,13 +59,13 @@ MIPBAKE_INLINE Tap<T> axis_tap(T coordinate, int size) {
     // At most half a step of a GPU's 8-bit subtexel grid, however far out the coordinate.
     T error = (magnitude > 1 ? magnitude : T(1)) * extent * Rounding<T>::epsilon;
     error = error > T(0x1p-9) ? T(0x1p-9) : error;
-    const T nearest = floor_of(position + T(0.5));
-    T offset = position - nearest;
+    // The position is at least -1/2, so that truncation rounds down. Only the comparison of NaN with itself fails.
+    const int nearest = static_cast<int>(position == position ? position + T(0.5) : T(0));
+    T offset = position - static_cast<T>(nearest);
     offset = (offset <= error && -offset <= error) ? T(0) : offset;
     const bool before = offset < 0;
     Tap<T> tap;
-    // Only the comparison of NaN with itself fails.
-    const int index = static_cast<int>(nearest == nearest ? nearest : T(0)) - (before ? 1 : 0);
+    const int index = nearest - (before ? 1 : 0);
     tap.fraction = before ? offset + 1 : offset;
     if (wrap) {
         tap.first = index < 0 ? index + size : index;
@@ -82,11 +91,10 @@ MIPBAKE_INLINE LevelPair<T> level_pair(T lod, int last) {
     const bool below = lod < 0;
     T clamped = below ? T(0) : lod;
     clamped = clamped > static_cast<T>(last) ? static_cast<T>(last) : clamped;
-    const T whole = floor_of(clamped);
     LevelPair<T> pair;
-    pair.finer = static_cast<int>(whole == whole ? whole : T(0));
+    pair.finer = static_cast<int>(clamped == clamped ? clamped : T(0));
     pair.coarser = pair.finer + (!below & (pair.finer < last) ? 1 : 0);
-    pair.blend = clamped - whole;
+    pair.blend = clamped - static_cast<T>(pair.finer);
     return pair;
 }
 

@@ -10,7 +10,7 @@ Shape = tuple[int, ...]
 
 WRAP_MODES = ("wrap", "clamp")
 MAX_LEVELS = 32
-MAX_SIDE = 2**31 - 1
+MAX_SIDE = 2**30
 
 
 def check_level_count(count: int) -> None:
