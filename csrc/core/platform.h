@@ -3,6 +3,12 @@
 
 #include "core/isa.h"
 
+#if defined(__GNUC__)
+#define MIPBAKE_PREFETCH_AT(address, for_writing) __builtin_prefetch(address, for_writing)
+#else
+#define MIPBAKE_PREFETCH_AT(address, for_writing) static_cast<void>(address)
+#endif
+
 #if defined(__CUDACC__)
 #define MIPBAKE_INLINE __host__ __device__ __forceinline__
 #define MIPBAKE_FUNCTION __host__ __device__ inline

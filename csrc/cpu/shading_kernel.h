@@ -56,6 +56,14 @@ struct Kernel {
         return load_interleaved(buffer, T());
     }
 
+    // A packet's triples of the next pair, a whole row of texels away, which no hardware foresees. Past the end it is
+    // harmless.
+    template <int for_writing>
+    static MIPBAKE_INLINE void prefetch(const S* data) {
+        for (std::size_t i = 0; i < 3 * lanes * sizeof(S); i += 64)
+            MIPBAKE_PREFETCH_AT(reinterpret_cast<const char*>(data) + i, for_writing);
+    }
+
     static void forward(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs, S* radiance) {
         Surface<W, T> surfaces[packets];
         const int count = static_cast<int>((tile.n1 - tile.n0 + lanes - 1) / lanes);
@@ -68,6 +76,7 @@ struct Kernel {
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
             S* const line = radiance + ((tile.b * args.K + k) * args.N + tile.n0) * 3;
             for (int i = 0; i < count; ++i) {
+                prefetch<1>(line + args.N * 3 + i * lanes * 3);
                 const Vec3<T> f = Model::evaluate(surfaces[i], pairs[k]);
                 if ((i + 1) * lanes <= texels) {
                     store_interleaved(line + i * lanes * 3, f);
@@ -95,6 +104,7 @@ struct Kernel {
         for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
             const S* const line = grad_radiance + ((tile.b * args.K + k) * args.N + tile.n0) * 3;
             for (int i = 0; i < count; ++i) {
+                prefetch<0>(line + args.N * 3 + i * lanes * 3);
                 const Vec3<T> g = load_gradient(line + i * lanes * 3, texels - i * lanes);
                 Model::evaluate_adjoint(surfaces[i], pairs[k], g, adjoints[i]);
             }

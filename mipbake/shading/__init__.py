@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import UsageError
+from mipbake.material import model_named
 from mipbake.shading._arguments import batch_shape
 
 __all__ = ["models", "shade"]
@@ -63,7 +64,7 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
         to_light, to_view = (
             _reals(n, d).astype(texels.dtype, copy=False) for n, d in (("light", light), ("view", view))
         )
-    batch, K, N = batch_shape(model, texels.shape, to_light.shape, to_view.shape)
+    batch, K, N = batch_shape(model_named(model).channels, texels.shape, to_light.shape, to_view.shape)
     B = 1 if batch is None else batch
     out = np.empty((B, K, N, 3), texels.dtype)
     if out.size:

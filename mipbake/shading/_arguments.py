@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from mipbake.errors import UsageError
-from mipbake.material import model_named
 
 Shape = tuple[int, ...]
 
 
-def batch_shape(model: str, material: Shape, light: Shape, view: Shape) -> tuple[int | None, int, int]:
-    """The batch size B, or None where no argument has a batch axis; K and N. UsageError where the shapes do not fit."""
-    channels = model_named(model).channels
+def batch_shape(channels: int, material: Shape, light: Shape, view: Shape) -> tuple[int | None, int, int]:
+    """The batch size B, or None where no argument has a batch axis; K and N. UsageError where the shapes do not fit.
+
+    `channels` is what the material model stores.
+    """
     if len(material) not in (2, 3) or material[-1] != channels:
         raise UsageError(
             f"material has shape {_text(material)}: expected (N, {channels}) or (B, N, {channels}), "
-            f"the {channels} stored channels of model {model!r}"
+            f"the model's {channels} stored channels"
         )
     for name, shape in (("light", light), ("view", view)):
         if len(shape) not in (2, 3) or shape[-1] != 3:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from mipbake.errors import UsageError
+from mipbake.material import model_named
 from mipbake.shading._arguments import batch_shape
 
 __all__ = ["shade"]
@@ -49,7 +50,7 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
             "expected float32 on the CPU or with CUDA, or float64 on the CPU"
         )
     light, view = _direction("light", light, material), _direction("view", view, material)
-    batch, K, N = batch_shape(model, material.shape, light.shape, view.shape)
+    batch, K, N = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     B = 1 if batch is None else batch
     out: Tensor = _shade(model, material.expand(B, N, material.shape[-1]), light.expand(B, K, 3), view.expand(B, K, 3))
     return out[0] if batch is None else out

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from mipbake.material import DIELECTRIC_F0, MIN_ROUGHNESS
+from mipbake.material import DIELECTRIC_F0, MIN_ROUGHNESS, model_named
 from mipbake.shading._arguments import batch_shape
 
 __all__ = ["MODELS", "distribution", "shade"]
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
 
 def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
-    batch, *_ = batch_shape(model, material.shape, light.shape, view.shape)
+    batch, *_ = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1, 3)
     radiance = evaluate(surface, light.unsqueeze(-2), view.unsqueeze(-2))
     return radiance if batch is None or radiance.ndim == 4 else radiance[None]
