@@ -55,7 +55,7 @@ class PixelFilter:
 
     def cumulative(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Integral of the normalised p from -infinity to x; any shape, x in pixels, values from 0 to 1."""
-        return np.interp(x, self._grid, self._cumulative / self._cumulative[-1])
+        return np.asarray(np.interp(x, self._grid, self._cumulative / self._cumulative[-1]))
 
     def offsets(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Importance samples of p from uniform numbers u in [0, 1), any shape.

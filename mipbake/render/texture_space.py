@@ -24,7 +24,7 @@ _RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
 
 def random_points(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     """(count, 2) texture coordinates: a low-discrepancy sequence with a random shift, at random sub-texel offsets."""
-    return (rng.random(2) + np.arange(count)[:, None] * _RECURRENCE) % 1.0
+    return np.asarray((rng.random(2) + np.arange(count)[:, None] * _RECURRENCE) % 1.0)
 
 
 def reference(
