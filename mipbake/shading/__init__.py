@@ -49,8 +49,8 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
 
     Returns:
         (K, N, 3), or (B, K, N, 3) where any argument has a batch axis, in the dtype of the material. Finite for finite
-        input. In float32 within 1e-5 of the exact value, relatively, for alpha >= 0.002; the instruction set of the
-        processor decides the last digits, the number of threads none.
+        input. In float32 within 1e-5 of the exact value, relatively, for alpha >= 0.002. The same bits on every
+        instruction set and for any number of threads.
 
     Raises:
         UsageError: an unknown model, or an argument whose dtype or shape does not fit, by name.
