@@ -189,15 +189,17 @@ def gltf_to_ggx(stored: Array) -> Array:
 def base_and_metallic(albedo: Array, specular: Array) -> tuple[Array, Array]:
     """Base colour (..., 3) and metallic (..., 1) from diffuse albedo and F0 (..., 3), exact on what glTF can represent.
 
+    Dark metals (F0 below 0.04) have two representations: base colour and metallic may differ where albedo and F0 agree.
     base = albedo + F0 - 0.04 (1 - m) in every channel; with channel means, m solves
     0.04 m^2 + (albedo + F0 - 0.08) m - (F0 - 0.04) = 0.
     """
-    excess = np.maximum(specular.mean(-1, keepdims=True) - DIELECTRIC_F0, 0)
+    excess = specular.mean(-1, keepdims=True) - DIELECTRIC_F0
     b = albedo.mean(-1, keepdims=True) + specular.mean(-1, keepdims=True) - 2 * DIELECTRIC_F0
-    root = np.sqrt(b * b + 4 * DIELECTRIC_F0 * excess)
-    stable = 2 * excess / np.maximum(b + root, 1e-12)
-    metallic = np.clip(np.where(b >= 0, stable, (root - b) / (2 * DIELECTRIC_F0)), 0, 1)
-    metallic = np.where(excess > 0, metallic, 0)
+    root = np.sqrt(np.maximum(b * b + 4 * DIELECTRIC_F0 * excess, 0))
+    # Without cancellation on either side of b = 0. Below F0 = 0.04 there are two solutions; the less metallic is taken.
+    shiny = np.where(b >= 0, 2 * excess / np.maximum(b + root, 1e-12), (root - b) / (2 * DIELECTRIC_F0))
+    dark = np.where(b < 0, -2 * excess / np.maximum(root - b, 1e-12), 0)
+    metallic = np.clip(np.where(excess > 0, shiny, dark), 0, 1)
     return np.clip(albedo + specular - DIELECTRIC_F0 * (1 - metallic), 0, 1), metallic
 
 
@@ -215,6 +217,25 @@ def ggx_to_gltf_anisotropic(stored: Array) -> Array:
     return np.concatenate(
         [base, metallic, np.sqrt(alpha)[..., None], lift_normal(stored[..., 6:8]), direction, strength[..., None]], -1
     )
+
+
+def align_directions(levels: list[Array]) -> list[Array]:
+    """Gives anisotropy directions d and -d, which shade alike, one sign across a stack of `gltf-anisotropic` levels.
+
+    Lookups average stored directions between texels and between levels: opposite signs would cancel. Each direction
+    takes the sign nearer to its level's dominant axis, and each axis the sign nearer to that of the level before.
+    """
+    aligned, before = [], np.array([1.0, 0.0])
+    for level in levels:
+        direction, strength = level[..., 8:10].astype(np.float64), level[..., 10:11]
+        x, y = np.moveaxis(direction * strength, -1, 0)
+        angle = np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum()) / 2
+        axis = np.array([np.cos(angle), np.sin(angle)])
+        before = axis if axis @ before >= 0 else -axis
+        out = level.copy()
+        out[..., 8:10] = np.where((direction @ before)[..., None] < 0, -level[..., 8:10], level[..., 8:10])
+        aligned.append(out)
+    return aligned
 
 
 def convert(stored: Array, source: str, target: str) -> Array:

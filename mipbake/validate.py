@@ -110,7 +110,7 @@ def validate(
     Raises:
         UsageError: a negative lod, or fewer than one point or sample.
     """
-    if not lods or min(lods) < 0:
+    if not lods or not all(0 <= lod < float("inf") for lod in lods):
         raise UsageError(f"lods must be one or more numbers from 0 up, got {list(lods)}")
     if points < 1 or samples < 1:
         raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")

@@ -57,6 +57,16 @@ def test_metals_and_dielectrics_convert_exactly() -> None:
         assert metallic_back[1:] == pytest.approx(metallic, abs=1e-12)
 
 
+def test_dark_metals_keep_albedo_and_reflectance() -> None:
+    rng = np.random.default_rng(0)
+    base, metallic = rng.uniform(0, 0.04, (500, 1)).repeat(3, 1), rng.random((500, 1))
+    albedo, specular = base * (1 - metallic), 0.04 + (base - 0.04) * metallic
+    base_back, metallic_back = material.base_and_metallic(albedo, specular)
+    assert base_back * (1 - metallic_back) == pytest.approx(albedo, abs=1e-9)
+    assert 0.04 + (base_back - 0.04) * metallic_back == pytest.approx(specular, abs=1e-9)
+    assert material.base_and_metallic(np.zeros(3), np.full(3, 0.04))[1] == 0
+
+
 def test_regularise_clips_and_renormalises() -> None:
     stored = np.array([[1.5, -0.2, 0.5, 0.3, 0.4, 0.0, 0.3, 0.4], [0, 0, 0, 0, 0, 0, 0, 0]], np.float32)
     out = material.regularise(stored, "gltf")

@@ -52,6 +52,15 @@ def test_reference_noise_does_not_bias_snr() -> None:
     assert snr_db(candidate, noisy[0], noisy[0]) < exact - 10
 
 
+def test_chance_reports_no_perfection() -> None:
+    """A right candidate under a noisy reference: the estimated error is often negative, the figure stays finite."""
+    truth = np.ones((8, 50))
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        first, second = (truth + 0.3 * rng.standard_normal(truth.shape) for _ in range(2))
+        assert snr_db(truth, first, second) < 10 * np.log10(1 / (0.01 * 0.3**2)) + 2
+
+
 def test_no_error_and_no_signal() -> None:
     ones = np.ones((2, 2), np.float32)
     assert snr_db(ones, ones, ones) == MAX_SNR_DB

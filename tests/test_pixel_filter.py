@@ -96,6 +96,16 @@ def test_a_gaussian_level_has_the_variance_of_its_footprint() -> None:
     assert np.mean(spread) == pytest.approx((0.5 * 8) ** 2 + 1 / 12, rel=0.02)
 
 
+@pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("wrap", "clamp")])
+def test_coarse_levels_of_clamped_axes_repeat_the_edge_texel(wrap: tuple[str, str]) -> None:
+    """Beyond a clamped border lies the edge texel for ever, on every level."""
+    image = np.random.default_rng(0).random((64, 64, 1), dtype=np.float32)
+    image[0], image[:, -1] = 3, -2
+    for level, out in enumerate(pf.filtered_levels(image, "gaussian", wrap)):
+        expected = pf.resample(image, (64 >> level, 64 >> level), "gaussian", wrap)
+        assert out == pytest.approx(expected, abs=2e-5 if wrap[0] == "clamp" else 2e-2)
+
+
 def test_level_sizes_are_floors() -> None:
     assert pf.level_sizes(5, 12) == [(5, 12), (2, 6), (1, 3), (1, 1)]
     assert pf.level_sizes(1, 1) == [(1, 1)]

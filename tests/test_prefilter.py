@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -73,6 +75,28 @@ def test_lean_adds_twice_the_slope_covariance() -> None:
     anisotropic = run("lean", stored, "gltf-anisotropic", "box")[1][0, 0]
     assert anisotropic[4] == pytest.approx(0.4, rel=1e-4)
     assert abs(anisotropic[8]) == pytest.approx(1, abs=1e-4)
+
+
+def test_lean_keeps_the_roughness_of_a_constant_tilt() -> None:
+    for degrees in (60, 80):
+        angle = np.radians(degrees)
+        texel = np.array([0.5, 0.5, 0.5, 0, 0.05, np.sin(angle), 0, np.cos(angle)], np.float32)
+        for level in run("lean", np.broadcast_to(texel, (16, 16, 8)).copy()):
+            assert level[..., 4] == pytest.approx(0.05, rel=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4])
+def test_anisotropy_directions_agree_within_and_between_levels(angle: float) -> None:
+    """Around the vertical, principal axes come with either sign; averages of opposite directions would vanish."""
+    rng = np.random.default_rng(0)
+    stored = bumpy(16, 16, 0.02)
+    spread = angle + 0.3 * rng.standard_normal((16, 16))
+    direction = np.stack([np.cos(spread), np.sin(spread), np.full_like(spread, 0.8)], -1)
+    stored = np.concatenate([stored, direction], -1).astype(np.float32)
+    levels = METHODS["lean"](stored, "gltf-anisotropic", "gltf-anisotropic", "gaussian", WRAP, lambda _: None).levels
+    means = [level[..., 8:10].mean((0, 1)) for level in levels]
+    assert min(np.linalg.norm(mean) for mean in means) > 0.8
+    assert min(a @ b for a, b in itertools.pairwise(means)) > 0
 
 
 def test_neural_says_which_weights_it_used() -> None:

@@ -34,14 +34,18 @@ class Lean:
         colours = own[..., 0 : 6 if target == "ggx" else 4]
         normal = material.lift_normal(ggx[..., 6:8])
         slopes = normal[..., 0:2] / np.maximum(normal[..., 2:3], _MIN_NORMAL_Z)
+        # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
+        tilt = slopes.mean((0, 1))
+        slopes = slopes - tilt
         squares = np.stack([slopes[..., 0] ** 2, slopes[..., 1] ** 2, slopes[..., 0] * slopes[..., 1]], -1)
         # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
         moments = np.concatenate([colours, slopes, material.tensor_exp(ggx[..., 8:11]) + 2 * squares], -1)
         levels = filtered_levels(moments.astype(np.float32), pixel_filter, wrap, progress)
-        return PrefilterResult([_from_moments(level, target) for level in levels])
+        levels = [_from_moments(level, tilt, target) for level in levels]
+        return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
 
 
-def _from_moments(moments: NDArray[np.float32], target: str) -> NDArray[np.float32]:
+def _from_moments(moments: NDArray[np.float32], tilt: NDArray[np.float32], target: str) -> NDArray[np.float32]:
     colours, slopes, second = moments[..., :-5], moments[..., -5:-3], moments[..., -3:]
     x, y = slopes[..., 0], slopes[..., 1]
     tensor = second - 2 * np.stack([x * x, y * y, x * y], -1)
@@ -50,7 +54,7 @@ def _from_moments(moments: NDArray[np.float32], target: str) -> NDArray[np.float
     tensor[..., 0:2] = np.maximum(tensor[..., 0:2], smallest)
     limit = np.sqrt(np.maximum((tensor[..., 0] - smallest / 2) * (tensor[..., 1] - smallest / 2), 0))
     tensor[..., 2] = np.clip(tensor[..., 2], -limit, limit)
-    normal = np.concatenate([slopes, np.ones_like(slopes[..., :1])], -1)
+    normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     if target == "ggx":
         channels = [colours, normal[..., 0:2], material.tensor_log(tensor)]

@@ -32,18 +32,6 @@ class Neural:
         channels = np.ascontiguousarray(material.convert(stored, source, model))
         levels = bake_levels(network, channels, wrap, progress=progress)
         if target != model:
-            levels = [_align_directions(material.convert(level, model, target)) for level in levels]
+            levels = material.align_directions([material.convert(level, model, target) for level in levels])
         levels = [material.regularise(level, target) for level in levels]
         return PrefilterResult(levels, info.name, info.sha256)
-
-
-def _align_directions(stored: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Gives the anisotropy directions d and -d, which shade alike, the sign nearer to the level's dominant axis.
-
-    Trilinear lookups average stored directions: neighbours of opposite signs would cancel.
-    """
-    direction, strength = stored[..., 8:10].reshape(-1, 2), stored[..., 10].reshape(-1, 1)
-    _, axes = np.linalg.eigh((direction * strength).T @ direction)
-    flip = stored[..., 8:10] @ axes[:, 1].astype(stored.dtype) < 0
-    stored[..., 8:10] = np.where(flip[..., None], -stored[..., 8:10], stored[..., 8:10])
-    return stored

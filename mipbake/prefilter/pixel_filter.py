@@ -170,7 +170,10 @@ def filtered_levels(
     levels = []
     for level, size in enumerate(sizes):
         if level > _PRE_REDUCED:
-            finer = resample(finer, sizes[level - _PRE_REDUCED], "box", wrap)
+            # Not along a clamped axis: what lies beyond its border is the edge texel of level 0, not the edge average.
+            reduced = sizes[level - _PRE_REDUCED]
+            rows, columns = (reduced[i] if wrap[1 - i] == "wrap" else image.shape[i] for i in (0, 1))
+            finer = resample(finer, (rows, columns), "box", wrap)
         levels.append(resample(finer, size, pixel_filter, wrap))
         progress((level + 1) / len(sizes))
     return levels
