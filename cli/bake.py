@@ -17,9 +17,11 @@ from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.io.discover import find
 from mipbake.io.options import LoadOptions
+from mipbake.io.sources import Discovery
 from mipbake.prefilter import METHODS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
 from mipbake.stack import check_output, container_for
+from mipbake.texture_set import TextureSet
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
@@ -102,6 +104,11 @@ def _check_names(folders: list[Path], load: LoadOptions) -> None:
         names[name] = folder
 
 
+def _file_hashes(found: Discovery | TextureSet) -> dict[str, str]:
+    """Source file name to SHA-256, which is empty before the file is read."""
+    return {source.path.name: source.sha256 for source in sources_of(found).values() if source.path}
+
+
 def _bake_one(
     session: Session,
     folder: Path,
@@ -113,12 +120,14 @@ def _bake_one(
     format: str,
 ) -> dict[str, Any]:
     """Bakes and writes one set, prints what happened, and returns it for JSON."""
-    place = out / find(folder, load).name
-    check_output(place)
+    found = find(folder, load)
+    place = out / found.name
+    check_output(place, _file_hashes(found))
     with stages(session, place.name) as reading:
         reading("read", 0.0)
         texture_set = mipbake.load(folder, load)
         reading("read", 1.0)
+    check_output(place, _file_hashes(texture_set))
     session.print(f"{folder}: {texture_set.width} x {texture_set.height}", map_table(sources_of(texture_set)))
     session.print(*remarks(texture_set))
     with stages(session, place.name) as baking:

@@ -108,8 +108,8 @@ class MipStack:
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
-        The folder appears under its name when it is complete. An earlier stack there is replaced; a folder that holds
-        anything else is left alone. Missing parent folders are made.
+        The folder appears under its name when it is complete. An earlier stack of the same source files is replaced; a
+        folder that holds anything else is left alone. Missing parent folders are made.
 
         Args:
             path: the folder; its last part need not be the stack's name.
@@ -121,9 +121,10 @@ class MipStack:
 
         Raises:
             UsageError: an unknown format, or one that cannot hold this stack.
-            OutputError: the folder cannot be written.
+            OutputError: the folder cannot be written, or holds the stack of other source files.
         """
         target, container = Path(path), container_for(self.model, format)
+        check_output(target, self.provenance.sources)
         quantised = [
             (layout, [_quantised(level, layout, container) for level in chain]) for layout, chain in self.maps()
         ]
@@ -139,9 +140,39 @@ class MipStack:
         return [target / name for name in names]
 
 
-def check_output(path: str | Path) -> None:
-    """Raises OutputError when a stack cannot be saved to the folder `path`; writes nothing."""
-    check_target(Path(path), is_stack_folder)
+def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
+    """Raises OutputError when a stack cannot be saved to the folder `path`; leaves nothing there.
+
+    Args:
+        path: the folder that `MipStack.save` would be given.
+        sources: source file name to SHA-256, empty where the file has not been read yet: a stack of other source files
+            is in the way. None leaves that to `MipStack.save`.
+    """
+    target = Path(path)
+    check_target(target, is_stack_folder)
+    if sources is None or not is_stack_folder(target):
+        return
+    manifest = json.loads((target / MANIFEST).read_text(encoding="utf-8"))
+    provenance = manifest.get("provenance")
+    earlier = provenance.get("sources") if isinstance(provenance, dict) else None
+    earlier = earlier if isinstance(earlier, dict) else {}
+    changed = [n for n in sources if n in earlier and sources[n] and sources[n] != earlier[n]]
+    if set(earlier) == set(sources) and not changed:
+        return
+    there, here = (_listed([n for n in a if n not in b]) for a, b in ((earlier, sources), (sources, earlier)))
+    differs = "; ".join(
+        f"{what}: {names}"
+        for what, names in (("its own", there), ("only here", here), ("with other contents", _listed(changed)))
+        if names
+    )
+    raise OutputError(
+        f"cannot write to {target}: it holds the stack {manifest.get('name')!r} of other source files than those to be "
+        f"baked now ({differs}); choose another output folder, or remove {target} if it is no longer needed"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def container_for(model: str, format: str) -> Container:

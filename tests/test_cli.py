@@ -326,6 +326,19 @@ def test_two_sets_of_one_name_exit_2(tmp_path, capsys):
     assert str(first) in message and str(second) in message and not (tmp_path / "out").exists()
 
 
+def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):
+    first, same, other = (write_set(tmp_path / name / "metal") for name in "abc")
+    write_png(other / "roughness.png", np.full((16, 16), 90, np.uint8))
+    bake = ["bake", "-o", str(tmp_path / "out"), "--method", "linear", "--quiet"]
+    assert main([*bake, str(first)]) == 0
+    assert main([*bake, str(same), "--filter", "mitchell"]) == 0  # the same files: baked again
+    monkeypatch.setattr(mipbake, "bake", lambda *_: pytest.fail("found only after the bake"))
+    capsys.readouterr()
+    message = fails(capsys, 4, *bake, other)
+    assert str(tmp_path / "out" / "metal") in message and "roughness.png" in message and "remove" in message
+    assert mipbake.open_stack(tmp_path / "out" / "metal").provenance.pixel_filter == "mitchell"
+
+
 def test_unwritable_outputs_exit_4(folder, tmp_path, capsys):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full" / "metal").mkdir(parents=True)

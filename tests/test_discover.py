@@ -204,6 +204,18 @@ def test_the_textures_folder_inside_is_read(tmp_path: Path) -> None:
     assert found.sources["normal"].path == tmp_path / "old wall!" / "textures" / "normal_gl.png"
 
 
+def test_names_keep_the_letters_of_every_script(tmp_path: Path) -> None:
+    names = {"石": "石", "木": "木", "Straße (2)": "Straße_2", "пол 4": "пол_4"}
+    for folder, expected in names.items():
+        assert discover(plain_set(tmp_path / folder)).name == expected
+
+
+def test_a_textures_folder_is_named_after_its_parent(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path / "oak" / "Textures")
+    assert discover(folder).name == "oak"
+    assert discover(sorted(folder.iterdir())).name == "oak"
+
+
 def test_files_can_be_given_one_by_one(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "wall", metallic="metallic")
     found = discover(folder / f"{s}.png" for s in ("normal_gl", "roughness"))

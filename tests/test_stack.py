@@ -17,7 +17,7 @@ from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.io.containers import FORMATS
 from mipbake.io.layout import LAYOUTS, extra_layout, from_file, to_file
 from mipbake.prefilter.pixel_filter import level_sizes
-from mipbake.stack import MANIFEST, MipStack, Provenance, open_stack
+from mipbake.stack import MANIFEST, MipStack, Provenance, check_output, open_stack
 
 SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 HOLDS = [(model, fmt) for model in material.MODELS for fmt in FORMATS if (model, fmt) != ("ggx", "png")]
@@ -213,6 +213,23 @@ def test_replaces_an_earlier_stack(tmp_path):
     assert_same(open_stack(tmp_path / "s"), stack, "exr")
     assert not list((tmp_path / "s").glob("*.png"))
     assert tree(tmp_path) == ["s", *(f"s/{name}" for name in tree(tmp_path / "s"))]
+
+
+@pytest.mark.parametrize(
+    ("sources", "part"),
+    [({"normal.png": "xy"}, "with other contents: normal.png"), ({"n.png": "ab"}, "only here: n.png"), ({}, "its own")],
+)
+def test_a_stack_of_other_sources_is_left_alone(tmp_path, sources, part):
+    make_stack(seed=1).save(tmp_path / "s")
+    before = {name: (tmp_path / "s" / name).read_bytes() for name in tree(tmp_path / "s")}
+    stack = make_stack(seed=2)
+    other = replace(stack, provenance=replace(stack.provenance, sources=sources))
+    with pytest.raises(OutputError, match=f"'sample'.*{part}.*remove"):
+        other.save(tmp_path / "s")
+    with pytest.raises(OutputError, match="other source files"):
+        check_output(tmp_path / "s", sources)
+    assert {name: (tmp_path / "s" / name).read_bytes() for name in tree(tmp_path / "s")} == before
+    check_output(tmp_path / "s", {"normal.png": ""})  # not read yet
 
 
 def test_an_empty_folder_is_filled(tmp_path):

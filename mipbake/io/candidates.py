@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,11 @@ class Candidate:
 
 
 def _safe_name(folder: Path) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).strip("._-") or "texture_set"
+    """A folder's name in the letters and digits of any script; of a `textures` folder that of its parent."""
+    resolved = folder.resolve()
+    name = resolved.parent.name if resolved.name.lower() == "textures" else ""
+    readable = unicodedata.normalize("NFC", name or resolved.name)
+    return re.sub(r"[^\w.-]+", "_", readable).strip("._-") or "texture_set"
 
 
 def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Path]]:
