@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake import sampling, shading
-from mipbake.io.colour import encode_srgb
+from mipbake.io.layout import srgb_encode
 from mipbake.prefilter.pixel_filter import filter_named
 
 WIDTH, HEIGHT = 420, 300
@@ -99,7 +99,7 @@ def main() -> None:
         snr = 10 * np.log10((panels[2] ** 2).sum() / ((panel - panels[2]) ** 2).sum())
         print(f"{name}: {snr:.1f} dB against the reference")
     gap = np.ones((HEIGHT, 6, 3))
-    exposed = [encode_srgb(np.clip(1 - np.exp(-EXPOSURE * panel), 0, 1)) for panel in panels]
+    exposed = [srgb_encode(np.clip(1 - np.exp(-EXPOSURE * panel), 0, 1)) for panel in panels]
     image = np.concatenate([exposed[0], gap, exposed[1], gap, exposed[2]], 1)
     write_png(options.picture, np.round(image * 255).astype(np.uint8))
 

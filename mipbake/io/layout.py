@@ -111,7 +111,7 @@ def to_file(texels: NDArray[np.float32], layout: MapLayout, srgb: bool) -> NDArr
         if encoding == SIGNED:
             values[..., channel] = (values[..., channel] + 1) / 2
         elif encoding == COLOUR and srgb:
-            values[..., channel] = _srgb_encode(values[..., channel])
+            values[..., channel] = srgb_encode(values[..., channel])
     return values
 
 
@@ -126,7 +126,7 @@ def from_file(values: NDArray[np.floating], layout: MapLayout, srgb: bool) -> ND
     return texels.astype(np.float32)
 
 
-def _srgb_encode(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def srgb_encode(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """IEC 61966-2-1, the inverse of srgb_to_linear from 0 up."""
     powered = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, powered)
