@@ -16,13 +16,22 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, Container, format_named
-from mipbake.io.layout import COLOUR, LAYOUTS, PARAMETRISATIONS, SIGNED, MapLayout, extra_layout, from_file, to_file
+from mipbake.io.layout import (
+    COLOUR,
+    LAYOUTS,
+    MANIFEST,
+    PARAMETRISATIONS,
+    SCHEMA,
+    SIGNED,
+    MapLayout,
+    extra_layout,
+    from_file,
+    to_file,
+)
 from mipbake.io.publish import check_target, published
 from mipbake.material import MODELS
 from mipbake.prefilter.pixel_filter import level_sizes
 
-MANIFEST = "stack.json"
-SCHEMA = "mipbake-stack"
 SCHEMA_VERSION = 1
 
 _BLOCK = 1 << 18  # texels encoded at a time

@@ -339,6 +339,18 @@ def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatc
     assert mipbake.open_stack(tmp_path / "out" / "metal").provenance.pixel_filter == "mitchell"
 
 
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_a_baked_stack_is_no_texture_set(folder, tmp_path, capsys, fmt):
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", fmt, "-q"]) == 0
+    stack = tmp_path / "out" / "metal"
+    before = {name: (stack / name).read_bytes() for name in tree(stack)}
+    assert "is a baked stack" in fails(capsys, 3, "bake", stack, "-o", tmp_path / "out", "--method", "linear")
+    assert "give its source" in fails(capsys, 3, "inspect", stack)
+    assert {name: (stack / name).read_bytes() for name in tree(stack)} == before
+    (folder / "stack.json").write_text('{"schema": "of something else"}')
+    assert main(["inspect", str(folder), "--quiet"]) == 0
+
+
 def test_unwritable_outputs_exit_4(folder, tmp_path, capsys):
     (tmp_path / "file").write_text("x")
     (tmp_path / "full" / "metal").mkdir(parents=True)

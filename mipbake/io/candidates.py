@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import unicodedata
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io.layout import MANIFEST, SCHEMA
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
@@ -53,14 +55,26 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
     if not folder.is_dir():
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
+    _refuse_baked(folder)
     files = _visible(folder)
     if not any(_is_map(f) for f in files):
         inner = [d for d in folder.iterdir() if d.is_dir() and d.name.lower() == "textures"]
         if inner:
+            _refuse_baked(inner[0])
             return _safe_name(folder), inner[0], _visible(inner[0])
     if not files:
         raise InputError(f"{folder} is empty: expected the maps of one texture set")
     return _safe_name(folder), folder, files
+
+
+def _refuse_baked(folder: Path) -> None:
+    """InputError for a stack: its maps are filtered already, and its own output would replace it."""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return
+    if isinstance(manifest, dict) and manifest.get("schema") == SCHEMA:
+        raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
 
 
 def _visible(folder: Path) -> list[Path]:

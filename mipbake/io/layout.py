@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 from mipbake.io.colour import srgb_to_linear
 from mipbake.io.options import COLOUR_ROLES
 
+MANIFEST = "stack.json"
+"""The file of a stack's folder that declares everything about it."""
+
+SCHEMA = "mipbake-stack"
+
 COLOUR, UNIT, SIGNED, LOG = "colour", "unit", "signed", "log"
 """Encodings. `colour`: linear Rec.709, which integer containers store sRGB-encoded; `unit`: the value itself;
 `signed`: (x + 1) / 2 of a value from -1 to 1; `log`: the value itself, a logarithm that only float containers hold."""
