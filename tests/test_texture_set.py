@@ -193,6 +193,15 @@ def test_anisotropy_is_direction_and_strength(tmp_path: Path) -> None:
     assert (result.maps["anisotropy"].pixels[..., :2] == (1, 0)).all()
 
 
+def test_a_grey_anisotropy_map_of_three_channels_is_a_strength(tmp_path: Path) -> None:
+    grey = pixels_for("roughness").astype(int)
+    uneven = np.random.default_rng(0).integers(0, 2, (32, 32, 3))
+    result = load(plain_set(tmp_path, anisotropy=(grey + uneven).astype(np.uint8)))
+    np.testing.assert_array_equal(result.maps["anisotropy"].pixels[..., :2], np.broadcast_to([1, 0], (32, 32, 2)))
+    np.testing.assert_allclose(result.maps["anisotropy"].pixels[..., 2:], grey / 255, atol=1.1 / 255)
+    assert "anisotropy.png: is grey, taken as the strength along +X" in result.notes
+
+
 def test_missing_maps_are_constants_and_that_is_said(tmp_path: Path) -> None:
     folder = plain_set(tmp_path)
     (folder / "base_color.png").unlink()

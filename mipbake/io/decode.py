@@ -48,7 +48,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
     if source.role == "normal":
         return _normal(source, stored, normal_length)
     if source.role == "anisotropy":
-        return DecodedMap(TextureMap(_anisotropy(stored), source))
+        return _anisotropy(source, stored)
     if source.role in COLOUR_ROLES:
         pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
     else:
@@ -133,16 +133,26 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     return DecodedMap(TextureMap(decoded.vectors, replace(source, notes=tuple(notes))), warnings, variance)
 
 
-def _anisotropy(stored: NDArray[np.generic]) -> Pixels:
-    """KHR_materials_anisotropy: direction in red and green, strength in blue; grey is a strength along +X."""
+def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
+    """KHR_materials_anisotropy: direction in red and green, strength in blue; grey is a strength along +X.
+
+    Many tools store a grey map as three equal channels, which would otherwise be taken for directions.
+    """
     values = unit_range(stored)
     out = np.empty((*values.shape[:2], 3), np.float32)
-    if values.shape[-1] == 1:
+    if values.shape[-1] == 1 or _is_grey(values):
         out[..., 0], out[..., 1] = 1, 0
+        label = source.path.name if source.path else source.role
+        source = replace(source, notes=(*source.notes, f"{label}: is grey, taken as the strength along +X"))
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
     np.clip(values[..., -1], 0, 1, out=out[..., 2])
-    return out
+    return DecodedMap(TextureMap(out, source))
+
+
+def _is_grey(values: Pixels) -> bool:
+    """Whether the channels of (H, W, 3) in [0, 1] are equal everywhere, to within the rounding of 8 bits."""
+    return all(float(np.abs(values[..., c] - values[..., 0]).max()) <= 1.5 / 255 for c in (1, 2))
 
 
 def unit_directions(xy: Pixels) -> Pixels:
