@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -122,6 +123,9 @@ def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
 
 def run() -> None:
     """Entry point of the console script."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks must not end the run
+            stream.reconfigure(errors="backslashreplace")
     with contextlib.suppress(ValueError):  # not the main thread of a program that embeds us
         signal.signal(signal.SIGTERM, _terminate)
     sys.exit(main(sys.argv[1:]))

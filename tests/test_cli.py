@@ -418,6 +418,16 @@ def test_piped_output_has_no_colours(folder):
     assert "normal.png" in out and "\x1b" not in out + err
 
 
+def test_names_that_the_terminal_cannot_show_are_escaped(tmp_path):
+    folder = write_set(tmp_path / "石")
+    (folder / "メモ.txt").write_text("notes")
+    for arguments, code in ((["inspect", folder], 0), (["inspect", folder / "木"], 3)):
+        running = process(*arguments, PYTHONIOENCODING="ascii")
+        out, err = running.communicate(timeout=60)
+        assert running.returncode == code and "\\u77f3" in out + err, err
+        assert "defect" not in err
+
+
 def test_help_and_inspect_import_nothing_heavy(folder):
     for arguments, forbidden in (
         (["--help"], {"torch", "OpenImageIO", "colour", "rich", "scipy"}),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import struct
+import sys
 import zlib
 from pathlib import Path
 
@@ -159,6 +161,15 @@ def test_nan_and_infinity_are_counted_and_located(depth: str, tmp_path: Path) ->
     pixels[4:] = 0
     with pytest.raises(InputError, match=r"holds 1 NaN or infinite value,"):
         read_image(write_image(tmp_path / "a.exr", pixels, depth))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
+    path = write_image(tmp_path / "a.png", np.zeros((2, 2, 3), np.uint8))
+    path = path.rename(tmp_path / os.fsdecode(b"caf\xe9.png"))
+    for read in (read_header, read_image):
+        with pytest.raises(InputError, match=r"caf\\xe9\.png is not UTF-8: rename"):
+            read(path)
 
 
 def test_a_file_that_is_gone_is_refused(tmp_path: Path) -> None:

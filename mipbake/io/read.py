@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,7 @@ def read_image(path: Path) -> Image:
 def _open(path: Path) -> OpenImageIO.ImageInput:
     import OpenImageIO
 
+    _check_name(path)
     try:
         with path.open("rb") as file:
             start = file.read(24)
@@ -108,6 +110,15 @@ def _open(path: Path) -> OpenImageIO.ImageInput:
             f"{path} is not a readable {path.suffix or 'image'} image ({_one_line(OpenImageIO.geterror())})"
         )
     return image
+
+
+def _check_name(path: Path) -> None:
+    """InputError for a name whose bytes are no UTF-8, which OpenImageIO cannot take."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise InputError(f"the file name {shown} is not UTF-8: rename the file or its folder") from None
 
 
 def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
