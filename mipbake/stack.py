@@ -30,7 +30,7 @@ from mipbake.io.layout import (
 )
 from mipbake.io.publish import check_target, published
 from mipbake.material import MODELS
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 
 SCHEMA_VERSION = 1
 
@@ -235,6 +235,7 @@ def open_stack(path: str | Path) -> MipStack:
             chains[name] = [from_file(container.dequantise(t), layout, container.srgb) for t in texels]
         provenance = manifest["provenance"]
         provenance = Provenance(**{**provenance, "warnings": tuple(provenance["warnings"])})
+        filter_named(provenance.pixel_filter)
         levels = [np.concatenate(parts, -1) for parts in zip(*(chains[n] for n in layouts), strict=True)]
         extra = {name: chain for name, chain in chains.items() if name not in layouts}
         return MipStack(str(manifest["name"]), model, levels, extra, wrap, provenance)

@@ -364,6 +364,9 @@ def test_broken_stacks_are_input_errors(tmp_path, fmt):
     assert "describe" in broken(lambda s: edit(s, maps={}))
     assert "describe" in broken(lambda s: edit(s, maps={"../good/s/normal": {"channels": [], "levels": []}}))
     assert "describe" in broken(lambda s: edit(s, provenance={}))
+    provenance = json.loads((good / MANIFEST).read_text())["provenance"]
+    for odd in ("sharpest", None, ["gaussian"]):
+        assert "describe" in broken(lambda s, odd=odd: edit(s, provenance={**provenance, "pixel_filter": odd}))
     with pytest.raises(InputError, match="no such folder"):
         open_stack(tmp_path / "none")
     with pytest.raises(InputError, match=r"did you mean .*s"):
