@@ -354,6 +354,9 @@ def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
     [
         ({"maps": {"rust": "a.png"}}, "unknown map 'rust'.*roughness"),
         ({"maps": {"roughness": 1.5}}, "from 0 to 1"),
+        ({"maps": {"height": float("nan")}}, "height is nan: expected a finite number or a file$"),
+        ({"maps": {"height": float("-inf")}}, "height is -inf: expected a finite number or a file$"),
+        ({"maps": {"metallic": float("inf")}}, "metallic is inf: expected a number from 0 to 1"),
         ({"maps": {"roughness": None}}, "cannot be left out"),
         ({"maps": {"normal": 0.5}}, "cannot be the number"),
         ({"maps": {"metallic": True}}, "expected a file, a number or None"),

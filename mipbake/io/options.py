@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -78,7 +79,10 @@ def _check_choice(role: str, choice: MapChoice) -> None:
         raise UsageError(f"map {role} is {choice!r}: expected a file, a number or None")
     if isinstance(choice, (float, int)):
         if role not in (*SCALAR_ROLES, "base_color"):
-            raise UsageError(f"map {role} cannot be the number {choice}: expected a file or None")
+            raise UsageError(f"map {role} cannot be the number {choice}: expected a file, or none to leave it out")
+        if not math.isfinite(choice):
+            expected = "a finite number" if role == "height" else "a number from 0 to 1"
+            raise UsageError(f"map {role} is {choice}: expected {expected} or a file")
         if role != "height" and not 0 <= choice <= 1:
             raise UsageError(f"map {role} is {choice}: expected a number from 0 to 1")
     if role == "roughness" and choice is None:
