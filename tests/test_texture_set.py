@@ -162,6 +162,17 @@ def test_a_coloured_roughness_map_is_questioned(tmp_path: Path) -> None:
     assert any("roughness.png: its channels differ" in w for w in coloured.warnings)
 
 
+@pytest.mark.parametrize(("stem", "choice"), [("a_rma", None), ("a_rmo", None), ("roughness", "roughness.png:R")])
+def test_a_channel_that_was_asked_for_is_not_questioned(stem: str, choice: str | None, tmp_path: Path) -> None:
+    write_set(tmp_path, {"a_base_color.png": "base_color", "a_normal_gl.png": "normal", f"{stem}.png": "packed"})
+    result = load(tmp_path, maps={} if choice is None else {"roughness": choice})
+    assert (result.maps["roughness"].source.path, result.maps["roughness"].source.channels) == (
+        tmp_path / f"{stem}.png",
+        "R",
+    )
+    assert result.warnings == ()
+
+
 def test_grey_base_colours_and_alpha(tmp_path: Path) -> None:
     grey = pixels_for("roughness")
     result = load(plain_set(tmp_path / "grey", base_color=grey))

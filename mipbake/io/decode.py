@@ -56,7 +56,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
     if source.inverted:
         pixels = np.float32(1) - pixels
     warnings: tuple[str, ...] = ()
-    if source.role == "roughness" and source.channels == "R" and _channels_differ(image):
+    if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
         warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
     if source.role in _CLIPPED_ROLES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
         pixels, notes = _clipped(pixels, source)

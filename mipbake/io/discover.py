@@ -139,6 +139,7 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
         encoding,
         inverted,
         c.reason,
+        channels_named=bool(c.meaning.channels),
         convention=c.meaning.convention,
     )
 

@@ -30,6 +30,7 @@ class MapSource:
         inverted: the source stores one minus the value.
         reason: why this source fills the role.
         constant: the value, in linear units, where there is no file.
+        channels_named: whether the file's name or the user says which channels; else they follow from the role.
         convention: "opengl" or "directx" where a normal map's name says so.
         sha256: of the file, in hexadecimal; empty until it has been read.
         notes: what was found while reading, in sentences.
@@ -45,6 +46,7 @@ class MapSource:
     inverted: bool
     reason: str
     constant: tuple[float, ...] | None = None
+    channels_named: bool = False
     convention: str | None = None
     sha256: str = ""
     notes: tuple[str, ...] = ()
