@@ -387,6 +387,26 @@ def test_options_that_name_what_is_not_there_are_refused(maps: dict[str, str], m
         discover(tmp_path, LoadOptions(maps={"roughness": "base_color.png:RG"}))
 
 
+def test_alpha_is_never_taken_for_green(tmp_path: Path) -> None:
+    grey_alpha = np.stack([pixels_for("roughness")[..., 0], np.full((32, 32), 255, np.uint8)], -1)
+    folder = plain_set(tmp_path, wear=grey_alpha)
+    for channel in "GB":
+        with pytest.raises(InputError, match=f"no channel {channel}.*R and A"):
+            discover(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
+    for channel, expected in (("R", "Y"), ("A", "A")):
+        found = discover(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
+        assert found.sources["roughness"].channels == expected
+    write_image(folder / "normal_gl.png", pixels_for("normal")[..., :2])
+    assert discover(folder, LoadOptions(maps={"normal": "normal_gl.png:RG"})).sources["normal"].channels == "RG"
+
+
+def test_a_folder_of_folders_lists_them(tmp_path: Path) -> None:
+    for name in ("oak", "pine", ".hidden"):
+        plain_set(tmp_path / name)
+    with pytest.raises(InputError, match=r"did you mean \S+oak, \S+pine\?$"):
+        discover(tmp_path)
+
+
 def test_an_unknown_colour_space_is_refused_with_near_names(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="ACEScg"):
         discover(plain_set(tmp_path), LoadOptions(colour_space="ACEScq"))

@@ -63,6 +63,13 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
             _refuse_baked(inner[0])
             return _safe_name(folder), inner[0], _visible(inner[0])
     if not files:
+        folders = sorted(d for d in folder.iterdir() if d.is_dir() and not d.name.startswith("."))
+        if folders:
+            more = f" and {len(folders) - 4} more" if len(folders) > 4 else ""
+            raise InputError(
+                f"{folder} holds folders but no files: expected the maps of one texture set, did you mean "
+                f"{', '.join(str(d) for d in folders[:4])}{more}?"
+            )
         raise InputError(f"{folder} is empty: expected the maps of one texture set")
     return _safe_name(folder), folder, files
 
@@ -171,9 +178,13 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
     if len(channels) not in counts:
         expected = " or ".join(str(c) for c in counts)
         raise UsageError(f"map {role} takes channels {channels}: expected {expected} of R, G, B and A")
+    if role == "normal" and channels == "RG" and header.channels == 2:
+        return  # PNG calls any second channel alpha
     for c in channels:
-        if (header.alpha < 0) if c == "A" else "RGB".index(c) >= header.channels:
-            raise InputError(f"{header.path} has no channel {c}, which map {role} asks for")
+        index = header.alpha if c == "A" else "RGB".index(c)
+        if not 0 <= index < header.channels or (c != "A" and index == header.alpha):
+            there = "R and A" if (header.channels, header.alpha) == (2, 1) else "RGBA"[: header.channels]
+            raise InputError(f"{header.path} has no channel {c}, which map {role} asks for: expected one of {there}")
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
