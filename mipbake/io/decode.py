@@ -17,7 +17,8 @@ from mipbake.io.sources import MapSource, taken
 
 Pixels = NDArray[np.float32]
 
-_CLIPPED_ROLES = ("base_color", "roughness", "metallic", "occlusion", "opacity")
+_RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "opacity"), (0.0, 1.0))
+_RANGES["emissive"] = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
     warnings: tuple[str, ...] = ()
     if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
         warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
-    if source.role in _CLIPPED_ROLES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
+    if source.role in _RANGES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
         pixels, notes = _clipped(pixels, source)
         source = replace(source, notes=(*source.notes, *notes))
     return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
@@ -172,11 +173,15 @@ def _channels_differ(image: Image) -> bool:
 
 
 def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str]]:
-    outside = np.count_nonzero(((pixels < 0) | (pixels > 1)).any(-1))
+    least, most = _RANGES[source.role]
+    outside = np.count_nonzero(((pixels < least) | (pixels > most)).any(-1))
     if not outside:
         return pixels, ()
     low, high = float(pixels.min()), float(pixels.max())
     label = source.path.name if source.path else source.role
     count = f"{outside} texel{'s' if outside > 1 else ''}"
-    note = f"{label}: {count} outside [0, 1] clipped (from {low:.4g} to {high:.4g})"
-    return np.clip(pixels, 0, 1), (note,)
+    if most == np.inf:
+        note = f"{label}: {count} below {least:g} clipped (from {low:.4g})"
+    else:
+        note = f"{label}: {count} outside [{least:g}, {most:g}] clipped (from {low:.4g} to {high:.4g})"
+    return np.clip(pixels, least, most), (note,)
