@@ -27,7 +27,7 @@ from mipbake.io.decode import (
     widened,
 )
 from mipbake.io.discover import find, settle_convention
-from mipbake.io.normal import normalised, tiles
+from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
@@ -166,7 +166,8 @@ def load(
     options = _with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
     decoded = _read(found)
-    found = settle_convention(found, tiles(decoded["normal"].map.pixels))
+    normals = decoded["normal"].map.pixels
+    found = settle_convention(found, tiles(normals), is_constant(normals))
     warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
     maps: dict[str, TextureMap] = {}
     for role in found.sources:

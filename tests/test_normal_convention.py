@@ -100,12 +100,26 @@ def test_a_silent_name_is_decided_by_pixels_and_green_ends_up(tmp_path: Path) ->
 
 
 def test_what_cannot_be_told_is_assumed_with_a_warning(tmp_path: Path) -> None:
-    flat = np.full((32, 32, 3), (128, 128, 255), np.uint8)
-    folder = plain_set(tmp_path, normal=flat)
+    slope = np.broadcast_to(0.5 * np.sin(np.arange(32) / 3), (32, 32))
+    waves = np.stack([slope, np.zeros((32, 32)), np.ones((32, 32))], -1)
+    folder = plain_set(tmp_path, normal=encoded(waves / np.linalg.norm(waves, axis=-1, keepdims=True)))
     (folder / "normal_gl.png").unlink()
     for result in (load(folder), discover(folder)):
         assert (result.convention.name, result.convention.decided_by) == ("opengl", "assumed")
         assert any("OpenGL is assumed" in w for w in result.warnings)
+
+
+def test_a_flat_map_has_no_convention_to_tell(tmp_path: Path) -> None:
+    flat = np.full((320, 320, 3), (128, 128, 255), np.uint8)
+    folder = plain_set(tmp_path, normal=flat)
+    (folder / "normal_gl.png").unlink()
+    for result in (load(folder), discover(folder)):
+        assert (result.convention.name, result.convention.decided_by) == ("opengl", "flat")
+        assert result.warnings == ()
+    flat[77, 199, :2] = 180  # one dent: now there is something to tell
+    write_image(folder / "normal.png", flat)
+    for result in (load(folder), discover(folder)):
+        assert result.convention.decided_by == "assumed"
 
 
 def test_the_option_and_the_name_win_over_pixels_and_contradictions_are_said(tmp_path: Path) -> None:

@@ -18,7 +18,15 @@ from mipbake.io.candidates import (
     take_alpha_as_opacity,
 )
 from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space
-from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, decode_normals, integrability, tiles
+from mipbake.io.normal import (
+    DECIDED_CONFIDENCE,
+    Integrability,
+    Vectors,
+    decode_normals,
+    integrability,
+    is_constant,
+    tiles,
+)
 from mipbake.io.options import COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
 from mipbake.io.read import Header, read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
@@ -44,13 +52,17 @@ def discover(path: PathLike | Iterable[PathLike], options: LoadOptions | None = 
     source = found.sources["normal"]
     if source.path is None or found.convention.decided_by in ("option", "name"):
         return found
-    parts = tiles(taken(source, read_image(source.path)))
+    stored = taken(source, read_image(source.path))
+    parts = tiles(stored)
     vectors = decode_normals(parts.reshape(-1, *parts.shape[2:]), source.path).vectors
-    return settle_convention(found, vectors.reshape(*parts.shape[:3], 3))
+    return settle_convention(found, vectors.reshape(*parts.shape[:3], 3), is_constant(stored))
 
 
-def settle_convention(found: Discovery, vectors: Vectors) -> Discovery:
-    """The discovery with its normal convention checked against, or decided by, `tiles` of its normals as stored."""
+def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discovery:
+    """The discovery with its normal convention checked against, or decided by, `tiles` of its normals as stored.
+
+    `flat` says that all normals are the same: then there is nothing to tell.
+    """
     source, convention = found.sources["normal"], found.convention
     if source.path is None:
         return found
@@ -65,6 +77,8 @@ def settle_convention(found: Discovery, vectors: Vectors) -> Discovery:
             )
             return replace(found, warnings=(*found.warnings, warning))
         return found
+    if flat:
+        return replace(found, convention=NormalConvention("opengl", "flat", 1.0))
     if test.decided:
         note = f"{label}: {spoken(test.convention)} by the curl of its slopes (confidence {test.confidence:.2f})"
         settled = NormalConvention(test.convention, "pixels", test.confidence)

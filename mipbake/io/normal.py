@@ -113,6 +113,11 @@ def length_resolution(depth: str) -> float:
     return math.sqrt(3) / 2 * step
 
 
+def is_constant(image: NDArray[Any]) -> bool:
+    """Whether every texel of (H, W, C) holds the same values."""
+    return not np.ptp(_sampled(image), axis=0).any() and bool((image == image[0, 0]).all())
+
+
 def tiles(image: NDArray[Any]) -> NDArray[Any]:
     """(H, W, C) to (T, h, w, C): up to 8 x 8 evenly spaced tiles of at most 64 x 64 texels, for `integrability`."""
     height, width = image.shape[:2]
@@ -154,7 +159,7 @@ def integrability(vectors: Vectors) -> Integrability:
     return Integrability("opengl" if effect >= 0 else "directx", float(confidence))
 
 
-def _sampled(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _sampled(image: NDArray[Any]) -> NDArray[Any]:
     """(N, C) texels of an image on a regular grid of at most about 512 x 512."""
     step = max(1, math.isqrt(image.shape[0] * image.shape[1]) // 512)
     return image[::step, ::step].reshape(-1, image.shape[-1])
@@ -206,7 +211,7 @@ def _check_looks_like_normals(xyz: Vectors, path: Path) -> None:
             f"{path} does not look like a normal map ({1 - upward:.0%} of it points into the surface, its mean tilt is "
             f"{min(math.degrees(math.atan(tilt)), 90):.0f} degrees): {expected}; is it a colour map?"
         )
-    if len(texels) >= 256 and min(texels.std(0)) > 0 and _least_correlation(texels) > 0.8:
+    if len(texels) >= 256 and np.ptp(texels, axis=0).min() > 0 and _least_correlation(texels) > 0.8:
         raise InputError(f"{path} has channels that rise and fall together, like a colour map's: {expected}")
 
 
