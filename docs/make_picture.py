@@ -1,4 +1,4 @@
-"""Makes docs/before_after.png: a receding plane with plain MIP maps, with mipbake's, and supersampled.
+"""Makes docs/before_after.png: a lit surface from two distances, with plain MIP maps, with mipbake's, and supersampled.
 
 python docs/make_picture.py examples/hammered_copper docs/before_after.png
 """
@@ -17,40 +17,30 @@ from mipbake import sampling, shading
 from mipbake.io.layout import srgb_encode
 from mipbake.prefilter.pixel_filter import filter_named
 
-WIDTH, HEIGHT = 420, 300
-CAMERA = np.array([0.0, 0.0, 1.0])  # above the plane, looking along +Y and down
-PITCH = np.radians(24.0)
-FIELD_OF_VIEW = np.radians(50.0)
-TILES = 1.1  # repetitions of the texture set per unit of the plane: about 1:1 at the bottom edge of the picture
-LIGHTS = np.array([[0.0, 1.0, 0.42], [-0.9, 0.8, 0.6], [0.8, 1.0, 0.9]])
-LIGHT_RADIANCE = (2.2, 0.9, 0.9)
-EXPOSURE = 0.9
+WIDTH, HEIGHT = 320, 200
+LODS = (1.0, 4.0)  # near and far: a pixel covers 2 and 16 texels
+LIGHT = np.array([0.08, 0.1, 0.55])  # position above the picture's middle, in picture widths
+SKY = np.array([[0.5, 0.3, 0.8], [-0.6, 0.2, 0.75], [0.1, -0.7, 0.7]])
+SKY_RADIANCE = 0.08  # of each of the three, next to 1 for the light
 
 Array = NDArray[np.float64]
 
 
-def ground(pixels: Array) -> tuple[Array, Array]:
-    """Where the plane is seen: texture coordinates (P, 2) and unit view vectors (P, 3), for pixel positions (P, 2)."""
-    scale = np.tan(FIELD_OF_VIEW / 2) / (WIDTH / 2)
-    x, y = ((pixels - [WIDTH / 2, HEIGHT / 2]) * scale * [1, -1]).T
-    forward = np.array([0, np.cos(PITCH), -np.sin(PITCH)])
-    up = np.array([0, np.sin(PITCH), np.cos(PITCH)])
-    direction = forward + x[:, None] * [1, 0, 0] + y[:, None] * up
-    distance = -CAMERA[2] / np.minimum(direction[:, 2], -1e-3)
-    hit = CAMERA + distance[:, None] * direction
-    view = -direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-    return hit[:, :2] * [TILES, -TILES], view
+def shade(texels: NDArray[np.float32], model: str, pixels: Array) -> Array:
+    """(P, 3): seen straight from above, lit by a near lamp, so every pixel has a light direction of its own."""
+    place = np.concatenate([(pixels / WIDTH - [0.5, 0.5 * HEIGHT / WIDTH]) * [1, -1], np.zeros((len(pixels), 1))], -1)
+    to_lamp = LIGHT - place
+    lamp = to_lamp / np.linalg.norm(to_lamp, axis=-1, keepdims=True)
+    sky = np.broadcast_to(SKY / np.linalg.norm(SKY, axis=-1, keepdims=True), (len(pixels), *SKY.shape))
+    light = np.concatenate([lamp[:, None], sky], 1).astype(np.float32)
+    view = np.broadcast_to(np.array([0, 0, 1], np.float32), light.shape)
+    radiance = shading.shade(model, texels[:, None], light, view)[:, :, 0].astype(np.float64)
+    return np.pi * (radiance[:, 0] + SKY_RADIANCE * radiance[:, 1:].sum(1))
 
 
-def shade(texels: NDArray[np.float32], model: str, view: Array) -> Array:
-    """Sum over the lights, (P, 3): every pixel has a view of its own, so texels and views go in as a batch."""
-    total = np.zeros((len(texels), 3))
-    light = LIGHTS / np.linalg.norm(LIGHTS, axis=-1, keepdims=True)
-    for direction, radiance in zip(light, LIGHT_RADIANCE, strict=True):
-        lights = np.broadcast_to(direction.astype(np.float32), (len(texels), 1, 3))
-        views = view[:, None].astype(np.float32)
-        total += np.pi * radiance * shading.shade(model, texels[:, None], lights, views)[:, 0, 0]
-    return total
+def texture_coordinates(pixels: Array, lod: float, size: tuple[int, int]) -> Array:
+    """(P, 2) for pixel positions (P, 2), the textures repeated; size is (height, width) of level 0."""
+    return pixels * 2**lod / [size[1], size[0]]
 
 
 def pixel_centres() -> Array:
@@ -58,25 +48,23 @@ def pixel_centres() -> Array:
     return np.stack([column.ravel() + 0.5, row.ravel() + 0.5], -1)
 
 
-def once_per_pixel(levels: Sequence[NDArray[np.float32]], model: str) -> Array:
-    """What an engine shows: one trilinear lookup at the lod of the longer footprint axis, shaded once."""
+def once_per_pixel(levels: Sequence[NDArray[np.float32]], model: str, lod: float) -> Array:
+    """What an engine shows: one trilinear lookup a pixel, shaded once."""
     centres = pixel_centres()
-    uv, view = ground(centres)
-    texels = levels[0].shape[1::-1]
-    footprint = [np.linalg.norm((ground(centres + step)[0] - uv) * texels, axis=-1) for step in ([1, 0], [0, 1])]
-    lod = np.log2(np.maximum(*footprint))
-    return shade(sampling.sample(levels, uv, lod, ("wrap", "wrap")), model, view).reshape(HEIGHT, WIDTH, 3)
+    uv = texture_coordinates(centres, lod, levels[0].shape[:2])
+    return shade(sampling.sample(levels, uv, lod, ("wrap", "wrap")), model, centres).reshape(HEIGHT, WIDTH, 3)
 
 
-def supersampled(stored: NDArray[np.float32], model: str, pixel_filter: str, samples: int) -> Array:
+def supersampled(stored: NDArray[np.float32], model: str, pixel_filter: str, lod: float, samples: int) -> Array:
     """The reference: level 0 of the source under the pixel filter, `samples` random positions in every pixel."""
     rng = np.random.default_rng(0)
     centres, kernel = pixel_centres(), filter_named(pixel_filter)
     total = np.zeros((len(centres), 3))
     for _ in range(samples):
         offset, weight = kernel.offsets(rng.random(centres.shape))
-        uv, view = ground(centres + offset)
-        total += weight.prod(-1)[:, None] * shade(sampling.sample([stored], uv, 0.0, ("wrap", "wrap")), model, view)
+        uv = texture_coordinates(centres + offset, lod, stored.shape[:2])
+        texels = sampling.sample([stored], uv, 0.0, ("wrap", "wrap"))
+        total += weight.prod(-1)[:, None] * shade(texels, model, centres)
     return (total / samples).reshape(HEIGHT, WIDTH, 3)
 
 
@@ -87,21 +75,22 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=256)
     options = parser.parse_args()
     texture_set = mipbake.load(options.folder)
-    model = texture_set.source_model
+    source = texture_set.source_model
     plain = mipbake.bake(texture_set, method="linear", pixel_filter="box")
     neural = mipbake.bake(texture_set)
-    panels = [
-        once_per_pixel(plain.levels, plain.model),
-        once_per_pixel(neural.levels, neural.model),
-        supersampled(texture_set.material(model), model, neural.provenance.pixel_filter, options.samples),
-    ]
-    for name, panel in zip(("plain MIP maps", "mipbake"), panels, strict=False):
-        snr = 10 * np.log10((panels[2] ** 2).sum() / ((panel - panels[2]) ** 2).sum())
-        print(f"{name}: {snr:.1f} dB against the reference")
-    gap = np.ones((HEIGHT, 6, 3))
-    exposed = [srgb_encode(np.clip(1 - np.exp(-EXPOSURE * panel), 0, 1)) for panel in panels]
-    image = np.concatenate([exposed[0], gap, exposed[1], gap, exposed[2]], 1)
-    write_png(options.picture, np.round(image * 255).astype(np.uint8))
+    kernel = neural.provenance.pixel_filter
+    rows = []
+    for lod in LODS:
+        reference = supersampled(texture_set.material(source), source, kernel, lod, options.samples)
+        panels = [once_per_pixel(stack.levels, stack.model, lod) for stack in (plain, neural)]
+        for name, panel in zip(("plain MIP maps", "mipbake"), panels, strict=True):
+            snr = 10 * np.log10((reference**2).sum() / ((panel - reference) ** 2).sum())
+            print(f"lod {lod:g}, {name}: {snr:.1f} dB against the reference")
+        exposure = 1.6 / np.percentile(reference, 97)
+        shown = [srgb_encode(1 - np.exp(-exposure * panel)) for panel in (*panels, reference)]
+        gap = np.ones((HEIGHT, 6, 3))
+        rows += [np.concatenate([shown[0], gap, shown[1], gap, shown[2]], 1), np.ones((6, 3 * WIDTH + 12, 3))]
+    write_png(options.picture, np.round(np.concatenate(rows[:-1]) * 255).astype(np.uint8))
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
