@@ -418,14 +418,16 @@ def test_a_packed_name_on_a_grey_file_is_refused(tmp_path: Path) -> None:
         discover(tmp_path)
 
 
-def test_sizes_agree_or_are_resampled_or_refused(tmp_path: Path) -> None:
+def test_sizes_agree_or_are_resampled(tmp_path: Path) -> None:
     plain_set(tmp_path / "a", roughness=pixels_for("roughness", 16), metallic=pixels_for("metallic", 1))
     found = discover(tmp_path / "a")
     assert (found.width, found.height) == (32, 32)
     assert any("roughness.png: resampled from 16 x 16 to 32 x 32" in n for n in found.notes)
     plain_set(tmp_path / "b", roughness=pixels_for("roughness", 32)[:16])
-    with pytest.raises(InputError, match=r"roughness.png is 32 x 16 and .*32 x 32: expected one shape"):
-        discover(tmp_path / "b")
+    found = discover(tmp_path / "b")
+    assert (found.width, found.height) == (32, 32)
+    assert [w for w in found.warnings if "32 x 16 to 32 x 32" in w and "is 32 x 32" in w and "roughness.png" in w]
+    assert not any("resampled" in n for n in found.notes)
     plain_set(tmp_path / "c", height=pixels_for("height", 32)[:16])
     assert discover(tmp_path / "c").sources["height"].height == 16
 

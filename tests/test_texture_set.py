@@ -245,6 +245,19 @@ def test_smaller_maps_are_resampled_to_the_largest(tmp_path: Path) -> None:
     assert not np.array_equal(load(folder, wrap=("clamp", "wrap")).material("gltf"), result.material("gltf"))
 
 
+def test_maps_of_other_shapes_are_stretched_to_the_largest(tmp_path: Path) -> None:
+    ramp = np.repeat(np.arange(8, 40, dtype=np.uint8)[:, None], 8, 1) * 5  # 8 x 32: the height of no other map
+    result = load(plain_set(tmp_path, roughness=ramp, normal_gl=encoded(height_field(16, 64))), wrap=("wrap", "clamp"))
+    assert (result.width, result.height) == (64, 32)
+    np.testing.assert_allclose(result.maps["roughness"].pixels, np.repeat(ramp[:, :1, None] / 255, 64, 1), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(result.maps["normal"].pixels, axis=-1), 1, atol=1e-5)
+    assert [w.split(",")[0] for w in result.warnings if "another shape" in w] == [
+        "base_color.png: resampled from 32 x 32 to 64 x 32",
+        "normal_gl.png: resampled from 64 x 16 to 64 x 32",
+        "roughness.png: resampled from 8 x 32 to 64 x 32",
+    ]
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 4), st.booleans(), st.booleans(), st.data())
 def test_resampling_is_bilinear_between_texel_centres(

@@ -211,17 +211,21 @@ def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> Norm
 
 
 def _common_size(sources: Sequence[MapSource], log: Log) -> tuple[int, int]:
-    """Width and height of the largest map; the others must have its shape, to within one texel, or be 1 x 1."""
+    """The greatest width and the greatest height of any map, so that resampling to it loses no detail.
+
+    A map whose shape differs by more than a texel is stretched over the same unit square, which is worth a warning.
+    """
+    width, height = max(s.width for s in sources), max(s.height for s in sources)
     largest = max(sources, key=lambda s: s.width * s.height)
-    width, height = largest.width, largest.height
     for s in sources:
         if (s.width, s.height) in ((width, height), (1, 1)) or s.path is None:
             continue
-        if abs(s.width * height - s.height * width) > max(width, height) or s.width > width or s.height > height:
-            other = largest.path.name if largest.path else "another map"
-            raise InputError(
-                f"{s.path.name} is {s.width} x {s.height} and {other} is {width} x {height}: expected one shape for "
-                "all maps that shade; crop or scale one of them"
-            )
-        log.notes.append(f"{s.path.name}: resampled from {s.width} x {s.height} to {width} x {height}")
+        resampled = f"{s.path.name}: resampled from {s.width} x {s.height} to {width} x {height}"
+        if abs(s.width * height - s.height * width) <= max(width, height):
+            log.notes.append(resampled)
+        elif s is largest or largest.path is None:
+            log.warnings.append(f"{resampled}, another shape")
+        else:
+            other = f"{largest.path.name} is {largest.width} x {largest.height}"
+            log.warnings.append(f"{resampled}, another shape ({other}): its texels are stretched; check that they fit")
     return width, height
