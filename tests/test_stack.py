@@ -263,6 +263,25 @@ def test_unwritable_targets(tmp_path):
     assert tree(tmp_path) == ["dangling", "file"]
 
 
+def test_an_output_that_cannot_be_made_is_found_before_the_bake(tmp_path, monkeypatch):
+    for name in ("x" * 300, f"new/{'x' * 300}/s"):
+        with pytest.raises(OutputError, match="too long"):
+            check_output(tmp_path / name)
+    check_output(tmp_path / "new" / "s")
+    mkdir = Path.mkdir
+
+    def refuses(self, *arguments, **options):
+        if self.parent == tmp_path:
+            raise OSError(30, "Read-only file system")
+        mkdir(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", refuses)
+    for name in ("s", "new/s"):
+        with pytest.raises(OutputError, match="Read-only file system"):
+            check_output(tmp_path / name)
+    assert tree(tmp_path) == []
+
+
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError(28, "No space left on device"), RuntimeError("defect")])
 @pytest.mark.parametrize("earlier", [False, True])
 @pytest.mark.parametrize("fmt", FORMATS)

@@ -17,7 +17,19 @@ IsOurs = Callable[[Path], bool]
 
 
 def check_target(target: Path, is_ours: IsOurs) -> None:
-    """Raises OutputError when publishing to `target` cannot succeed; writes nothing. Call it before long work."""
+    """Raises OutputError when publishing to `target` cannot succeed; leaves nothing behind. Call it before long work.
+
+    Permissions do not tell everything (read-only and virtual file systems, names that are too long), so the folders
+    that are missing are made on trial, under a name of their own that no other process relies on.
+    """
+    try:
+        _check_existing(target, is_ours)
+        _try_to_make(target.resolve())
+    except OSError as error:
+        raise OutputError(f"cannot write to {target}: {_reason(error)}") from error
+
+
+def _check_existing(target: Path, is_ours: IsOurs) -> None:
     if target.is_symlink() and not target.exists():
         raise OutputError(f"cannot write to {target}: it is a link to nothing, remove it or choose another folder")
     if target.exists():
@@ -35,6 +47,16 @@ def check_target(target: Path, is_ours: IsOurs) -> None:
         raise OutputError(f"cannot write to {target}: no permission to write in {existing}, choose another folder")
 
 
+def _try_to_make(target: Path) -> None:
+    existing = next(p for p in target.parents if p.exists())
+    trial = existing / f".{secrets.token_hex(8)}.partial"
+    try:
+        trial.mkdir()
+        _partial_name(trial / target.relative_to(existing)).mkdir(parents=True)
+    finally:
+        shutil.rmtree(trial, ignore_errors=True)
+
+
 @contextlib.contextmanager
 def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
     """A temporary folder beside `target`, renamed to it when the block ends and removed when it raises.
@@ -48,7 +70,7 @@ def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
     check_target(target, is_ours)
     target = target.resolve()
     made: list[Path] = []
-    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+    partial = _partial_name(target)
     done = False
     try:
         try:
@@ -68,6 +90,10 @@ def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
             for parent in reversed(made):
                 with contextlib.suppress(OSError):  # not empty: another process writes there too
                     parent.rmdir()
+
+
+def _partial_name(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
 
 
 def _swap(partial: Path, target: Path) -> None:
@@ -94,4 +120,6 @@ def _listed(folder: Path) -> bool:
 def _reason(error: OSError) -> str:
     if error.errno == errno.ENOSPC:
         return "the disk is full, make room or choose another folder"
+    if error.errno == errno.ENAMETOOLONG:
+        return "the name is too long, choose a shorter one"
     return f"{error.strerror or error}, check the folder's permissions or choose another"
