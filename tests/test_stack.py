@@ -267,6 +267,8 @@ def test_an_output_that_cannot_be_made_is_found_before_the_bake(tmp_path, monkey
     for name in ("x" * 300, f"new/{'x' * 300}/s"):
         with pytest.raises(OutputError, match="too long"):
             check_output(tmp_path / name)
+    with pytest.raises(OutputError, match="not UTF-8"):
+        check_output(tmp_path / "caf\udce9")
     check_output(tmp_path / "new" / "s")
     mkdir = Path.mkdir
 

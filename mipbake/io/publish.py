@@ -23,8 +23,12 @@ def check_target(target: Path, is_ours: IsOurs) -> None:
     that are missing are made on trial, under a name of their own that no other process relies on.
     """
     try:
+        str(target.resolve()).encode()
         _check_existing(target, is_ours)
         _try_to_make(target.resolve())
+    except UnicodeEncodeError as error:
+        shown = os.fsencode(target).decode("utf-8", "backslashreplace")
+        raise OutputError(f"cannot write to {shown}: its name is not UTF-8, choose another folder") from error
     except OSError as error:
         raise OutputError(f"cannot write to {target}: {_reason(error)}") from error
 
