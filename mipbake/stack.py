@@ -6,7 +6,7 @@ A stack lies in a folder: `stack.json`, which declares every convention, and the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -154,8 +154,8 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
 
     Args:
         path: the folder that `MipStack.save` would be given.
-        sources: source file name to SHA-256, empty where the file has not been read yet: a stack of other source files
-            is in the way. None leaves that to `MipStack.save`.
+        sources: source file name to SHA-256, empty where the file has not been read yet: a stack that shares no source
+            file with them is in the way. None leaves that to `MipStack.save`.
     """
     target = Path(path)
     check_target(target, is_stack_folder)
@@ -165,22 +165,18 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
     provenance = manifest.get("provenance")
     earlier = provenance.get("sources") if isinstance(provenance, dict) else None
     earlier = earlier if isinstance(earlier, dict) else {}
-    changed = [n for n in sources if n in earlier and sources[n] and sources[n] != earlier[n]]
-    if set(earlier) == set(sources) and not changed:
+    # Somebody who edits one map and bakes again means the same place; another set shares no file with this one.
+    shared = [n for n in sources if n in earlier and sources[n] in ("", earlier[n])]
+    if shared or not earlier or not sources:
         return
-    there, here = (_listed([n for n in a if n not in b]) for a, b in ((earlier, sources), (sources, earlier)))
-    differs = "; ".join(
-        f"{what}: {names}"
-        for what, names in (("its own", there), ("only here", here), ("with other contents", _listed(changed)))
-        if names
-    )
     raise OutputError(
-        f"cannot write to {target}: it holds the stack {manifest.get('name')!r} of other source files than those to be "
-        f"baked now ({differs}); choose another output folder, or remove {target} if it is no longer needed"
+        f"cannot write to {target}: it holds the stack {manifest.get('name')!r} of other source files ({_listed(earlier)}) "
+        f"than those to be baked now; choose another output folder, or remove {target} if it is no longer needed"
     )
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 

@@ -328,7 +328,8 @@ def test_two_sets_of_one_name_exit_2(tmp_path, capsys):
 
 def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):
     first, same, other = (write_set(tmp_path / name / "metal") for name in "abc")
-    write_png(other / "roughness.png", np.full((16, 16), 90, np.uint8))
+    for name, pixels in bumps(8, 24).items():
+        write_png(other / f"{name}.png", pixels)
     bake = ["bake", "-o", str(tmp_path / "out"), "--method", "linear", "--quiet"]
     assert main([*bake, str(first)]) == 0
     assert main([*bake, str(same), "--filter", "mitchell"]) == 0  # the same files: baked again
