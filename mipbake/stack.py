@@ -171,7 +171,8 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
         return
     raise OutputError(
         f"cannot write to {target}: it holds the stack {manifest.get('name')!r} of other source files "
-        f"({_listed(earlier)}) than those to be baked now; choose another output folder, or remove {target} if it is no longer needed"
+        f"({_listed(earlier)}) than those to be baked now; choose another output folder, or "
+        f"remove {target} if it is no longer needed"
     )
 
 
