@@ -92,7 +92,9 @@ def whole_loop(config: TrainingConfig, materials: loop.Materials, steps: int) ->
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", type=Path, default=PAPER, help="default: paper-ggx.toml")
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="of torch (default: its own)")
+    parser.add_argument(
+        "--threads", type=int, default=loop.threads_beside_batches(), help="torch's (default: as in training)"
+    )
     parser.add_argument("--steps", type=int, default=100, help="measured steps (default 100)")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)

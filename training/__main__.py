@@ -38,8 +38,11 @@ def main() -> int:
             config = read_config(arguments.config)
             if arguments.data:
                 config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
-            from mipbake.training.loop import train
+            import torch
 
+            from mipbake.training.loop import threads_beside_batches, train
+
+            torch.set_num_threads(threads_beside_batches())
             train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume)
         else:
             from mipbake.models.registry import WEIGHTS_FOLDER

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -74,6 +75,11 @@ def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterato
 def _one_thread() -> None:
     """The two threads share the cores: a second team of torch threads would only wait for the first."""
     torch.set_num_threads(1)
+
+
+def threads_beside_batches() -> int:
+    """Torch threads that train fastest: one core is busy drawing batches. OMP_NUM_THREADS, where set, is obeyed."""
+    return int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, (os.cpu_count() or 2) - 1)
 
 
 def batch_loss(network: Network, batch: Batch, mirror: int) -> Tensor:
