@@ -1,0 +1,21 @@
+"""Trainings small enough for tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mipbake.training.config import TrainingConfig, config_from
+
+
+def tiny(**sections: dict[str, Any]) -> TrainingConfig:
+    """Seconds: small patches, few pairs, two procedural sets."""
+    content: dict[str, dict[str, Any]] = {
+        "network": {"growth": 4, "encoder_layers": 2, "decoder_layers": 1, "latent_channels": 16},
+        "data": {"held_out": 0, "procedural_sets": 2, "procedural_size": 64},
+        "loss": {"crops": 2, "crop_size": 16, "pairs": 4, "lods": 2, "target_samples": 2, "near_mirror_fraction": 0.5},
+        "optimiser": {"learning_rate": 1e-3, "ramp": 2, "ema_decay": 0.9},
+        "run": {"steps": 6, "log_every": 2, "validate_every": 4, "checkpoint_every": 3},
+    }
+    for name, section in sections.items():
+        content[name] |= section
+    return config_from(content)

@@ -1,0 +1,172 @@
+"""Training: the loop, resuming, logs, export."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from mipbake.errors import InputError, UsageError
+from mipbake.material import lift_normal
+from mipbake.models.inference import bake_levels
+from mipbake.models.registry import default_weights, load_network
+from mipbake.training import data, loop
+from mipbake.training.data import Materials
+from mipbake.training.export import export_weights
+from mipbake.training.procedural import procedural_set
+from mipbake.training.validation import Validator
+
+from .small_training import tiny
+
+torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
+
+MODEL_NAMES = ("gltf", "ggx")
+
+
+@pytest.fixture(autouse=True)
+def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"_PATCHES": 2, "_PATCH_SIZE": 16, "_PAIRS": 4, "_POINTS": 16, "_SAMPLES": 8}.items():
+        monkeypatch.setattr(f"mipbake.training.validation.{name}", value)
+    monkeypatch.setattr("mipbake.training.validation._PICTURE_SAMPLES", 4)
+
+
+# The loop
+
+
+def weights(state: loop.TrainingState) -> list[torch.Tensor]:
+    return [v.clone() for n in (state.network, state.average) for v in n.state_dict().values()]
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
+    config = tiny(network={"model": model})
+    whole = loop.train(config, tmp_path / "whole", resume=False, say=lambda _: None)
+    short = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=3))
+    loop.train(short, tmp_path / "parts", resume=False, say=lambda _: None)
+    resumed = loop.train(config, tmp_path / "parts", resume=True, say=lambda _: None)
+    assert resumed.step == whole.step == 6
+    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    rows = {name: [row[:2] for row in csv.reader((tmp_path / name / "log.csv").open())] for name in ("whole", "parts")}
+    assert [row[0] for row in rows["whole"]] == ["step", "2", "4", "6"]
+    assert rows["parts"][-1][0] == "6"
+
+
+def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
+    loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"last.pt", "best.pt", "log.csv", "validation.csv", "validation-0000004.png"} <= names
+    assert not any(name.endswith(".partial") for name in names)
+    header, *rows = csv.reader((tmp_path / "validation.csv").open())
+    assert header[0] == "step"
+    assert [row[0] for row in rows] == ["0", "4", "6"]
+    with pytest.raises(UsageError, match="--resume"):
+        loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+
+
+def test_resuming_refuses_another_configuration(tmp_path: Path) -> None:
+    loop.train(tiny(run={"steps": 1}), tmp_path, resume=False, say=lambda _: None)
+    with pytest.raises(UsageError, match=r"another \[loss\] section"):
+        loop.train(tiny(loss={"pairs": 2}), tmp_path, resume=True, say=lambda _: None)
+    with pytest.raises(UsageError, match="seed"):
+        loop.train(tiny(run={"seed": 5}), tmp_path, resume=True, say=lambda _: None)
+    (tmp_path / "last.pt").write_bytes(b"nonsense")
+    with pytest.raises(InputError, match="not a checkpoint"):
+        loop.train(tiny(), tmp_path, resume=True, say=lambda _: None)
+    with pytest.raises(InputError, match="no such checkpoint"):
+        loop.train(tiny(), tmp_path / "none", resume=True, say=lambda _: None)
+
+
+def test_loss_decreases() -> None:
+    """A few dozen steps on one bumpy glossy material bring the dense loss clearly below that of linear prefiltering."""
+    config = tiny(
+        loss={"pairs": 16, "target_samples": 16, "near_mirror_fraction": 1.0, "lods": 4},
+        optimiser={"learning_rate": 3e-3, "ema_decay": 0.0, "ramp": 5},
+        run={"steps": 60},
+    )
+    bumps = np.random.default_rng(0).normal(0, 0.2, (16, 16, 2))
+    normal = lift_normal(bumps)
+    rest = np.broadcast_to(np.array([0.8, 0.5, 0.2, 1.0, 0.35]), (16, 16, 5))
+    materials = Materials([np.concatenate([rest, normal], -1).astype(np.float16)], ["bumps"])
+    state = loop.new_state(config)
+    loop.fit_whitening(state.network, materials, config)
+    held = [loop.draw_batch(materials, config, 1000 + i) for i in range(4)]
+
+    def dense_loss() -> float:
+        with torch.no_grad():
+            return float(np.mean([float(loop.batch_loss(state.network, batch, 16)) for batch in held]))
+
+    before = dense_loss()
+    for batch in loop.batches(materials, config, 0):
+        state.advance(batch)
+    assert dense_loss() < 0.9 * before
+
+
+def test_average_follows_the_weights() -> None:
+    config = tiny(optimiser={"ema_decay": 0.5})
+    materials, _ = data.load_materials(config)
+    state = loop.new_state(config)
+    before = [v.clone() for v in state.network.parameters()]
+    state.advance(loop.draw_batch(materials, config, 0))
+    for start, value, mean in zip(before, state.network.parameters(), state.average.parameters(), strict=True):
+        assert torch.allclose(mean, (start + value) / 2, atol=1e-7)
+
+
+def test_an_untrained_network_scores_like_averaging() -> None:
+    config = tiny()
+    materials, held_out = data.load_materials(config)
+    state = loop.new_state(config)
+    loop.fit_whitening(state.network, materials, config)
+    score = Validator(held_out, "gltf", "gaussian").score(state.network)
+    assert score.network.shape == score.linear.shape
+    # Level 0 is the input in both.
+    np.testing.assert_allclose(score.network[:, 0], score.linear[:, 0], atol=0.5)
+    assert score.columns().keys() == {f"{m} {s}" for m in ("network", "linear") for s in ("near-mirror", "hemisphere")}
+
+
+def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    config = tiny(run={"steps": 2, "tensorboard": True, "validate_every": 2})
+    loop.train(config, tmp_path, resume=False, say=lambda _: None)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    _, *rows = csv.reader((tmp_path / "validation.csv").open())
+    logged = [event.value for event in events.Scalars("validation/network near-mirror")]
+    assert logged == pytest.approx([float(row[1]) for row in rows], rel=1e-4)
+
+
+# Export
+
+
+def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
+    state = loop.train(tiny(), tmp_path / "run", resume=False, say=lambda _: None)
+    info = export_weights(tmp_path / "run" / "last.pt", "tiny-1", tmp_path / "weights", default=True)
+    assert default_weights("gltf", folder=tmp_path / "weights") == info
+    assert info.steps == 6
+    stored = procedural_set(7, 32)
+    wrap = ("wrap", "clamp")
+    for left, right in zip(
+        bake_levels(load_network(info), stored, wrap), bake_levels(state.average, stored, wrap), strict=True
+    ):
+        np.testing.assert_allclose(left, right, atol=1e-6)
+    card = (tmp_path / "weights" / "tiny-1.md").read_text()
+    assert info.sha256 in card
+    assert "CC0-1.0" in card
+    with pytest.raises(UsageError, match="name"):
+        export_weights(tmp_path / "run" / "last.pt", "../evil", tmp_path / "weights", default=False)
+    with pytest.raises(InputError, match="no such checkpoint"):
+        export_weights(tmp_path / "none.pt", "tiny-2", tmp_path / "weights", default=False)
+
+
+def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mipbake.training", "train", str(tmp_path / "none.toml")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr.startswith("error: ")
+    assert "Traceback" not in run.stderr
