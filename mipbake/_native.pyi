@@ -38,3 +38,96 @@ def sample_backward(
     lod_grad: Array | None,
     stream: int = 0,
 ) -> None: ...
+def texture(
+    levels: Sequence[Array],
+    uv: Array,
+    uv_da: Array | None,
+    bias: Array | None,
+    filter: str,
+    boundary_u: str,
+    boundary_v: str,
+    out: Array,
+    stream: int = 0,
+) -> None: ...
+def texture_backward(
+    grad: Array,
+    levels: Sequence[Array],
+    uv: Array,
+    uv_da: Array | None,
+    bias: Array | None,
+    filter: str,
+    boundary_u: str,
+    boundary_v: str,
+    level_grads: Sequence[Array],
+    uv_grad: Array | None,
+    uv_da_grad: Array | None,
+    bias_grad: Array | None,
+    stream: int = 0,
+) -> None: ...
+def texture_mip(level: Array, out: Array, stream: int = 0) -> None: ...
+def texture_mip_backward(grad_out: Array, grad: Array, stream: int = 0) -> None: ...
+def check_mesh(pos: Array | None, tri: Array | None, vertices: int, ranges: Array | None) -> None: ...
+def raster_scratch() -> int: ...
+def raster_scratch_free(handle: int) -> None: ...
+def rasterize_workspace(batch: int, triangles: int, height: int, width: int) -> int: ...
+def rasterize(
+    pos: Array,
+    tri: Array,
+    ranges: Array | None,
+    previous: Array | None,
+    rast: Array,
+    rast_db: Array | None,
+    scratch: int = 0,
+    workspace: Array | None = None,
+    stream: int = 0,
+) -> None: ...
+def rasterize_backward(
+    pos: Array, tri: Array, rast: Array, grad_rast: Array, grad_db: Array | None, grad_pos: Array, stream: int = 0
+) -> None: ...
+def interpolate(
+    attr: Array,
+    rast: Array,
+    tri: Array,
+    rast_db: Array | None,
+    diff_attrs: Sequence[int],
+    out: Array,
+    out_da: Array | None,
+    stream: int = 0,
+) -> None: ...
+def interpolate_backward(
+    attr: Array,
+    rast: Array,
+    tri: Array,
+    rast_db: Array | None,
+    diff_attrs: Sequence[int],
+    grad_out: Array,
+    grad_da: Array | None,
+    grad_attr: Array | None,
+    grad_rast: Array | None,
+    grad_db: Array | None,
+    stream: int = 0,
+) -> None: ...
+def antialias_topology(tri: Array, vertices: int, next: Array) -> None: ...
+def antialias(
+    color: Array,
+    rast: Array,
+    pos: Array,
+    tri: Array,
+    next: Array,
+    out: Array,
+    workspace: Array | None = None,
+    stream: int = 0,
+) -> None: ...
+def antialias_backward(
+    color: Array,
+    rast: Array,
+    pos: Array,
+    tri: Array,
+    next: Array,
+    grad: Array,
+    boost: float,
+    grad_color: Array | None,
+    grad_pos: Array | None,
+    workspace: Array | None = None,
+    stream: int = 0,
+) -> None: ...
