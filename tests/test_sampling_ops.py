@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from mipbake import _native
+from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.sampling import ops, reference
 
@@ -256,7 +257,7 @@ def test_wrong_arguments_are_named(arguments: tuple[Any, ...], words: str) -> No
 
 @pytest.mark.skipif(_native.cuda_compiled(), reason="this build has CUDA kernels")
 def test_a_build_without_cuda_says_so() -> None:
-    with pytest.raises(UsageError, match="has no CUDA kernels"), ops._current_stream(_OnCuda()):
+    with pytest.raises(UsageError, match="has no CUDA kernels"), current_stream(_OnCuda(), "uv"):
         pass
 
 

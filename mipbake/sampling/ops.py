@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.sampling._arguments import check_level_count, result_shape, wraps
 
@@ -102,7 +102,7 @@ def _sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor, wrap_u: bool, wra
     out = _empty_result(levels, uv, lod)
     if out.numel() == 0:
         return out
-    with _current_stream(uv) as stream:
+    with current_stream(uv, "uv") as stream:
         _native.sample(
             [_level(level) for level in levels], _uv(uv), _lod(lod), wrap_u, wrap_v, _batched(out, 3), stream
         )
@@ -138,7 +138,7 @@ def _sample_backward(
     if grad.numel() == 0:
         return [output.zero_() for output in outputs]
     rest = outputs[len(levels) :] if need_levels else outputs
-    with _current_stream(uv) as stream:
+    with current_stream(uv, "uv") as stream:
         _native.sample_backward(
             _batched(grad.detach().contiguous(), 3),
             [_level(level) for level in levels],
@@ -224,20 +224,3 @@ def _uv(uv: Tensor) -> Tensor:
 
 def _lod(lod: Tensor) -> Tensor:
     return lod.detach().reshape((1, 1, *lod.shape)[-2:])
-
-
-@contextmanager
-def _current_stream(tensor: Tensor) -> Iterator[int]:
-    """Makes the tensor's device current and gives torch's CUDA stream on it as an integer; 0 on the CPU."""
-    if tensor.device.type != "cuda":
-        yield 0
-        return
-    from mipbake import _native
-
-    if not _native.cuda_compiled():
-        raise UsageError(
-            f"levels are on {tensor.device}: expected the CPU, because this installation has no CUDA kernels; "
-            "move them with .cpu(), or reinstall mipbake where CUDA's nvcc is found"
-        )
-    with torch.cuda.device(tensor.device):
-        yield torch.cuda.current_stream(tensor.device).cuda_stream

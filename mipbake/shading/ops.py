@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.material import model_named
 from mipbake.shading._arguments import batch_shape
@@ -78,7 +77,7 @@ def _shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
 
     out = material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
     if out.numel():
-        with _current_stream(material) as stream:
+        with current_stream(material, "material") as stream:
             _native.shade(model, material.detach(), light.detach(), view.detach(), out, stream)
     return out
 
@@ -95,7 +94,7 @@ def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, g
     out = material.new_empty(material.shape)
     if grad.numel() == 0:
         return out.zero_()
-    with _current_stream(material) as stream:
+    with current_stream(material, "material") as stream:
         _native.shade_backward(
             model, material.detach(), light.detach(), view.detach(), grad.detach().contiguous(), out, stream
         )
@@ -119,20 +118,3 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor | None, None, None]:
 
 
 _shade.register_autograd(_backward, setup_context=_setup_context)
-
-
-@contextmanager
-def _current_stream(tensor: Tensor) -> Iterator[int]:
-    """Makes the tensor's device current and gives torch's CUDA stream on it as an integer; 0 on the CPU."""
-    if tensor.device.type != "cuda":
-        yield 0
-        return
-    from mipbake import _native
-
-    if not _native.cuda_compiled():
-        raise UsageError(
-            f"material is on {tensor.device}: expected the CPU, because this installation has no CUDA kernels; "
-            "move it with .cpu(), or reinstall mipbake where CUDA's nvcc is found"
-        )
-    with torch.cuda.device(tensor.device):
-        yield torch.cuda.current_stream(tensor.device).cuda_stream
