@@ -21,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from timing import cpu_name
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -33,13 +34,6 @@ def generator() -> ModuleType:
     sys.modules["generate"] = module
     spec.loader.exec_module(module)
     return module
-
-
-def processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []:
-        if line.startswith("model name"):
-            return f"{line.split(':', 1)[1].strip()}, {os.cpu_count()} cores"
-    return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
 
 
 def run(arguments: Sequence[str]) -> tuple[float, float, float]:
@@ -83,7 +77,7 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096])
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
-    print(f"{processor()}, Python {platform.python_version()}\n")
+    print(f"{cpu_name()}, Python {platform.python_version()}\n")
     print("| process | wall s | processor s | peak GiB |\n|---|---|---|---|")
     print(row("--help", ["--help"], options.runs), flush=True)
     with tempfile.TemporaryDirectory() as folder:

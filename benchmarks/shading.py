@@ -14,35 +14,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
-import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
+
+from timing import cpu_name, measure
 
 PAIRS, TEXELS, BATCH = 64, 1024, 5
 EVALUATIONS = PAIRS * TEXELS * BATCH
 ISAS = ("avx512", "avx2", "baseline")
-
-
-def measure(candidates: dict[str, Callable[[], object]], rounds: int) -> dict[str, tuple[float, float]]:
-    """Median seconds of every candidate and their relative spread, after one round that does not count."""
-    seconds: dict[str, list[float]] = {name: [] for name in candidates}
-    for index in range(rounds + 1):
-        for name, call in candidates.items():
-            start = time.perf_counter()
-            call()
-            if index > 0:
-                seconds[name].append(time.perf_counter() - start)
-    return {n: (statistics.median(s), (max(s) - min(s)) / statistics.median(s)) for n, s in seconds.items()}
-
-
-def cpu_name() -> str:
-    info = Path("/proc/cpuinfo")
-    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
-    return names[0].split(":", 1)[1].strip() if names else platform.processor()
 
 
 def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, object]:
@@ -95,7 +75,7 @@ def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, 
             "torch.compile, forward": forward(compiled),
             "torch.compile, forward + gradient": both(compiled),
         }
-    timings = measure(kernel | twins, rounds)
+    timings = {name: (timing.median, timing.spread) for name, timing in measure(kernel | twins, rounds).items()}
     for name in kernel:
         median, spread = timings[name]
         timings[name] = (median / repeats, spread)
