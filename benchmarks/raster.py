@@ -158,7 +158,8 @@ def main() -> None:
     seen = len(chain.rast[..., 3].unique()) - 1
     print(
         f"{machine}; {_native.num_threads()} threads; torch {torch.__version__}; "
-        f"{options.side} x {options.side} pixels, {covered:.0%} covered; {len(chain.mesh.tri):,} triangles, {seen:,} seen; medians of {options.rounds} rounds\n"
+        f"{options.side} x {options.side} pixels, {covered:.0%} covered; "
+        f"{len(chain.mesh.tri):,} triangles, {seen:,} seen; medians of {options.rounds} rounds\n"
     )
     print("| what | time | spread |\n|---|---|---|")
     print("\n".join(ops_table(chain, timed)), flush=True)
