@@ -398,9 +398,9 @@ def elliptical(
 ) -> Tensor:
     """The average of level 0 over each footprint: what `filter_mode="anisotropic"` approximates, by dense quadrature.
 
-    The footprint is an ellipse, the image of a Gaussian of standard deviation 1/2 around the pixel under the Jacobian
-    (Heckbert 1989, Fundamentals of Texture Mapping and Image Warping, section 3.5.8). It is cut at three standard
-    deviations and sampled on a grid, where the texture is interpolated bilinearly.
+    The footprint is an ellipse, the image under the Jacobian of a Gaussian around the pixel (Heckbert 1989, Fundamentals
+    of Texture Mapping and Image Warping, section 3.5.8), here with the variance of a square pixel, 1/12. It is cut at
+    three standard deviations and sampled on a grid, where the texture is interpolated bilinearly.
 
     Args:
         tex, uv, uv_da, boundary_mode: as for `texture`, without cube maps.
@@ -409,8 +409,9 @@ def elliptical(
     Returns:
         (B, h, w, C).
     """
-    grid = (torch.arange(samples, dtype=torch.float64) + 0.5) / samples * 3 - 1.5
-    weight = torch.exp(-2 * grid**2)
+    deviation = (1 / 12) ** 0.5
+    grid = (2 * (torch.arange(samples, dtype=torch.float64) + 0.5) / samples - 1) * 3 * deviation
+    weight = torch.exp(-((grid / deviation) ** 2) / 2)
     weight = weight / weight.sum()
     jacobian = uv_da.reshape(*uv_da.shape[:-1], 2, 2)
     total: Tensor | float = 0.0
