@@ -1,0 +1,178 @@
+"""Differentiable rasterisation: which triangle each pixel shows, attributes interpolated over it, silhouettes blended.
+
+    rast, rast_db = rasterize(ctx, pos, tri, (height, width))
+    uv, uv_da = interpolate(attr, rast, tri, rast_db, diff_attrs="all")
+    color = sampling.texture(tex, uv, uv_da)
+    image = antialias(color, rast, pos, tri)
+
+Every function takes torch tensors, on the CPU or with CUDA, with gradients and under torch.compile; or NumPy arrays,
+forward only, and then torch is not imported. The semantics are those of nvdiffrast (Laine et al., Modular Primitives
+for High-Performance Differentiable Rendering, 2020); the plain torch twins are in `mipbake.raster.reference`.
+
+Images are (batch, height, width, channels) with OpenGL's rows, bottom up: pixel (row i, column j) is centred at
+x = (2 j + 1) / W - 1, y = (2 i + 1) / H - 1 of normalised device coordinates. Nothing is kept between calls but the
+scratch memory of a `RasterizeContext`, on which no result depends. Every function may be called from several threads.
+
+Arrays need not be contiguous; what is not is copied. There are no second derivatives. On the CPU all results and
+gradients are the same bits whatever the number of threads; with CUDA the sums of gradients use atomics, so their last
+digits vary from run to run, and each call waits once for the device, to check the numbers in its arguments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from mipbake.raster.context import DepthPeeler, RasterizeContext, Topology, door
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from torch import Tensor
+
+    Array = TypeVar("Array", NDArray[Any], Tensor)
+
+__all__ = [
+    "DepthPeeler",
+    "RasterizeContext",
+    "antialias",
+    "antialias_construct_topology_hash",
+    "interpolate",
+    "rasterize",
+]
+
+
+def rasterize(
+    ctx: RasterizeContext | None,
+    pos: Array,
+    tri: Array,
+    resolution: Sequence[int],
+    ranges: Array | None = None,
+    grad_db: bool = True,
+) -> tuple[Array, Array]:
+    """The nearest triangle at each pixel's centre, with perspective-correct barycentrics and their derivatives.
+
+    A pixel is covered where the 2D homogeneous edge functions of a triangle agree in sign with its determinant and
+    -1 <= z/w <= 1 (Olano and Greer 1997): triangles that reach behind the eye or out of the frustum need no clipping,
+    back faces are drawn, and what has no area is not. A centre on an edge belongs to one of the triangles beside it:
+    a mesh has no pixel drawn twice or missed along shared edges and around shared vertices. Among triangles the
+    smallest z/w wins, as it is rounded in the output; of equal ones the first.
+
+    Args:
+        ctx: scratch memory to reuse, or None.
+        pos: clip-space positions x, y, z, w, finite. Instanced mode: (B, V, 4), an image from each item. Range mode:
+            (V, 4). float32, or float64 on the CPU.
+        tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^24 for float32, which stores it.
+        resolution: (height, width) in pixels, each from 1 to 32768.
+        ranges: in range mode (B, 2) int32 on the CPU: image b shows the ranges[b, 1] triangles of tri from
+            ranges[b, 0] on; none is allowed. Ignored in instanced mode.
+        grad_db: whether gradients flow from the second result into pos. Without, the backward pass is cheaper.
+
+    Returns:
+        Two arrays (B, H, W, 4) in the dtype of pos, zeros where no triangle is:
+        u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1.
+        du/dX, du/dY, dv/dX, dv/dY: their derivatives per pixel, X along columns and Y along rows.
+
+    Gradients go to pos from u, v and the derivatives (section 3.3, eq. 2), for the triangle that was seen: coverage
+    itself has none, for that there is `antialias`. The gradient of z/w and of triangle_id is taken to be 0, so pos gets
+    none in z. The twin `mipbake.raster.reference.rasterize` agrees to rounding.
+
+    Raises:
+        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or range out of bounds,
+            or a position that is not finite, by name and place.
+    """
+    rast, rast_db = door(pos).rasterize(ctx, pos, tri, resolution, ranges, grad_db)
+    return rast, rast_db
+
+
+def interpolate(
+    attr: Array,
+    rast: Array,
+    tri: Array,
+    rast_db: Array | None = None,
+    diff_attrs: Sequence[int] | str | None = None,
+) -> tuple[Array, Array]:
+    """Vertex attributes at each pixel, A = u A_0 + v A_1 + (1 - u - v) A_2 (section 3.4, eq. 3), and their derivatives.
+
+    Args:
+        attr: (V, A) for every image, or (B, V, A) with a batch of 1 for every image or that of rast. float32, or
+            float64 on the CPU.
+        rast: (B, H, W, 4), the first result of `rasterize`, in the dtype of attr.
+        tri: (T, 3) int32, the vertices in attr of each triangle. It need not be the tri of `rasterize`, only list the
+            same triangles in the same order.
+        rast_db: (B, H, W, 4), the second result of `rasterize`, for derivatives of attributes.
+        diff_attrs: a list of attributes, 0 to A - 1, whose derivatives are wanted, or "all".
+
+    Returns:
+        (B, H, W, A), zeros where rast is empty.
+        (B, H, W, 2 K): dA/dX, dA/dY per pixel of each of the K attributes of diff_attrs, in that order, zeros where
+        rast is empty; of 0 channels unless both rast_db and diff_attrs are given.
+
+    Gradients go to attr, to u and v of rast (eq. 4) and to rast_db, from both results. Attributes that serve every
+    image get the sum over the images.
+
+    Raises:
+        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or a triangle_id out of
+            bounds, by name and place.
+    """
+    out, out_da = door(attr).interpolate(attr, rast, tri, rast_db, diff_attrs)
+    return out, out_da
+
+
+def antialias(
+    color: Array,
+    rast: Array,
+    pos: Array,
+    tri: Array,
+    topology_hash: Topology | None = None,
+    pos_gradient_boost: float = 1.0,
+) -> Array:
+    """Blends neighbouring pixels where a silhouette passes between their centres (section 3.6).
+
+    Of two pixels side by side or one above the other whose triangles differ, the triangle nearer to the eye is taken
+    (an empty pixel is farthest; at equal z/w, that of the pixel that comes first in memory). Of its edges those are
+    examined that are, in pixels, at least as close to vertical as to horizontal where the pixels lie side by side, else
+    the others; in the order 0-1, 1-2, 2-0 the first silhouette that crosses the segment between the centres counts.
+    With the crossing at d, 0 at the first centre and 1 at the second, d > 1/2 adds (d - 1/2) (first - second) to the
+    second pixel, and d < 1/2 adds (1/2 - d) (second - first) to the first, from the colours as they came in. All pairs
+    add up.
+
+    An edge is a silhouette unless another triangle of its two vertices (the same indices in tri) lies on the other side
+    of it as seen from the eye: borders and folds are, in front of other surfaces as well as of nothing.
+
+    Args:
+        color: (B, H, W, C), any number of channels and any meaning; in the dtype of pos.
+        rast: (B, H, W, 4), the first result of `rasterize`.
+        pos: (B, V, 4) or (V, 4), the positions that `rasterize` had. float32, or float64 on the CPU.
+        tri: (T, 3) int32, the triangles that `rasterize` had.
+        topology_hash: what `antialias_construct_topology_hash(tri)` gave. Without, it is found anew in each call.
+        pos_gradient_boost: a factor on the gradient of pos.
+
+    Returns:
+        (B, H, W, C).
+
+    Gradients go to color, and through the crossings to x, y and w of the silhouettes' ends. On the CPU the call
+    needs a byte of scratch for each triangle and image of pos, as it does with CUDA.
+
+    Raises:
+        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or a triangle_id out of
+            bounds, or a position that is not finite, by name and place.
+    """
+    out: Array = door(color).antialias(color, rast, pos, tri, topology_hash, pos_gradient_boost)
+    return out
+
+
+def antialias_construct_topology_hash(tri: Array) -> Topology:
+    """Which triangle edges lie on the same two vertices, for the `topology_hash` of `antialias`; opaque and unchanging.
+
+    Args:
+        tri: (T, 3) int32, vertex indices from 0 on.
+
+    Returns:
+        An object of 12 bytes a triangle, for calls with arrays of the same kind on the same device. It holds for the
+        triangles as they were: of other ones, or changed ones, of the same number, the silhouettes would be wrong.
+
+    Raises:
+        UsageError: tri of another type, dtype or shape, or with a negative index.
+    """
+    topology: Topology = door(tri).antialias_construct_topology_hash(tri)
+    return topology

@@ -89,10 +89,12 @@ def _visible(
                 continue
             covered = torch.ones_like(ids[item], dtype=torch.bool)
             for i in range(3):
-                covered &= _inside(E[i] * sign, V[(i + 1) % 3], V[(i + 2) % 3], sign, x, y)
+                covered &= _inside(E[i] * sign, V[(i + 1) % 3], V[(i + 2) % 3], sign)
             # z/w is affine in x and y. Rounded as it is stored, before it is compared.
             z = (V[:, 2, None, None] * E).sum(0) / (V[0, [0, 1, 3]] @ n[0])
             z = z.to(pos.dtype).double()
+            if torch.all(V[:, 2].abs() <= V[:, 3]):
+                z = z.clamp(-1, 1)  # what lies on the near or far plane is not clipped by rounding
             covered &= (z >= -1) & (z <= 1)
             if previous is not None:
                 covered &= (previous[item, ..., 3] > 0) & (z > previous[item, ..., 2])
@@ -112,22 +114,22 @@ def _cross(a: Tensor, b: Tensor) -> Tensor:
     return torch.stack([ay * bw - aw * by, aw * bx - ax * bw, ax * by - ay * bx], -1)
 
 
-def _inside(E: Tensor, a: Tensor, b: Tensor, sign: int, x: Tensor, y: Tensor) -> Tensor:
-    """Whether pixel centres lie on the inner side of the line through a and b, seen from which `sign` E is positive.
+def _inside(E: Tensor, a: Tensor, b: Tensor, sign: int) -> Tensor:
+    """Whether pixel centres, (H, W), lie on the inner side of the line through a and b, where sign * n is positive.
 
-    Where rounding could decide, E is recomputed exactly. A centre on the line belongs to the side that it would be on
-    if it moved by an infinitesimal step along +x and a smaller one along +y: of the triangles around an edge or a
-    vertex exactly one is there.
+    Where rounding could decide, E = sign * n . (x, y, 1) is recomputed exactly. A centre on the line belongs to the
+    side that it would be on if it moved by an infinitesimal step along +x and a smaller one along +y: so one of the
+    triangles around an edge or a vertex has it.
     """
     inside = E > 0
-    magnitude = (a[[1, 3, 0]] * b[[3, 0, 1]]).abs() + (a[[3, 0, 1]] * b[[1, 3, 0]]).abs()
-    bound = 1e-14 * (magnitude[0] * x.abs() + magnitude[1] * y.abs() + magnitude[2])
+    height, width = E.shape
+    bound = 1e-14 * (a.abs().max() * b.abs().max())  # |x|, |y| < 1
     ax, ay, _, aw = map(Fraction, a.tolist())
     bx, by, _, bw = map(Fraction, b.tolist())
     nx, ny, nw = (sign * c for c in (ay * bw - aw * by, aw * bx - ax * bw, ax * by - ay * bx))
     for row, column in torch.nonzero(E.abs() <= bound).tolist():
-        exact = nx * Fraction(x[column].item()) + ny * Fraction(y[row].item()) + nw
-        inside[row, column] = next((c > 0 for c in (exact, nx, ny) if c), False)
+        x, y = Fraction(2 * column + 1 - width, width), Fraction(2 * row + 1 - height, height)
+        inside[row, column] = next((c > 0 for c in (nx * x + ny * y + nw, nx, ny) if c), False)
     return inside
 
 
