@@ -1,0 +1,28 @@
+"""Fits a texture to pictures of a sphere that wears it: the whole of it, on a CPU, in seconds."""
+
+import torch
+from camera import random_quaternions, rotation_matrix, to_clip
+from meshes import sphere
+from textures import planet
+
+from mipbake import raster, sampling
+
+mesh, target, generator = sphere(8), planet(32), torch.Generator().manual_seed(0)
+
+
+def render(texture, rotation):
+    pos = to_clip(mesh.positions, rotation, distance=3)
+    rast, rast_db = raster.rasterize(None, pos, mesh.triangles, resolution=(64, 64))
+    uv, uv_da = raster.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
+    return sampling.texture(texture, uv, uv_da, boundary_mode="cube") * (rast[..., 3:] > 0)
+
+
+learned = torch.full_like(target, 0.5, requires_grad=True)
+optimiser = torch.optim.Adam([learned], lr=0.02)
+for _ in range(400):
+    rotation = rotation_matrix(random_quaternions(4, generator))
+    loss = (render(learned, rotation) - render(target, rotation)).square().mean()
+    optimiser.zero_grad()
+    loss.backward()
+    optimiser.step()
+print(f"PSNR of the texture: {-10 * torch.log10((learned - target).square().mean()):.1f} dB")

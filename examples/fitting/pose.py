@@ -1,0 +1,163 @@
+"""The pose of a cube with six colours, found from one image, in three ways.
+
+After section 4.4 of Laine et al. (2020). The unknown is a quaternion, started at random; the loss is the mean squared
+difference of the antialiased images. It has many local minima: the right outline with the colours on the wrong sides.
+
+  noise      Adam, with the pose mixed (slerp) with a random one in every iteration, less and less of it
+  two phases without gradients first: a randomly mixed pose is kept where its image is nearer; then Adam from the best
+  symmetry   the same, the random pose followed by a rotation that maps a cube to itself
+
+All trials are items of one minibatch; nothing couples them. The error is the angle between found and true pose.
+
+    python examples/fitting/pose.py                           on a CPU
+    python examples/fitting/pose.py --full --device cuda      the paper's size
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import camera
+import meshes
+import numpy as np
+import report
+import torch
+from torch import Tensor
+
+from mipbake import raster
+
+DISTANCE = 3.5
+COLORS = torch.tensor(
+    [[0.9, 0.1, 0.1], [0.1, 0.7, 0.2], [0.1, 0.3, 0.9], [0.95, 0.85, 0.1], [1, 1, 1], [0.9, 0.5, 0.1]]
+)
+PAPER = {"noise": 48.62, "two phases": 22.49, "symmetry": 2.61}
+
+
+@dataclass(frozen=True)
+class Settings:
+    trials: int = 100
+    resolution: int = 32
+    iterations: int = 10_000
+    first_noise: float = 1.0
+    last_noise: float = 0.003
+    first_rate: float = 3e-2
+    last_rate: float = 1e-3
+    seed: int = 0
+    device: str = "cpu"
+
+
+FULL = Settings(resolution=256)
+
+
+class Cube:
+    """The cube, and the difference between its images."""
+
+    def __init__(self, settings: Settings) -> None:
+        mesh, corners = meshes.cube()
+        self.mesh, self.resolution = mesh.to(settings.device), (settings.resolution, settings.resolution)
+        self.topology = raster.antialias_construct_topology_hash(self.mesh.triangles)
+        self.colors = COLORS.to(settings.device)
+        self.faces = (corners // 4).to(settings.device)  # all corners of a triangle have the colour of its face
+
+    def render(self, pose: Tensor) -> Tensor:
+        """(B, H, W, 3) of poses (B, 4)."""
+        pos = camera.to_clip(self.mesh.positions, camera.rotation_matrix(pose), DISTANCE)
+        rast, _ = raster.rasterize(None, pos, self.mesh.triangles, self.resolution)
+        color, _ = raster.interpolate(self.colors[None], rast, self.faces)
+        return raster.antialias(color, rast, pos, self.mesh.triangles, self.topology)
+
+    def loss(self, pose: Tensor, wanted: Tensor) -> Tensor:
+        """(B,)"""
+        return (self.render(pose) - wanted).square().mean((1, 2, 3))
+
+
+class Noise:
+    """Random poses to mix in, with a strength that falls exponentially over a number of iterations."""
+
+    def __init__(self, settings: Settings, iterations: int, seed: int, symmetry: bool = False) -> None:
+        self.settings, self.iterations = settings, iterations
+        self.generator = torch.Generator().manual_seed(seed)
+        self.symmetries = meshes.cube_symmetries() if symmetry else None
+
+    def mixed(self, pose: Tensor, iteration: int) -> Tensor:
+        s = self.settings
+        strength = s.first_noise * (s.last_noise / s.first_noise) ** (iteration / max(self.iterations - 1, 1))
+        pose = torch.nn.functional.normalize(pose, dim=-1)
+        pose = camera.slerp(pose, camera.random_quaternions(len(pose), self.generator).to(pose), strength)
+        if self.symmetries is None:
+            return pose
+        chosen = torch.randint(len(self.symmetries), (len(pose),), generator=self.generator)
+        return camera.multiply(pose, self.symmetries[chosen].to(pose))
+
+
+def descend(
+    settings: Settings, cube: Cube, start: Tensor, wanted: Tensor, iterations: int, noise: Noise | None
+) -> Tensor:
+    """Adam on the poses; returns where it ends."""
+    pose = start.clone().requires_grad_(True)
+    optimiser = torch.optim.Adam([pose], betas=(0.9, 0.999))
+    for iteration in report.falling_rate(optimiser, settings.first_rate, settings.last_rate, iterations):
+        loss = cube.loss(noise.mixed(pose, iteration) if noise else pose, wanted).sum()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    return pose.detach()
+
+
+@torch.no_grad()
+def seek(cube: Cube, start: Tensor, wanted: Tensor, iterations: int, noise: Noise) -> Tensor:
+    """The greedy search without gradients: of every trial the pose whose image was nearest."""
+    best, least = start, cube.loss(start, wanted)
+    for iteration in range(iterations):
+        tried = noise.mixed(best, iteration)
+        loss = cube.loss(tried, wanted)
+        best = torch.where((loss < least)[:, None], tried, best)
+        least = torch.minimum(loss, least)
+    return best
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings, folder = report.parse(__doc__, Settings(), FULL, arguments)
+    log = report.Report("pose", settings, folder)
+    generator = torch.Generator().manual_seed(settings.seed)
+    cube = Cube(settings)
+    truth = camera.random_quaternions(settings.trials, generator).to(settings.device)
+    start = camera.random_quaternions(settings.trials, generator).to(settings.device)
+    with torch.no_grad():
+        wanted = cube.render(truth)
+    half = settings.iterations // 2
+
+    found = {"start": start}
+    for method in PAPER:
+        if method == "noise":
+            noise = Noise(settings, settings.iterations, settings.seed + 1)
+            pose = descend(settings, cube, start, wanted, settings.iterations, noise)
+        else:
+            noise = Noise(settings, half, settings.seed + 1, symmetry=method == "symmetry")
+            pose = descend(
+                settings, cube, seek(cube, start, wanted, half, noise), wanted, settings.iterations - half, None
+            )
+        error = camera.angle_degrees(pose, truth).cpu().numpy()
+        found[method] = pose
+        log.add(
+            f"{method}: mean error {error.mean():.2f} degrees over {settings.trials} trials (paper {PAPER[method]}), "
+            f"median {np.median(error):.2f}, {np.count_nonzero(error > 10)} above 10 degrees",
+            **{
+                method: {
+                    "mean error": float(error.mean()),
+                    "paper": PAPER[method],
+                    "median error": float(np.median(error)),
+                    "above 10 degrees": int(np.count_nonzero(error > 10)),
+                    "errors": [round(float(e), 3) for e in error],
+                }
+            },
+        )
+    shown, scale = min(8, settings.trials), max(1, 96 // settings.resolution)
+    with torch.no_grad():
+        rows = [wanted[:shown]] + [cube.render(pose[:shown]) for pose in found.values()]
+    log.save(report.mosaic([[report.upright(image, scale) for image in row] for row in rows]))
+
+
+if __name__ == "__main__":
+    main()
