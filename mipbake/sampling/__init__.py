@@ -1,21 +1,159 @@
-"""Texture lookups at (u, v, level of detail), as a GPU filters: bilinear in a level, linear between levels.
+"""Texture lookups as a GPU filters, at (u, v) with image-space derivatives or a level of detail: differentiable.
 
-`sample` here works on NumPy arrays; `mipbake.sampling.ops.sample` is its differentiable torch counterpart and
-`mipbake.sampling.reference.sample` the plain torch twin that both are tested against.
+`texture` and `texture_construct_mip` take torch tensors or NumPy arrays. `mipbake.sampling.reference` holds their plain
+torch twins, which they are tested against.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import UsageError
-from mipbake.sampling._arguments import check_level_count, result_shape, wraps
+from mipbake.sampling._arguments import TextureMip, check_level_count, result_shape, wraps
 
-__all__ = ["sample"]
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["sample", "texture", "texture_construct_mip"]
+
+
+@overload
+def texture(
+    tex: Tensor,
+    uv: Tensor,
+    uv_da: Tensor | None = None,
+    mip_level_bias: Tensor | None = None,
+    mip: TextureMip | Sequence[Tensor] | None = None,
+    filter_mode: str = "auto",
+    boundary_mode: str | Sequence[str] = "wrap",
+    max_mip_level: int | None = None,
+) -> Tensor: ...
+
+
+@overload
+def texture(
+    tex: NDArray[Any],
+    uv: ArrayLike,
+    uv_da: ArrayLike | None = None,
+    mip_level_bias: ArrayLike | None = None,
+    mip: TextureMip | Sequence[NDArray[Any]] | None = None,
+    filter_mode: str = "auto",
+    boundary_mode: str | Sequence[str] = "wrap",
+    max_mip_level: int | None = None,
+) -> NDArray[Any]: ...
+
+
+def texture(
+    tex: Any,
+    uv: Any,
+    uv_da: Any = None,
+    mip_level_bias: Any = None,
+    mip: Any = None,
+    filter_mode: str = "auto",
+    boundary_mode: str | Sequence[str] = "wrap",
+    max_mip_level: int | None = None,
+) -> Any:
+    """Filtered texture lookups (Laine et al. 2020, section 3.5).
+
+    Texel (row i, column j) of a level is centred at u = (j + 1/2) / W, v = (i + 1/2) / H; each level is addressed by
+    the same u and v. A lookup at a texel centre returns that texel bit for bit; for that, a coordinate within its own
+    rounding error of a centre counts as the centre. Equal texels return their value bit for bit (filters "linear..."
+    under "wrap", "clamp" and "mirror").
+
+    The level of detail is log2 of the length in texels of level 0 of the major axis of a pixel's footprint, plus
+    `mip_level_bias`; without `uv_da` it is the bias alone. The footprint is the image of the pixel under diag(W, H)
+    d(u, v) / d(X, Y), its major axis the largest singular value. The level of detail is clamped to the levels that
+    exist: zero derivatives give level 0, infinite ones the last.
+
+    Args:
+        tex: (B, H, W, C), any size, or for cube maps (B, 6, S, S, C) with faces +x, -x, +y, -y, +z, -z as in OpenGL
+            (table 8.19 of its specification 4.6; row 0 at t = 0). Torch: float32, float64 (CPU), float16 or bfloat16;
+            NumPy: float32, float64 or float16. Half types are stored so, computed in float32 and returned in float32.
+            Read in place, without a copy, where the channels of a texel lie side by side (internal mips want the whole
+            texture contiguous).
+        uv: (B, h, w, 2), any real numbers, in units of the texture; for cube maps (B, h, w, 3) vectors of any length.
+            Here and below other dtypes are converted to that of the result.
+        uv_da: (B, h, w, 4) image-space derivatives of uv, (du/dX, du/dY, dv/dX, dv/dY) in units of uv per pixel; for
+            cube maps (B, h, w, 6). Filters without mips ignore it, and the bias too.
+        mip_level_bias: (B, h, w) in levels, added to the level of detail; an axis of size 1 repeats.
+        mip: what `texture_construct_mip` made of this same `tex`, or a list of the levels 1 and coarser in the layout
+            and dtype of `tex`, of any sizes. Without it, filters with mips make the levels internally and discard them.
+        filter_mode: "nearest" (the texel that contains uv), "linear", "linear-mipmap-nearest" (the level of detail
+            rounded, halves up), "linear-mipmap-linear" (between the two levels around it), "anisotropic" or "auto":
+            this is "linear-mipmap-linear" if uv_da or mip_level_bias is given, else "linear". "anisotropic" averages N
+            = min(ceil(major / minor axis), 16) trilinear lookups spread evenly along the major axis, at the level of
+            detail of major / N (EXT_texture_filter_anisotropic); it needs uv_da, and is not there for cube maps.
+        boundary_mode: "wrap" (the texture repeats), "clamp" (to the centre of the edge texel), "mirror" (repeats,
+            reflected at every border), "zero" (texels outside are zeros, so that borders fade over one texel), or a
+            pair of these for u and for v; "cube" for cube maps. Lookups near the edge of a face read the next face as
+            well; at a corner of the cube the missing fourth texel is the mean of the three that meet.
+        max_mip_level: the coarsest level that is made and used; default: 1 x 1, or the last of `mip`.
+
+    A minibatch of size 1 repeats for every item of the others.
+
+    Returns:
+        (B, h, w, C) in the dtype of `tex`, float32 for half types. NaN where uv or the level of detail is NaN, or where
+        u or v is infinite under "wrap" or "mirror" (an infinite coordinate clamps under "clamp", and is outside under
+        "zero"). Zeros for cube vectors that are zero or not finite. On the CPU the same bits whatever the number of
+        threads.
+
+    Gradients (torch; NumPy arrays have none) flow to tex, the levels of a custom stack, uv, uv_da and mip_level_bias.
+    Through internal mips and those of `texture_construct_mip` they go to `tex` alone, in one buffer of its size, with a
+    third as much scratch for the coarser levels. They are those of the piecewise linear interpolant, one-sided at its
+    kinks: at a texel centre the slope towards larger u and v, at a whole level of detail the step to the next coarser
+    level. They are 0 by uv under "nearest" and beyond the outer texel centres under "clamp"; by the level of detail
+    where it is clamped and under "linear-mipmap-nearest". Those of "anisotropic" hold its number of taps fixed.
+    Undefined lookups have none and add none. What repeats gets the sum. Half types sum in float32 and round once. On
+    the CPU texel gradients are summed in the order of the lookups: the same bits whatever the number of threads. With
+    CUDA they are summed by atomics, and last digits vary from run to run. There is no second derivative. torch.compile
+    traces through.
+
+    Raises:
+        UsageError: an argument whose type, dtype, device, shape or name does not fit, or one that the filter needs and
+            that is missing.
+    """
+    if isinstance(tex, np.ndarray):
+        from mipbake.sampling import arrays
+
+        return arrays.texture(tex, uv, uv_da, mip_level_bias, mip, filter_mode, boundary_mode, max_mip_level)
+    from mipbake.sampling import ops
+
+    return ops.texture(tex, uv, uv_da, mip_level_bias, mip, filter_mode, boundary_mode, max_mip_level)
+
+
+def texture_construct_mip(
+    tex: Tensor | NDArray[Any], max_mip_level: int | None = None, cube_mode: bool = False
+) -> TextureMip:
+    """The mip levels of a texture that stays constant over many lookups, for the argument `mip` of `texture`.
+
+    Level L + 1 of n texels a side has max(1, n // 2), each the average of the area that it covers: 2 x 2 texels of even
+    sizes, 3 of odd ones with polyphase weights. Each level comes from the one before (Laine et al. 2020, figure 2 a),
+    stored in the dtype of `tex`; each face of a cube map by itself.
+
+    Args:
+        tex: as for `texture`.
+        max_mip_level: the coarsest level; default: complete to 1 x 1.
+        cube_mode: whether `tex` is a cube map.
+
+    Returns:
+        An opaque object that goes with textures of the same shape, dtype and device. Gradients pass through it to `tex`
+        of `texture` as if the levels were made there. After a change of `tex` it must be made again.
+
+    Raises:
+        UsageError: an argument whose type, dtype, device or shape does not fit.
+    """
+    if isinstance(tex, np.ndarray):
+        from mipbake.sampling import arrays
+
+        return arrays.texture_construct_mip(tex, max_mip_level, cube_mode)
+    from mipbake.sampling import ops
+
+    return ops.texture_construct_mip(tex, max_mip_level, cube_mode)
+
 
 _DTYPES = (np.dtype(np.float32), np.dtype(np.float64))
 

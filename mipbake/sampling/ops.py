@@ -1,4 +1,4 @@
-"""Texture lookups as a torch op: differentiable, compiled by torch.compile, on the CPU and with CUDA."""
+"""Texture lookups as torch ops: differentiable, compiled by torch.compile, on the CPU and with CUDA."""
 
 from __future__ import annotations
 
@@ -10,9 +10,343 @@ from torch import Tensor
 
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
-from mipbake.sampling._arguments import check_level_count, result_shape, wraps
+from mipbake.sampling._arguments import (
+    TextureMip,
+    check_level_count,
+    check_max_mip_level,
+    check_texture,
+    level_sizes,
+    plan_texture,
+    result_shape,
+    wraps,
+)
 
-__all__ = ["sample"]
+__all__ = ["sample", "texture", "texture_construct_mip"]
+
+_HALF_TYPES = (torch.float16, torch.bfloat16)
+_DTYPES = (torch.float32, torch.float64, *_HALF_TYPES)
+
+
+def texture(
+    tex: Tensor,
+    uv: Tensor,
+    uv_da: Tensor | None = None,
+    mip_level_bias: Tensor | None = None,
+    mip: TextureMip | Sequence[Tensor] | None = None,
+    filter_mode: str = "auto",
+    boundary_mode: str | Sequence[str] = "wrap",
+    max_mip_level: int | None = None,
+) -> Tensor:
+    """`mipbake.sampling.texture` on torch tensors."""
+    _check_storage("tex", tex)
+    plan = plan_texture(
+        tex.shape,
+        _reals("uv", uv, tex).shape,
+        None if uv_da is None else _reals("uv_da", uv_da, tex).shape,
+        None if mip_level_bias is None else _reals("mip_level_bias", mip_level_bias, tex).shape,
+        _checked_mip(mip, tex),
+        filter_mode,
+        boundary_mode,
+        max_mip_level,
+    )
+    levels = [tex]
+    chain = plan.levels > 1 and (mip is None or isinstance(mip, TextureMip))
+    if plan.levels > 1:
+        if mip is None:
+            levels += _texture_mips(tex.detach(), plan.levels - 1)
+        else:
+            levels += list(mip.levels if isinstance(mip, TextureMip) else mip)[: plan.levels - 1]
+    dtype = _compute_dtype(tex)
+    chooses_level = plan.filter not in ("nearest", "linear")
+    out: Tensor = _texture(
+        levels,
+        uv.to(dtype),
+        uv_da.to(dtype) if chooses_level and uv_da is not None else None,
+        mip_level_bias.to(dtype) if chooses_level and mip_level_bias is not None else None,
+        plan.filter,
+        *plan.boundary,
+        chain,
+    )
+    return out
+
+
+def texture_construct_mip(tex: Tensor, max_mip_level: int | None = None, cube_mode: bool = False) -> TextureMip:
+    """`mipbake.sampling.texture_construct_mip` of a torch tensor."""
+    _check_storage("tex", tex)
+    check_texture("tex", tex.shape, cube_mode)
+    check_max_mip_level(max_mip_level)
+    count = len(level_sizes(tex.shape[-3], tex.shape[-2], max_mip_level)) - 1
+    return TextureMip(tuple(tex.shape), tuple(_texture_mips(tex.detach(), count)) if count else ())
+
+
+# --- checks ----------------------------------------------------------------------------------------------------------
+
+
+def _check_tensor(name: str, tensor: Any) -> None:
+    if not isinstance(tensor, Tensor):
+        raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor, as tex is")
+
+
+def _check_storage(name: str, tex: Any) -> None:
+    if not isinstance(tex, Tensor):
+        raise UsageError(f"{name} is a {type(tex).__name__}: expected a torch tensor or a NumPy array")
+    if tex.dtype not in _DTYPES:
+        raise UsageError(f"{name} is {tex.dtype}: expected float32, float64, float16 or bfloat16")
+    device = tex.device.type
+    if device not in ("cpu", "cuda", "meta") or (device == "cuda" and tex.dtype == torch.float64):
+        raise UsageError(
+            f"{name} is {tex.dtype} on {tex.device}: "
+            "expected float32, float16 or bfloat16 on the CPU or with CUDA, or float64 on the CPU"
+        )
+
+
+def _reals(name: str, tensor: Any, tex: Tensor) -> Tensor:
+    _check_tensor(name, tensor)
+    if tensor.is_complex() or tensor.dtype == torch.bool:
+        raise UsageError(f"{name} is {tensor.dtype}: expected real numbers")
+    if tensor.device != tex.device:
+        raise UsageError(f"{name} is on {tensor.device}: expected {tex.device}, where tex is")
+    result: Tensor = tensor
+    return result
+
+
+def _checked_mip(mip: Any, tex: Tensor) -> TextureMip | list[tuple[int, ...]] | None:
+    if mip is None:
+        return None
+    if not isinstance(mip, TextureMip) and (isinstance(mip, (Tensor, str)) or not isinstance(mip, Sequence)):
+        raise UsageError(
+            f"mip is a {type(mip).__name__}: expected what texture_construct_mip returns, or a list of tensors"
+        )
+    levels = mip.levels if isinstance(mip, TextureMip) else mip
+    for index, level in enumerate(levels):
+        _check_tensor(f"mip[{index}]", level)
+        if level.dtype != tex.dtype or level.device != tex.device:
+            raise UsageError(
+                f"mip[{index}] is {level.dtype} on {level.device}: expected {tex.dtype} on {tex.device}, as tex is"
+            )
+    return mip if isinstance(mip, TextureMip) else [tuple(level.shape) for level in levels]
+
+
+# --- levels ----------------------------------------------------------------------------------------------------------
+
+
+@torch.library.custom_op("mipbake::texture_mips", mutates_args=(), schema="(Tensor tex, int count) -> Tensor[]")
+def _texture_mips(tex: Tensor, count: int) -> list[Tensor]:
+    """The first `count` levels after `tex`, each from the one before."""
+    from mipbake import _native
+
+    levels = _empty_levels(tex, count)
+    with current_stream(tex, "tex") as stream:
+        finer = tex.detach().contiguous()
+        for level in levels:
+            _native.texture_mip(_images(finer), _images(level), stream)
+            finer = level
+    return levels
+
+
+@_texture_mips.register_fake
+def _(tex: Tensor, count: int) -> list[Tensor]:
+    return _empty_levels(tex, count)
+
+
+def _empty_levels(tex: Tensor, count: int) -> list[Tensor]:
+    sizes = level_sizes(tex.shape[-3], tex.shape[-2], count)
+    return [tex.new_empty((*tex.shape[:-3], *size, tex.shape[-1])) for size in sizes[1:]]
+
+
+def _images(level: Tensor) -> Tensor:
+    """A cube map's faces as images of their own."""
+    return level.flatten(0, 1) if level.ndim == 5 else level
+
+
+# --- lookups ---------------------------------------------------------------------------------------------------------
+
+
+@torch.library.custom_op(
+    "mipbake::texture",
+    mutates_args=(),
+    schema="(Tensor[] levels, Tensor uv, Tensor? uv_da, Tensor? bias, str filter, str boundary_u, str boundary_v, "
+    "bool chain) -> Tensor",
+)
+def _texture(
+    levels: Sequence[Tensor],
+    uv: Tensor,
+    uv_da: Tensor | None,
+    bias: Tensor | None,
+    filter_mode: str,
+    boundary_u: str,
+    boundary_v: str,
+    chain: bool,  # noqa: ARG001
+) -> Tensor:
+    """`chain`: all levels come from the first, which takes all the gradient. Shapes are those of `texture`."""
+    from mipbake import _native
+
+    out = _empty_result(levels, uv, uv_da, bias)
+    if out.numel():
+        with current_stream(uv, "tex") as stream:
+            _native.texture(
+                [_level(level) for level in levels],
+                _flat(uv),
+                None if uv_da is None else _flat(uv_da),
+                None if bias is None else _flat_bias(bias, uv),
+                filter_mode,
+                boundary_u,
+                boundary_v,
+                out.flatten(1, 2),
+                stream,
+            )
+    return out
+
+
+@_texture.register_fake
+def _(levels: Sequence[Tensor], uv: Tensor, uv_da: Tensor | None, bias: Tensor | None, *_modes: Any) -> Tensor:
+    return _empty_result(levels, uv, uv_da, bias)
+
+
+@torch.library.custom_op(
+    "mipbake::texture_backward",
+    mutates_args=(),
+    schema="(Tensor grad, Tensor[] levels, Tensor uv, Tensor? uv_da, Tensor? bias, str filter, str boundary_u, "
+    "str boundary_v, bool chain, bool[] needs) -> Tensor[]",
+)
+def _texture_backward(
+    grad: Tensor,
+    levels: Sequence[Tensor],
+    uv: Tensor,
+    uv_da: Tensor | None,
+    bias: Tensor | None,
+    filter_mode: str,
+    boundary_u: str,
+    boundary_v: str,
+    chain: bool,
+    needs: Sequence[bool],
+) -> list[Tensor]:
+    """The gradients that are needed, in the order of the arguments; those of lookups before any sum over repeats.
+
+    needs: of levels, uv, uv_da and bias. A chain has one level's gradient, the first's.
+    """
+    from mipbake import _native
+
+    need_levels, need_uv, need_uv_da, need_bias = needs
+    level_grads = [grad.new_empty(level.shape) for level in levels] if need_levels else []
+    batch, height, width, _ = grad.shape
+    uv_grad = grad.new_empty((batch, height, width, uv.shape[-1])) if need_uv else None
+    uv_da_grad = grad.new_empty((batch, height, width, 2 * uv.shape[-1])) if need_uv_da else None
+    bias_grad = grad.new_empty((batch, height, width)) if need_bias else None
+    lookup_grads = [g for g in (uv_grad, uv_da_grad, bias_grad) if g is not None]
+    if grad.numel() == 0:
+        level_grads = [g.zero_() for g in level_grads]
+    else:
+        with current_stream(uv, "tex") as stream:
+            _native.texture_backward(
+                grad.detach().contiguous().flatten(1, 2),
+                [_level(level) for level in levels],
+                _flat(uv),
+                None if uv_da is None else _flat(uv_da),
+                None if bias is None else _flat_bias(bias, uv),
+                filter_mode,
+                boundary_u,
+                boundary_v,
+                level_grads,
+                None if uv_grad is None else uv_grad.flatten(1, 2),
+                None if uv_da_grad is None else uv_da_grad.flatten(1, 2),
+                None if bias_grad is None else bias_grad.flatten(1, 2),
+                stream,
+            )
+            if chain:
+                for coarser, finer in zip(level_grads[:0:-1], level_grads[-2::-1], strict=True):
+                    _native.texture_mip_backward(_images(coarser), _images(finer), stream)
+    if chain:
+        level_grads = level_grads[:1]
+    return [*(g.to(levels[0].dtype) for g in level_grads), *lookup_grads]
+
+
+@_texture_backward.register_fake
+def _(
+    grad: Tensor, levels: Sequence[Tensor], uv: Tensor, _uv_da: Tensor | None, _bias: Tensor | None, *rest: Any
+) -> list[Tensor]:
+    chain, (need_levels, *needs) = rest[-2:]
+    lookups, axes = grad.shape[:3], uv.shape[-1]
+    shapes = ((*lookups, axes), (*lookups, 2 * axes), lookups)
+    return [
+        *([level.new_empty(level.shape) for level in levels[: 1 if chain else None]] if need_levels else []),
+        *(grad.new_empty(shape) for shape, need in zip(shapes, needs, strict=True) if need),
+    ]
+
+
+def _setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:  # noqa: ARG001
+    levels, uv, uv_da, bias, *ctx.modes = inputs
+    ctx.count = len(levels)
+    ctx.save_for_backward(*levels, uv, uv_da, bias)
+
+
+def _backward(ctx: Any, grad: Tensor) -> tuple[Any, ...]:
+    levels, lookups = ctx.saved_tensors[: ctx.count], ctx.saved_tensors[ctx.count :]
+    level_needs, *needs = ctx.needs_input_grad[:4]
+    if ctx.modes[-1]:  # a chain: the levels after the first are made from it
+        level_needs = [level_needs[0], *(False for _ in level_needs[1:])]
+    gradients = iter(_texture_backward(grad, levels, *lookups, *ctx.modes, [any(level_needs), *needs]))
+    own = [next(gradients) for _ in levels[: 1 if ctx.modes[-1] else None]] if any(level_needs) else []
+    own += [None] * (len(levels) - len(own))
+    return (
+        [g if need else None for g, need in zip(own, level_needs, strict=True)],
+        *(
+            _sum_to(next(gradients), argument.shape) if need else None
+            for argument, need in zip(lookups, needs, strict=True)
+        ),
+        *(None for _ in ctx.modes),
+    )
+
+
+_texture.register_autograd(_backward, setup_context=_setup_context)
+
+
+def _compute_dtype(tex: Tensor) -> torch.dtype:
+    return torch.float32 if tex.dtype in _HALF_TYPES else tex.dtype
+
+
+def _empty_result(levels: Sequence[Tensor], uv: Tensor, uv_da: Tensor | None, bias: Tensor | None) -> Tensor:
+    batch = uv.shape[0]
+    for tensor in (levels[0], uv_da, bias):
+        if tensor is not None and batch == 1:
+            batch = tensor.shape[0]
+    return uv.new_empty((batch, *uv.shape[1:3], levels[0].shape[-1]))
+
+
+def _level(level: Tensor) -> Tensor:
+    level = level.detach()
+    return level if level.stride(-1) == 1 or level.shape[-1] == 1 else level.contiguous()
+
+
+def _flat(lookups: Tensor) -> Tensor:
+    """(B | 1, h, w, n) to (B | 1, P, n), contiguous; one item where all repeat it."""
+    lookups = lookups.detach()
+    repeats = lookups.shape[0] > 1 and lookups.stride(0) == 0
+    return (lookups[:1] if repeats else lookups).contiguous().flatten(1, 2)
+
+
+def _flat_bias(bias: Tensor, uv: Tensor) -> Tensor:
+    """(B | 1, h | 1, w | 1) to (B | 1, P), or to (B | 1, 1) where it is the same for all lookups of an item."""
+    bias = bias.detach()
+    if bias.shape[1:] != (1, 1):
+        bias = bias.expand(-1, *uv.shape[1:3])
+    return bias.contiguous().flatten(1)
+
+
+def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:
+    """Sums over the axes along which an argument of that shape was repeated, in a fixed order."""
+    axes = [axis for axis, size in enumerate(shape) if size == 1 and grad.shape[axis] != 1]
+    if not axes:
+        return grad
+    if shape.numel() > 1:
+        return grad.sum(axes, keepdim=True)
+    # Two stages: torch splits the sum of a long vector among its threads, but not that of a short one or of rows.
+    flat = grad.reshape(-1)
+    rows = torch.nn.functional.pad(flat, (0, -flat.shape[0] % 256)).view(256, -1)
+    return rows.sum(1).sum().reshape(shape)
+
+
+# --- sample ---
 
 
 def sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor | float, wrap: Sequence[str] = ("wrap", "wrap")) -> Tensor:
@@ -42,7 +376,7 @@ def sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor | float, wrap: Sequ
     Raises:
         UsageError: an argument whose type, dtype, device or shape does not fit, by name.
     """
-    tensors = _levels(levels)
+    tensors = _sample_levels(levels)
     first = tensors[0]
     coordinates = _like("uv", uv, first)
     detail = _like("lod", lod, first) if isinstance(lod, Tensor) else first.new_full((), _number(lod))
@@ -52,7 +386,7 @@ def sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor | float, wrap: Sequ
     return out
 
 
-def _levels(levels: Sequence[Tensor]) -> list[Tensor]:
+def _sample_levels(levels: Sequence[Tensor]) -> list[Tensor]:
     if isinstance(levels, Tensor) or not isinstance(levels, Sequence):
         raise UsageError(f"levels is a {type(levels).__name__}: expected a list of tensors, the finest level first")
     check_level_count(len(levels))
@@ -99,19 +433,19 @@ def _number(lod: Any) -> float:
 def _sample(levels: Sequence[Tensor], uv: Tensor, lod: Tensor, wrap_u: bool, wrap_v: bool) -> Tensor:
     from mipbake import _native
 
-    out = _empty_result(levels, uv, lod)
+    out = _sample_empty(levels, uv, lod)
     if out.numel() == 0:
         return out
     with current_stream(uv, "uv") as stream:
         _native.sample(
-            [_level(level) for level in levels], _uv(uv), _lod(lod), wrap_u, wrap_v, _batched(out, 3), stream
+            [_sample_level(level) for level in levels], _uv(uv), _lod(lod), wrap_u, wrap_v, _batched(out, 3), stream
         )
     return out
 
 
 @_sample.register_fake
 def _(levels: Sequence[Tensor], uv: Tensor, lod: Tensor, *_wrap: bool) -> Tensor:
-    return _empty_result(levels, uv, lod)
+    return _sample_empty(levels, uv, lod)
 
 
 @torch.library.custom_op(
@@ -141,7 +475,7 @@ def _sample_backward(
     with current_stream(uv, "uv") as stream:
         _native.sample_backward(
             _batched(grad.detach().contiguous(), 3),
-            [_level(level) for level in levels],
+            [_sample_level(level) for level in levels],
             _uv(uv),
             _lod(lod),
             wrap_u,
@@ -159,12 +493,12 @@ def _(grad: Tensor, levels: Sequence[Tensor], _uv: Tensor, _lod: Tensor, *flags:
     return _empty_gradients(grad, levels, *flags[2:])
 
 
-def _setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:  # noqa: ARG001
+def _sample_setup(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:  # noqa: ARG001
     levels, uv, lod, ctx.wrap_u, ctx.wrap_v = inputs
     ctx.save_for_backward(*levels, uv, lod)
 
 
-def _backward(ctx: Any, grad: Tensor) -> tuple[list[Tensor | None], Tensor | None, Tensor | None, None, None]:
+def _sample_grad(ctx: Any, grad: Tensor) -> tuple[list[Tensor | None], Tensor | None, Tensor | None, None, None]:
     *levels, uv, lod = ctx.saved_tensors
     level_needs, need_uv, need_lod = ctx.needs_input_grad[:3]
     need_levels = any(level_needs)
@@ -172,17 +506,17 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[list[Tensor | None], Tensor | Non
     level_grads: list[Tensor | None] = [next(gradients) if need_levels else None for _ in levels]
     return (
         [level_grad if need else None for level_grad, need in zip(level_grads, level_needs, strict=True)],
-        _sum_to(next(gradients), uv.shape) if need_uv else None,
-        _sum_to(next(gradients), lod.shape) if need_lod else None,
+        _sample_sum_to(next(gradients), uv.shape) if need_uv else None,
+        _sample_sum_to(next(gradients), lod.shape) if need_lod else None,
         None,
         None,
     )
 
 
-_sample.register_autograd(_backward, setup_context=_setup_context)
+_sample.register_autograd(_sample_grad, setup_context=_sample_setup)
 
 
-def _empty_result(levels: Sequence[Tensor], uv: Tensor, lod: Tensor) -> Tensor:
+def _sample_empty(levels: Sequence[Tensor], uv: Tensor, lod: Tensor) -> Tensor:
     return uv.new_empty(result_shape([level.shape for level in levels], uv.shape, lod.shape))
 
 
@@ -197,7 +531,7 @@ def _empty_gradients(
     ]
 
 
-def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:
+def _sample_sum_to(grad: Tensor, shape: torch.Size) -> Tensor:
     """Sums (B, P, ...) over the axes along which an argument of that shape was repeated, in a fixed order."""
     if len(shape) == 0:
         # Two stages: torch splits the sum of a long vector among its threads, but not that of a short one or of rows.
@@ -213,7 +547,7 @@ def _batched(tensor: Tensor, ndim: int) -> Tensor:
     return tensor if tensor.ndim == ndim else tensor[None]
 
 
-def _level(level: Tensor) -> Tensor:
+def _sample_level(level: Tensor) -> Tensor:
     level = _batched(level.detach(), 4)
     return level if level.stride(3) == 1 or level.shape[3] == 1 else level.contiguous()
 

@@ -207,11 +207,11 @@ def _footprint(uv_da: Tensor, pyramid: Pyramid, anisotropic: bool) -> tuple[Tens
     if not anisotropic:
         return lod, torch.ones_like(lod), torch.zeros_like(uv_da[..., 0])
 
-    # EXT_texture_filter_anisotropic: N = min(ceil(Pmax / Pmin), maximum), lambda = log2(Pmax / N). A ratio within its
-    # rounding error above a whole number counts as that number, so that circles take one tap.
+    # EXT_texture_filter_anisotropic: N = min(ceil(Pmax / Pmin), maximum), lambda = log2(Pmax / N). A ratio barely above
+    # a whole number counts as that number, so that circles take one tap whatever their rounding.
     with torch.no_grad():
         minor = (a * d - b * c).abs() / torch.where(zero, 1, major)
-        taps = (major / minor * (1 - 2.0**-12)).ceil().clamp(1, MAX_TAPS)
+        taps = (major / minor - 2.0**-10).ceil().clamp(1, MAX_TAPS)
         taps = torch.where(zero | infinite | major.isnan(), 1, taps)
     # The major axis is the eigenvector of J J^T of the larger eigenvalue, at half the angle of (across, along).
     along, across = a * a + b * b - c * c - d * d, 2 * (a * c + b * d)
@@ -398,9 +398,9 @@ def elliptical(
 ) -> Tensor:
     """The average of level 0 over each footprint: what `filter_mode="anisotropic"` approximates, by dense quadrature.
 
-    The footprint is an ellipse, the image under the Jacobian of a Gaussian around the pixel (Heckbert 1989, Fundamentals
-    of Texture Mapping and Image Warping, section 3.5.8), here with the variance of a square pixel, 1/12. It is cut at
-    three standard deviations and sampled on a grid, where the texture is interpolated bilinearly.
+    The footprint is an ellipse: the image under the Jacobian of a Gaussian around the pixel with the variance of a
+    square pixel, 1/12 (the elliptical weighted average of Heckbert 1989, Fundamentals of Texture Mapping and Image
+    Warping). It is cut at three standard deviations and sampled on a grid; the texture is bilinear in between.
 
     Args:
         tex, uv, uv_da, boundary_mode: as for `texture`, without cube maps.
