@@ -6,7 +6,10 @@ namespace nb = nanobind;
 
 void bind_shading(nb::module_& m);
 void bind_sampling(nb::module_& m);
+void bind_texture(nb::module_& m);
+void bind_raster(nb::module_& m);
 void bind_interpolate(nb::module_& m);
+void bind_antialias(nb::module_& m);
 
 NB_MODULE(_native, m) {
     m.doc() = "The native core of mipbake. Arguments are checked by the Python modules that call it, not here.";
@@ -17,5 +20,8 @@ NB_MODULE(_native, m) {
     m.def("cuda_available", &mipbake::cuda_available, "Whether it also finds a CUDA device to run them on.");
     bind_shading(m);
     bind_sampling(m);
+    bind_texture(m);
+    bind_raster(m);
     bind_interpolate(m);
+    bind_antialias(m);
 }
