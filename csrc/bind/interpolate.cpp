@@ -32,8 +32,7 @@ void require(const Array& a, nb::dlpack::dtype dtype, const Input& like, const c
         good = static_cast<Index>(a.shape(i)) == size && (size == 1 || a.size() == 0 || a.stride(i) == stride);
         stride *= size;
     }
-    if (!good)
-        throw std::invalid_argument(std::string("unexpected shape, strides, dtype or device of ") + name);
+    if (!good) throw std::invalid_argument(std::string("unexpected shape, strides, dtype or device of ") + name);
 }
 
 template <class T, class Array>
@@ -44,7 +43,8 @@ auto data(const std::optional<Array>& a) {
 template <class T>
 mipbake::InterpolateArgs<T> arguments(const Input& attr, const Input& rast, const Input& tri,
                                       const std::optional<Input>& rast_db, const std::vector<int>& listed) {
-    if (rast.ndim() != 4 || attr.ndim() < 2 || tri.ndim() != 2) throw std::invalid_argument("unexpected number of axes");
+    if (rast.ndim() != 4 || attr.ndim() < 2 || tri.ndim() != 2)
+        throw std::invalid_argument("unexpected number of axes");
     const auto size = [](const Input& a, std::size_t axis) { return static_cast<Index>(a.shape(axis)); };
     const Index batch = size(rast, 0), height = size(rast, 1), width = size(rast, 2);
     const std::size_t last = attr.ndim() - 1;
@@ -124,12 +124,14 @@ void backward_as(const Input& attr, const Input& rast, const Input& tri, const s
     const mipbake::InterpolateArgs<T> args = arguments<T>(attr, rast, tri, rast_db, listed);
     const auto dtype = nb::dtype<T>();
     require(grad_out, dtype, rast, "grad_out", {args.batch, args.height, args.width, args.channels});
-    if (grad_da) require(*grad_da, dtype, rast, "grad_da", {args.batch, args.height, args.width, 2 * args.listed_count});
+    if (grad_da)
+        require(*grad_da, dtype, rast, "grad_da", {args.batch, args.height, args.width, 2 * args.listed_count});
     if (grad_rast) require(*grad_rast, dtype, rast, "grad_rast", {args.batch, args.height, args.width, 4});
     if (grad_db) require(*grad_db, dtype, rast, "grad_db", {args.batch, args.height, args.width, 4});
     if (grad_attr && attr.ndim() == 2) require(*grad_attr, dtype, rast, "grad_attr", {args.vertices, args.channels});
     if (grad_attr && attr.ndim() == 3)
-        require(*grad_attr, dtype, rast, "grad_attr", {static_cast<Index>(attr.shape(0)), args.vertices, args.channels});
+        require(*grad_attr, dtype, rast, "grad_attr",
+                {static_cast<Index>(attr.shape(0)), args.vertices, args.channels});
     const mipbake::InterpolateGrads<T> grads{static_cast<const T*>(grad_out.data()), data<const T>(grad_da),
                                              data<T>(grad_attr), data<T>(grad_rast), data<T>(grad_db)};
     launch<T>(
@@ -160,10 +162,11 @@ void interpolate_backward(const Input& attr, const Input& rast, const Input& tri
 
 void bind_interpolate(nb::module_& m) {
     using namespace nb::literals;
-    m.def("interpolate", &interpolate, "attr"_a, "rast"_a, "tri"_a, "rast_db"_a.none(), "diff_attrs"_a, "out"_a,
-          "out_da"_a.none(), "stream"_a = 0,
-          "Fills out (B, H, W, A), and out_da (B, H, W, 2K) unless it is None, from attr (V, A) or (1 or B, V, A), rast "
-          "(B, H, W, 4), tri (T, 3) and rast_db (B, H, W, 4).");
+    m.def(
+        "interpolate", &interpolate, "attr"_a, "rast"_a, "tri"_a, "rast_db"_a.none(), "diff_attrs"_a, "out"_a,
+        "out_da"_a.none(), "stream"_a = 0,
+        "Fills out (B, H, W, A), and out_da (B, H, W, 2K) unless it is None, from attr (V, A) or (1 or B, V, A), rast "
+        "(B, H, W, 4), tri (T, 3) and rast_db (B, H, W, 4).");
     m.def("interpolate_backward", &interpolate_backward, "attr"_a, "rast"_a, "tri"_a, "rast_db"_a.none(),
           "diff_attrs"_a, "grad_out"_a, "grad_da"_a.none(), "grad_attr"_a.none(), "grad_rast"_a.none(),
           "grad_db"_a.none(), "stream"_a = 0,

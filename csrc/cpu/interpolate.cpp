@@ -43,8 +43,8 @@ void interpolate_backward_cpu(const InterpolateArgs<T>& args, const InterpolateG
     });
 }
 
-#define MIPBAKE_INSTANTIATE(T)                                             \
-    template void interpolate_cpu<T>(const InterpolateArgs<T>&, T*, T*);  \
+#define MIPBAKE_INSTANTIATE(T)                                           \
+    template void interpolate_cpu<T>(const InterpolateArgs<T>&, T*, T*); \
     template void interpolate_backward_cpu<T>(const InterpolateArgs<T>&, const InterpolateGrads<T>&);
 MIPBAKE_INSTANTIATE(float)
 MIPBAKE_INSTANTIATE(double)

@@ -1,6 +1,5 @@
-#include "raster/interpolate.h"
-
 #include "cpu/interpolate.h"
+#include "raster/interpolate.h"
 #include "raster/triangle_id.h"
 
 // See csrc/cpu/sampling_kernels.cpp.
@@ -133,8 +132,7 @@ auto with_channels(int channels, F&& f) {
 
 template <class T>
 bool interpolate_pixels(const InterpolateArgs<T>& args, T* out, T* out_da, Index item, Index begin, Index end) {
-    return with_channels(args.channels,
-                         [&](auto c) { return forward<c.value>(args, out, out_da, item, begin, end); });
+    return with_channels(args.channels, [&](auto c) { return forward<c.value>(args, out, out_da, item, begin, end); });
 }
 
 template <class T>
@@ -143,9 +141,9 @@ void interpolate_backward_tile(const InterpolateArgs<T>& args, const Interpolate
     with_channels(args.channels, [&](auto c) { backward<c.value>(args, grads, tile, sums); });
 }
 
-#define MIPBAKE_INSTANTIATE(T)                                                                                     \
-    template bool interpolate_pixels<T>(const InterpolateArgs<T>&, T*, T*, Index, Index, Index);                   \
-    template void interpolate_backward_tile<T>(const InterpolateArgs<T>&, const InterpolateGrads<T>&,              \
+#define MIPBAKE_INSTANTIATE(T)                                                                        \
+    template bool interpolate_pixels<T>(const InterpolateArgs<T>&, T*, T*, Index, Index, Index);      \
+    template void interpolate_backward_tile<T>(const InterpolateArgs<T>&, const InterpolateGrads<T>&, \
                                                const PixelTile&, TileSums<double>*);
 MIPBAKE_INSTANTIATE(float)
 MIPBAKE_INSTANTIATE(double)

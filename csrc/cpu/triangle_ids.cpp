@@ -14,10 +14,9 @@ void check_triangle_ids(const T* rast, std::int64_t batch, int height, int width
         if (id >= T(0) && id <= static_cast<T>(triangles)) continue;
         std::ostringstream text;
         text.precision(9);
-        text << "rast[" << i / width / height << ", " << i / width % height << ", " << i % width
-             << "] has triangle_id " << id << ": expected "
-             << (id > T(0) ? "at most " : "0 where it is empty, or an index + 1 of at most ") << triangles
-             << ", the number of triangles";
+        text << "rast[" << i / width / height << ", " << i / width % height << ", " << i % width << "] has triangle_id "
+             << id << ": expected " << (id > T(0) ? "at most " : "0 where it is empty, or an index + 1 of at most ")
+             << triangles << ", the number of triangles";
         throw std::invalid_argument(text.str());
     }
 }
