@@ -115,12 +115,12 @@ def boundaries(boundary_mode: str | Sequence[str]) -> tuple[str, str]:
     )
 
 
-def check_texture(name: str, shape: Shape, cube: bool) -> None:
-    """UsageError unless the shape is that of a texture, or of a cube map."""
+def check_texture(name: str, shape: Shape, cube: bool, setting: str = "boundary_mode to 'cube'") -> None:
+    """UsageError unless the shape is that of a texture, or of a cube map; `setting` is what says which."""
     form = "(B, 6, S, S, C)" if cube else "(B, H, W, C)"
     fits = len(shape) == (5 if cube else 4) and (not cube or (shape[1] == 6 and shape[2] == shape[3]))
     if not fits or any(size == 0 for size in shape):
-        hint = "" if fits or cube or len(shape) != 5 else "; for a cube map set boundary_mode to 'cube'"
+        hint = "" if fits or cube or len(shape) != 5 else f"; for a cube map set {setting}"
         raise UsageError(f"{name} has shape {_text(shape)}: expected {form}, none of them 0{hint}")
     if shape[-3] > MAX_SIDE or shape[-2] > MAX_SIDE:
         raise UsageError(f"{name} has shape {_text(shape)}: expected at most {MAX_SIDE} texels a side")

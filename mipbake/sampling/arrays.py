@@ -78,7 +78,7 @@ def texture(
 def texture_construct_mip(tex: NDArray[Any], max_mip_level: int | None = None, cube_mode: bool = False) -> TextureMip:
     """`mipbake.sampling.texture_construct_mip` of a NumPy array."""
     _check_storage(tex)
-    check_texture("tex", tex.shape, cube_mode)
+    check_texture("tex", tex.shape, cube_mode, "cube_mode to True")
     check_max_mip_level(max_mip_level)
     count = len(level_sizes(tex.shape[-3], tex.shape[-2], max_mip_level)) - 1
     return TextureMip(tex.shape, tuple(_built(tex, count)))

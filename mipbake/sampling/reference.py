@@ -62,7 +62,7 @@ def texture(
 
 def texture_construct_mip(tex: Tensor, max_mip_level: int | None = None, cube_mode: bool = False) -> TextureMip:
     """Arguments and result of `mipbake.sampling.texture_construct_mip`."""
-    check_texture("tex", tuple(tex.shape), cube_mode)
+    check_texture("tex", tuple(tex.shape), cube_mode, "cube_mode to True")
     check_max_mip_level(max_mip_level)
     count = len(level_sizes(tex.shape[-3], tex.shape[-2], max_mip_level))
     return TextureMip(tuple(tex.shape), tuple(level.to(tex.dtype) for level in _built(tex.detach(), count)[1:]))
