@@ -233,10 +233,11 @@ def test_depth_peeling(dtype: torch.dtype) -> None:
     single = torch.stack([rasterize(None, pos, tri[t : t + 1], size)[0][..., 2:] for t in range(10)])
     depths = torch.where(single[..., 1] > 0, single[..., 0], torch.inf).sort(0).values
     with DepthPeeler(None, pos, tri, size) as peeler:
-        previous = None
+        previous = twin = None
         for layer in range(11):
             rast, db = peeler.rasterize_next_layer()
-            assert_same_layer((rast, db), reference.rasterize(pos, tri, size, previous=previous))
+            twin, twin_db = reference.rasterize(pos, tri, size, previous=twin)
+            assert_same_layer((rast, db), (twin, twin_db))
             expected = depths[layer] if layer < 10 else torch.full_like(depths[0], torch.inf)
             assert torch.equal(torch.where(rast[..., 3] > 0, rast[..., 2], torch.inf), expected)
             if previous is not None:

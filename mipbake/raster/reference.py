@@ -123,7 +123,7 @@ def _inside(E: Tensor, a: Tensor, b: Tensor, sign: int) -> Tensor:
     """
     inside = E > 0
     height, width = E.shape
-    bound = 1e-14 * (a.abs().max() * b.abs().max())  # |x|, |y| < 1
+    bound = 1e-14 * (a[[0, 1, 3]].abs().max() * b[[0, 1, 3]].abs().max())  # |x|, |y| < 1
     ax, ay, _, aw = map(Fraction, a.tolist())
     bx, by, _, bw = map(Fraction, b.tolist())
     nx, ny, nw = (sign * c for c in (ay * bw - aw * by, aw * bx - ax * bw, ax * by - ay * bx))
@@ -268,18 +268,16 @@ def silhouettes(pos: Tensor, tri: Tensor) -> Tensor:
     No other triangle of the edge lies strictly on its opposite side after projection.
     """
     triangles = [tuple(t) for t in tri.tolist()]
-    owners: dict[tuple[int, ...], list[tuple[int, int]]] = defaultdict(list)
+    owners: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     for t, corners in enumerate(triangles):
         for e in range(3):
-            owners[tuple(sorted((corners[e], corners[(e + 1) % 3])))].append((t, corners[(e + 2) % 3]))
-    items = (pos if pos.ndim == 3 else pos[None]).double()
+            a, b = corners[e], corners[(e + 1) % 3]
+            owners[min(a, b), max(a, b)].append((t, e))
+    items = pos if pos.ndim == 3 else pos[None]
     result = torch.zeros(len(items), len(triangles), 3, dtype=torch.bool, device=pos.device)
     for item, points in enumerate(items):
-        for t, corners in enumerate(triangles):
-            for e in range(3):
-                low, high = sorted((corners[e], corners[(e + 1) % 3]))
-                n = _cross(points[low], points[high])
-                side = n @ points[corners[(e + 2) % 3], [0, 1, 3]]
-                others = [n @ points[opposite, [0, 1, 3]] for other, opposite in owners[low, high] if other != t]
-                result[item, t, e] = all(side.sign() * other.sign() >= 0 for other in others)
+        for (low, high), found in owners.items():
+            sides = {(t, e): _sign_of_determinant(points[[low, high, triangles[t][(e + 2) % 3]]]) for t, e in found}
+            for (t, e), side in sides.items():
+                result[item, t, e] = -side not in sides.values() or side == 0
     return result

@@ -1,0 +1,221 @@
+"""The raster primitives as torch ops: gradcheck of each, opcheck, torch.compile, and which gradients flow where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from mipbake.raster import (
+    RasterizeContext,
+    antialias,
+    antialias_construct_topology_hash,
+    interpolate,
+    ops,
+    rasterize,
+    reference,
+)
+
+from .raster_scenes import cube, random_mesh, seen
+
+RANGES = torch.tensor([[0, 4], [2, 3], [6, 0]], dtype=torch.int32)
+
+
+def scene(mode: str, dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor, Tensor | None]:
+    """Well-conditioned triangles, some with a vertex behind the eye: pos, tri, ranges."""
+    rng = np.random.default_rng(12)
+    pos = rng.uniform(-1.3, 1.3, (2, 9, 4))
+    pos[..., 2] *= 0.3
+    pos[..., 3] = rng.uniform(0.6, 1.8, (2, 9))
+    pos[:, 2, 3] = -0.4
+    tri = torch.tensor([[0, 1, 2], [3, 4, 5], [8, 7, 6], [0, 4, 8], [1, 5, 6], [2, 3, 7]], dtype=torch.int32)
+    positions = torch.from_numpy(pos).to(dtype)
+    return (positions, tri, None) if mode == "instanced" else (positions[0], tri, RANGES)
+
+
+@pytest.mark.parametrize("size", [(5, 7), (1, 1), (1, 9)])
+@pytest.mark.parametrize("mode", ["instanced", "range"])
+def test_gradcheck_of_rasterize(mode: str, size: tuple[int, int]) -> None:
+    pos, tri, ranges = scene(mode)
+
+    def differentiable(p: Tensor) -> tuple[Tensor, Tensor]:
+        rast, rast_db = rasterize(None, p, tri, size, ranges)
+        return rast[..., :2], rast_db
+
+    assert (rasterize(None, pos, tri, size, ranges)[0][..., 3] > 0).any()
+    assert torch.autograd.gradcheck(differentiable, pos.requires_grad_(), fast_mode=False)
+
+
+@pytest.mark.parametrize("mode", ["instanced", "range", "one"])
+@pytest.mark.parametrize("diff_attrs", [None, "all", [2, 0, 2]])
+def test_gradcheck_of_interpolate(mode: str, diff_attrs: Any) -> None:
+    """Through all of attributes, barycentrics and their derivatives."""
+    pos, tri, ranges = scene("range" if mode == "range" else "instanced")
+    rast, rast_db = rasterize(None, pos, tri, (4, 3), ranges)
+    shape = {"instanced": (2, 9, 3), "range": (9, 3), "one": (1, 9, 3)}[mode]
+    attr = torch.rand(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64).requires_grad_()
+    uv, rest = rast[..., :2].clone().requires_grad_(), rast[..., 2:]
+
+    def call(a: Tensor, b: Tensor, d: Tensor) -> tuple[Tensor, ...]:
+        return interpolate(a, torch.cat([b, rest], -1), tri, d, diff_attrs)[: 1 if diff_attrs is None else 2]
+
+    derivatives = rast_db.clone().requires_grad_(diff_attrs is not None)
+    assert torch.autograd.gradcheck(call, (attr, uv, derivatives), fast_mode=False)
+
+
+@pytest.mark.parametrize("mode", ["instanced", "range"])
+def test_gradcheck_of_antialias(mode: str) -> None:
+    """The crossings of this scene are away from where another edge or pixel would take over."""
+    pos, tri, ranges = scene(mode)
+    rast, _ = rasterize(None, pos, tri, (6, 7), ranges)
+    color = torch.rand(*rast.shape[:3], 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    leaves = color.requires_grad_(), pos.requires_grad_()
+    assert torch.autograd.gradcheck(lambda c, p: antialias(c, rast, p, tri), leaves, fast_mode=False)
+    (grad,) = torch.autograd.grad((antialias(color, rast, pos, tri) ** 2).sum(), pos)
+    assert (grad.abs().sum(-1) > 0).sum() > 5
+
+
+@pytest.mark.parametrize("mode", ["instanced", "range"])
+def test_gradcheck_of_a_render(mode: str) -> None:
+    """From positions and attributes to the image, through the derivatives too."""
+    pos, tri, ranges = scene(mode)
+    attr = torch.rand(9, 2, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
+
+    def render(p: Tensor, a: Tensor) -> Tensor:
+        rast, rast_db = rasterize(None, p, tri, (5, 6), ranges)
+        out, out_da = interpolate(a, rast, tri, rast_db, [1])
+        return antialias(torch.cat([out, out_da.tanh()], -1), rast, p, tri)
+
+    assert torch.autograd.gradcheck(render, (pos.requires_grad_(), attr), fast_mode=False)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gradients_of_rasterize_are_the_twin_s(seed: int) -> None:
+    """On random meshes, in float64 closely; in float32 as far as its results are rounded."""
+    mesh, tri = random_mesh(seed, 2)
+    generator = torch.Generator().manual_seed(seed)
+    weights = torch.randn(2, 2, 13, 11, 4, generator=generator, dtype=torch.float64)
+    gradients = []
+    calls: list[Callable[..., tuple[Tensor, Tensor]]] = [
+        reference.rasterize,
+        lambda *a: rasterize(None, *a),
+        lambda p, *a: rasterize(None, p.float(), *a),
+    ]
+    for call in calls:
+        pos = mesh.double().requires_grad_()
+        rast, rast_db = call(pos, tri, (13, 11))
+        # Derivatives grow without bound towards the eye; the gradient is taken where they are ordinary.
+        near = rast_db.detach().abs().amax(-1, keepdim=True) < 2
+        ((rast * weights[0] * near).sum() + (rast_db * weights[1] * near).sum()).backward()
+        assert pos.grad is not None
+        gradients.append(pos.grad)
+    scale = gradients[0].abs().amax()
+    torch.testing.assert_close(gradients[1] / scale, gradients[0] / scale, rtol=0, atol=1e-10)
+    torch.testing.assert_close(gradients[2] / scale, gradients[0] / scale, rtol=0, atol=1e-4)
+    assert torch.all(gradients[1][..., 2] == 0)
+
+
+def test_derivatives_without_a_gradient() -> None:
+    pos, tri, _ = scene("instanced")
+    p = pos.clone().requires_grad_()
+    rast, rast_db = rasterize(None, p, tri, (6, 6), grad_db=False)
+    assert rast.requires_grad and not rast_db.requires_grad
+    assert torch.equal(rast_db, rasterize(None, pos, tri, (6, 6))[1])
+    full, full_db = rasterize(None, p, tri, (6, 6))
+    (without,) = torch.autograd.grad(interpolate(p, rast, tri, rast_db, "all")[1].sum(), p)
+    (through,) = torch.autograd.grad(interpolate(p, full, tri, full_db, "all")[1].sum(), p)
+    (attributes,) = torch.autograd.grad(interpolate(p, full.detach(), tri, full_db.detach(), "all")[1].sum(), p)
+    assert torch.equal(without, attributes) and not torch.allclose(through, attributes)
+
+
+def test_only_the_gradients_that_are_needed() -> None:
+    pos, tri, _ = scene("instanced", torch.float32)
+    assert not rasterize(None, pos, tri, (5, 5))[0].requires_grad
+    leaf = pos.clone().requires_grad_()
+    rast, rast_db = rasterize(None, leaf, tri, (5, 5))
+    attr = torch.rand(9, 3)
+    color, slopes = interpolate(attr, rast, tri, rast_db, "all")
+    antialias(color.detach(), rast, leaf, tri).sum().backward(retain_graph=True)
+    antialias(color, rast, pos, tri).sum().backward(retain_graph=True)
+    slopes.sum().backward()
+    assert attr.grad is None and leaf.grad is not None
+    fixed = attr.clone().requires_grad_()
+    interpolate(fixed, rast.detach(), tri)[0].sum().backward()
+    assert fixed.grad is not None
+
+
+def test_second_derivatives_are_refused() -> None:
+    pos, tri, _ = scene("instanced")
+    rast, _ = rasterize(None, pos.requires_grad_(), tri, (5, 5))
+    (first,) = torch.autograd.grad((rast[..., :2] ** 2).sum(), pos, create_graph=True)
+    with pytest.raises(RuntimeError, match="backward"):
+        first.sum().backward()
+
+
+def samples(op: str) -> list[tuple[Any, ...]]:
+    pos, tri, ranges = scene("range")
+    many, _, _ = scene("instanced")
+    rast, rast_db = rasterize(None, many, tri, (4, 5))
+    previous = rast.clone()
+    if op == "rasterize":
+        return [
+            (pos.requires_grad_(), tri, 4, 5, ranges, None, 0),
+            (many.requires_grad_(), tri, 3, 3, None, None, 0),
+            (many.detach(), tri, 4, 5, None, previous, 0),
+        ]
+    attr = torch.rand(1, 9, 3, dtype=torch.float64)
+    if op == "interpolate":
+        leaves = [t.clone().requires_grad_() for t in (attr, rast, rast_db)]
+        return [(leaves[0], leaves[1], tri, leaves[2], [1, 1, 0]), (attr[0], leaves[1], tri, None, [])]
+    following = antialias_construct_topology_hash(tri).next
+    color = torch.rand(2, 4, 5, 3, dtype=torch.float64).requires_grad_()
+    return [
+        (color, rast, many.requires_grad_(), tri, following, 1.5),
+        (color.detach(), rast, many.detach().requires_grad_(), tri, following, 1.0),
+    ]
+
+
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("op", ["rasterize", "interpolate", "antialias"])
+def test_opcheck(op: str, index: int) -> None:
+    arguments = samples(op)
+    if index < len(arguments):
+        torch.library.opcheck(getattr(ops, f"_{op}"), arguments[index])
+
+
+def test_opcheck_of_the_backward_ops() -> None:
+    pos, tri, _ = scene("instanced")
+    rast, rast_db = rasterize(None, pos, tri, (4, 5))
+    grad = torch.rand_like(rast)
+    torch.library.opcheck(ops._rasterize_backward, (pos, tri, rast, grad, None))
+    torch.library.opcheck(ops._rasterize_backward, (pos, tri, rast, grad, grad))
+    attr, out = torch.rand(9, 3, dtype=torch.float64), torch.rand(2, 4, 5, 3, dtype=torch.float64)
+    torch.library.opcheck(ops._interpolate_backward, (attr, rast, tri, rast_db, [1, 2], out, grad, True, False, True))
+    following = antialias_construct_topology_hash(tri).next
+    torch.library.opcheck(ops._antialias_backward, (out, rast, pos, tri, following, out, 2.0, False, True))
+    torch.library.opcheck(ops._topology, (tri, 9))
+
+
+@pytest.mark.parametrize("dynamic", [False, True])
+def test_compiled_equals_eager(dynamic: bool) -> None:
+    """The public functions in one graph, forward and backward, for more than one size."""
+    corners, tri = cube()
+    attr = torch.rand(8, 3, generator=torch.Generator().manual_seed(4)).requires_grad_()
+    context = RasterizeContext()
+
+    def loss(p: Tensor, a: Tensor, height: int) -> Tensor:
+        rast, rast_db = rasterize(context, p, tri, (height, 20))
+        color, slopes = interpolate(a, rast, tri, rast_db, diff_attrs="all")
+        return (antialias(color, rast, p, tri) ** 2).sum() + slopes.tanh().sum()
+
+    # The backend without code generation still traces forward and backward through the fake implementations.
+    compiled = torch.compile(loss, fullgraph=True, backend="aot_eager", dynamic=dynamic)
+    for height, batch in ((16, 1), (24, 2)):
+        pos = seen(corners, 4.0, 1).expand(batch, 8, 4).clone().requires_grad_()
+        eager = torch.autograd.grad(loss(pos, attr, height), (pos, attr))
+        for a, e in zip(torch.autograd.grad(compiled(pos, attr, height), (pos, attr)), eager, strict=True):
+            torch.testing.assert_close(a, e, rtol=1e-5, atol=1e-5)
