@@ -240,7 +240,7 @@ def _texture_backward(
         with current_stream(uv, "tex") as stream:
             _native.texture_backward(
                 grad.detach().contiguous().flatten(1, 2),
-                [_level(level) for level in levels],
+                [_level(level, need_levels) for level in levels],
                 _flat(uv),
                 None if uv_da is None else _flat(uv_da),
                 None if bias is None else _flat_bias(bias, uv),
@@ -313,9 +313,11 @@ def _empty_result(levels: Sequence[Tensor], uv: Tensor, uv_da: Tensor | None, bi
     return uv.new_empty((batch, *uv.shape[1:3], levels[0].shape[-1]))
 
 
-def _level(level: Tensor) -> Tensor:
+def _level(level: Tensor, own_items: bool = False) -> Tensor:
+    """The level itself, or a copy where its channels do not lie side by side, or its items in the same place."""
     level = level.detach()
-    return level if level.stride(-1) == 1 or level.shape[-1] == 1 else level.contiguous()
+    shares = own_items and level.shape[0] > 1 and level.stride(0) == 0
+    return level if (level.stride(-1) == 1 or level.shape[-1] == 1) and not shares else level.contiguous()
 
 
 def _flat(lookups: Tensor) -> Tensor:
@@ -338,7 +340,7 @@ def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:
     axes = [axis for axis, size in enumerate(shape) if size == 1 and grad.shape[axis] != 1]
     if not axes:
         return grad
-    if shape.numel() > 1:
+    if shape.numel() != 1:
         return grad.sum(axes, keepdim=True)
     # Two stages: torch splits the sum of a long vector among its threads, but not that of a short one or of rows.
     flat = grad.reshape(-1)
