@@ -27,7 +27,7 @@ from torch import Tensor
 
 from mipbake import raster
 
-DISTANCE = 3.5  # with the camera's opening, an average triangle covers 0.54 pixels of 4 x 4, as in the paper
+DISTANCE = 3.5  # with the camera's opening, an average triangle covers 0.53 pixels of 4 x 4 (0.54 in the paper)
 SHOWN = (0, 10, 100, 1000)
 
 
@@ -89,7 +89,7 @@ def fit(settings: Settings, cube: Cube, resolution: int) -> tuple[dict[int, list
         if iteration in (*SHOWN, settings.iterations):
             with torch.no_grad():
                 pair = [cube.render(positions[:1], colors[:1], showing, size)[0] for size in (resolution, 128)]
-            pictures.append([report.upright(pair[0], 128 // resolution), report.upright(pair[1])])
+            pictures.append([report.enlarged(report.upright(image), 128) for image in pair])
 
     for iteration in report.falling_rate(optimiser, settings.first_rate, settings.last_rate, settings.iterations):
         if iteration in measured:
@@ -106,8 +106,24 @@ def fit(settings: Settings, cube: Cube, resolution: int) -> tuple[dict[int, list
     return errors, pictures
 
 
+def figures(errors: dict[int, list[float]], success: float) -> dict[str, object]:
+    """What a configuration came to: all its runs, and those that ended within `success` of the truth."""
+    table = np.array(list(errors.values()))
+    good = table[-1] < success
+    return {
+        "runs": len(good),
+        "successful": int(good.sum()),
+        "mean error": float(table[-1].mean()),
+        "mean error of the successful": float(table[-1, good].mean()) if good.any() else None,
+        "errors": [round(float(error), 6) for error in table[-1]],
+        "convergence of the successful": list(zip(errors, table[:, good].mean(1).tolist(), strict=True))
+        if good.any()
+        else [],
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    settings, folder = report.parse(__doc__, Settings(), Settings(), arguments)
+    settings, folder = report.parse(__doc__, Settings(), None, arguments)
     log = report.Report("cube", settings, folder)
     rows, curves = [], {}
     for continuous in (True, False):
@@ -115,29 +131,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for resolution in settings.resolutions:
             name = f"{resolution} x {resolution}, {'continuous' if continuous else 'discontinuous'}"
             errors, pictures = fit(settings, cube, resolution)
-            last = np.array(errors[settings.iterations])
-            good = last < settings.success
-            curves[name] = [(i, float(np.mean(np.array(e)[good]))) for i, e in errors.items()] if good.any() else []
+            result = figures(errors, settings.success)
+            if result["successful"]:
+                curves[name] = result["convergence of the successful"]
             log.add(
-                f"{name}: {good.sum()} of {settings.runs} runs within {settings.success:g} of the truth; mean distance of "
-                f"a corner {last[good].mean() if good.any() else float('nan'):.5f} in those, {last.mean():.5f} in all",
-                **{
-                    name: {
-                        "runs": settings.runs,
-                        "successful": int(good.sum()),
-                        "mean error of the successful": float(last[good].mean()) if good.any() else None,
-                        "mean error of all": float(last.mean()),
-                        "median error": float(np.median(last)),
-                        "convergence of all": {i: float(np.mean(e)) for i, e in errors.items()},
-                        "convergence of the successful": dict(curves[name]),
-                    }
-                },
+                f"{name}: {result['successful']} of {settings.runs} runs within {settings.success:g} of the truth; "
+                f"mean error {result['mean error of the successful']} of those, {result['mean error']} of all",
+                **{name: result},
             )
             if continuous:
                 rows.append([picture[0] for picture in pictures] + [pictures[-1][1]])
-    drawn = {name: curve for name, curve in curves.items() if curve}
-    if drawn:
-        rows.append([report.chart(drawn, rows[0][0].shape[1] * len(rows[0]) + 4 * (len(rows[0]) - 1), 260, log_y=True)])
+    if curves:
+        width = sum(image.shape[1] + 4 for image in rows[0]) - 4
+        rows.append([report.chart(curves, width, 260, log_y=True)])
     log.save(report.mosaic(rows))
 
 

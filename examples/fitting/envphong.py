@@ -2,9 +2,9 @@
 
 After section 4.3 of Laine et al. (2020). A bumpy knot of known shape mirrors an unknown environment (a cube map)
 and has a highlight of Phong's model, of unknown colour and exponent, by a light of known direction. Every iteration
-shows it from a new side with the light elsewhere. The reflection vectors are made at the vertices and interpolated with their
-derivatives by pixel, so that the lookup in the cube map is filtered as a curved mirror demands. Adam with a fixed rate;
-the exponent is learned by its logarithm, since a step of one rate must suit 5 and 100 alike.
+shows it from a new side with the light elsewhere. The reflection vectors are made at the vertices and interpolated
+with their derivatives by pixel, so that the lookup in the cube map is filtered as a curved mirror demands. Adam with a
+fixed rate; the exponent is learned by its logarithm, since a step of one rate must suit 5 and 100 alike.
 
     python examples/fitting/envphong.py                       on a CPU
     python examples/fitting/envphong.py --full --device cuda  the paper's size

@@ -25,4 +25,4 @@ for _ in range(400):
     optimiser.zero_grad()
     loss.backward()
     optimiser.step()
-print(f"PSNR of the texture: {-10 * torch.log10((learned - target).square().mean()):.1f} dB")
+print(f"PSNR of the texture: {-10 * torch.log10((learned.detach() - target).square().mean()):.1f} dB")

@@ -21,25 +21,28 @@ COLORS = np.array([[0.9, 0.3, 0.2], [0.2, 0.5, 0.9], [0.2, 0.65, 0.3], [0.6, 0.3
 """Colours of the curves of a chart, in their order."""
 
 
-def parse(description: str, small: Settings, full: Settings, arguments: Sequence[str] | None) -> tuple[Settings, Path]:
+def parse(
+    description: str, small: Settings, full: Settings | None, arguments: Sequence[str] | None
+) -> tuple[Settings, Path]:
     """Settings, and the folder for the results, of the command line: `small` (or `full` with --full), with changes.
 
-    Every field of the settings, numbers and tuples of numbers, is an option.
+    Every field of the settings, a number, a word or a tuple of such, is an option.
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--full", action="store_true", help="the paper's size; meant for a GPU")
+    if full is not None:
+        parser.add_argument("--full", action="store_true", help="the paper's size; meant for a GPU")
     parser.add_argument("--output", type=Path, default=Path("fitting"), help="folder for the picture and the figures")
     for field in dataclasses.fields(small):  # type: ignore[arg-type]
-        one, all_ = getattr(small, field.name), getattr(full, field.name)
+        one, large = getattr(small, field.name), getattr(full or small, field.name)
         kind = type(one[0]) if isinstance(one, tuple) else type(one)
         parser.add_argument(
             f"--{field.name.replace('_', '-')}",
             type=kind,
             nargs="+" if isinstance(one, tuple) else None,
-            help=f"default {one}" + (f", with --full {all_}" if all_ != one else ""),
+            help=f"default {one}" + (f", with --full {large}" if large != one else ""),
         )
     given = vars(parser.parse_args(arguments))
-    output, base = given.pop("output"), full if given.pop("full") else small
+    output, base = given.pop("output"), full if given.pop("full", False) else small
     changes = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
     return dataclasses.replace(base, **changes), output  # type: ignore[type-var]
 
@@ -59,7 +62,7 @@ def checkpoints(iterations: int, count: int = 40) -> set[int]:
 
 def psnr(image: Tensor, reference: Tensor) -> float:
     """Peak signal-to-noise ratio in dB, of values whose peak is 1."""
-    return float(-10 * torch.log10((image - reference).square().mean()))
+    return float(-10 * torch.log10((image.detach() - reference).square().mean()))
 
 
 class Report:
@@ -97,10 +100,9 @@ class Report:
         print(f"{self.name}: {file} and {file.with_suffix('.json').name}")
 
 
-def upright(image: Tensor, scale: int = 1) -> np.ndarray:
-    """(H, W, 3) for a picture: a rendered image has its lowest row first. Every pixel becomes scale x scale."""
-    pixels = image.detach().flip(0).cpu().numpy()
-    return pixels.repeat(scale, 0).repeat(scale, 1)
+def upright(image: Tensor) -> np.ndarray:
+    """(H, W, 3) for a picture: a rendered image has its lowest row first."""
+    return image.detach().flip(0).cpu().numpy()
 
 
 def enlarged(image: np.ndarray, width: int) -> np.ndarray:
