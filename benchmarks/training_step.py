@@ -17,7 +17,6 @@ from pathlib import Path
 
 import torch
 
-from mipbake.sampling.ops import sample
 from mipbake.shading.ops import shade
 from mipbake.training import loop, loss
 from mipbake.training.config import TrainingConfig, read_config
@@ -55,7 +54,7 @@ def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, wa
     watch.lap("target: lookups and shading")
     levels = state.network(patches, loss.TORUS)
     watch.lap("network forward")
-    texels = sample(levels, views.uv, views.lod, loss.TORUS)
+    texels = loss.look_up(levels, views)
     watch.lap("prediction: lookups")
     prediction = shade(model, texels, views.light, views.view)
     watch.lap("prediction: shading")

@@ -52,7 +52,9 @@ def once_per_pixel(levels: Sequence[NDArray[np.float32]], model: str, lod: float
     """What an engine shows: one trilinear lookup a pixel, shaded once."""
     centres = pixel_centres()
     uv = texture_coordinates(centres, lod, levels[0].shape[:2])
-    return shade(sampling.sample(levels, uv, lod, ("wrap", "wrap")), model, centres).reshape(HEIGHT, WIDTH, 3)
+    finest, *coarser = (level[None] for level in levels)
+    texels = sampling.texture(finest, uv[None, None], mip_level_bias=[[[lod]]], mip=coarser)[0, 0]
+    return shade(texels, model, centres).reshape(HEIGHT, WIDTH, 3)
 
 
 def supersampled(stored: NDArray[np.float32], model: str, pixel_filter: str, lod: float, samples: int) -> Array:
@@ -63,7 +65,7 @@ def supersampled(stored: NDArray[np.float32], model: str, pixel_filter: str, lod
     for _ in range(samples):
         offset, weight = kernel.offsets(rng.random(centres.shape))
         uv = texture_coordinates(centres + offset, lod, stored.shape[:2])
-        texels = sampling.sample([stored], uv, 0.0, ("wrap", "wrap"))
+        texels = sampling.texture(stored[None], uv[None, None])[0, 0]
         total += weight.prod(-1)[:, None] * shade(texels, model, centres)
     return (total / samples).reshape(HEIGHT, WIDTH, 3)
 

@@ -94,7 +94,7 @@ def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -
     offset = np.stack(np.meshgrid(grid, grid, indexing="ij"), -1) * 2**lod / 16
     expected = []
     for centre in uv:
-        texels = sampling.sample([stored], (centre + offset).reshape(-1, 2), 0.0, ("wrap", "wrap"))
+        texels = sampling.texture(stored[None], (centre + offset)[None])[0].reshape(-1, stored.shape[-1])
         radiance = shading.shade("gltf", texels, pairs.light, pairs.view)
         expected.append(np.einsum("knc,n->kc", radiance, weight.ravel() / weight.sum()))
     measured = reference(stored, "gltf", ("wrap", "wrap"), uv, lod, pixel_filter, pairs, 1 << 14, rng)

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.prefilter.pixel_filter import filter_named
-from mipbake.sampling.ops import sample
+from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.config import LossConfig
 
@@ -105,7 +105,7 @@ def draw_target(
         quantile = (shift + torch.from_numpy(place.astype(np.int32))[:, None]) & (_TABLE - 1)
         offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape)
         where = torch.addcmul(views.uv[:, None], offset, reach)
-        texels = sample([patches], where.reshape(b, groups * points, 2), 0.0, TORUS)
+        texels = texture(patches, where, filter_mode="linear", boundary_mode=TORUS)
         radiance = shade(model, texels.reshape(b * groups, points, -1), light, view)
         if signed:
             weight = weights.index_select(0, quantile.flatten()).reshape(quantile.shape).prod(-1)
@@ -116,7 +116,13 @@ def draw_target(
 
 def predict(levels: list[Tensor], views: Views, model: str) -> Tensor:
     """(B, K, S * N, 3) renders of a stack of (B, H_L, W_L, C) levels, looked up and shaded once a pixel."""
-    return shade(model, sample(levels, views.uv, views.lod, TORUS), views.light, views.view)
+    return shade(model, look_up(levels, views), views.light, views.view)
+
+
+def look_up(levels: list[Tensor], views: Views) -> Tensor:
+    """(B, S * N, C) texels of a stack of (B, H_L, W_L, C) levels."""
+    uv, lod = views.uv[:, None], views.lod[:, None]
+    return texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS)[:, 0]
 
 
 def squared_errors(prediction: Tensor, target: Tensor, lods: int) -> Tensor:

@@ -63,14 +63,14 @@ def reference(
         for first in range(0, samples, at_once):
             some = slice(first, first + at_once)
             where = (uv[chunk] + offset[some] * pixel).reshape(-1, 2)
-            texels = sampling.sample([stored], where, 0.0, wrap)
+            texels = _lookup(stored, where, wrap)
             radiance = shading.shade(model, texels, pairs.light, pairs.view)
             radiance = radiance.reshape(len(total), -1, *total[0, chunk].shape) * weight[some, :, None]
             total[:, chunk] += radiance.sum(1)
         if kernel.signed:
             # Weights of both signs sum to 1 on average only. The pixel's centre as a control variate takes up the rest:
             # still unbiased, and without error on a constant material.
-            texels = sampling.sample([stored], uv[chunk], 0.0, wrap)
+            texels = _lookup(stored, uv[chunk], wrap)
             rest = (1 - weight.sum(0))[:, None]
             total[:, chunk] += rest * shading.shade(model, texels, pairs.light, pairs.view)
     return total
@@ -88,5 +88,18 @@ def candidate(
 
     Returns (K, P, 3) float32 linear radiance.
     """
-    texels = sampling.sample(list(levels), uv, lod, wrap)
-    return shading.shade(model, texels, pairs.light, pairs.view)
+    finest, *coarser = (level[None] for level in levels)
+    texels = sampling.texture(
+        finest,
+        uv[None, None],
+        mip_level_bias=[[[lod]]],
+        mip=coarser,
+        filter_mode="linear-mipmap-linear",
+        boundary_mode=wrap,
+    )
+    return shading.shade(model, texels[0, 0], pairs.light, pairs.view)
+
+
+def _lookup(level: NDArray[np.float32], uv: NDArray[np.float64], wrap: Wrap) -> NDArray[np.float32]:
+    """(P, C): one level at (P, 2), bilinearly."""
+    return sampling.texture(level[None], uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
