@@ -23,21 +23,6 @@ def shade_backward(
     stream: int = 0,
     duals: bool = False,
 ) -> None: ...
-def sample(
-    levels: Sequence[Array], uv: Array, lod: Array, wrap_u: bool, wrap_v: bool, out: Array, stream: int = 0
-) -> None: ...
-def sample_backward(
-    grad: Array,
-    levels: Sequence[Array],
-    uv: Array,
-    lod: Array,
-    wrap_u: bool,
-    wrap_v: bool,
-    level_grads: Sequence[Array],
-    uv_grad: Array | None,
-    lod_grad: Array | None,
-    stream: int = 0,
-) -> None: ...
 def texture(
     levels: Sequence[Array],
     uv: Array,

@@ -102,4 +102,7 @@ def candidate(
 
 def _lookup(level: NDArray[np.float32], uv: NDArray[np.float64], wrap: Wrap) -> NDArray[np.float32]:
     """(P, C): one level at (P, 2), bilinearly."""
-    return sampling.texture(level[None], uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
+    texels: NDArray[np.float32] = sampling.texture(
+        level[None], uv[None, None], filter_mode="linear", boundary_mode=wrap
+    )[0, 0]
+    return texels
