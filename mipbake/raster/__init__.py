@@ -150,8 +150,8 @@ def antialias(
     Returns:
         (B, H, W, C).
 
-    Gradients go to color, and through the crossings to x, y and w of the silhouettes' ends. On the CPU the call
-    needs a byte of scratch for each triangle and image of pos, as it does with CUDA.
+    Gradients go to color, and through the crossings to x, y and w of the silhouettes' ends. A call needs scratch of two
+    bytes for each triangle and image of pos (one for all images in range mode).
 
     Raises:
         UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or a triangle_id out of

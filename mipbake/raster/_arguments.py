@@ -14,6 +14,8 @@ REAL = ("float32", "float64")
 MAX_SIDE = 2**15
 MAX_TRIANGLES = {"float32": 2**24, "float64": 2**31 // 3}
 """What an id that is stored as a number, and an edge's 3 t + e as an int32, can count."""
+MAX_SPARSITY = 16
+"""Vertices per index up to which a topology counts by vertex; beyond, the vertices are numbered anew first."""
 
 
 class Described(NamedTuple):

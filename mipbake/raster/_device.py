@@ -9,49 +9,56 @@ import torch
 from torch import Tensor
 
 from mipbake.errors import UsageError
+from mipbake.raster._arguments import MAX_SPARSITY
 
-__all__ = ["check_ids", "check_mesh", "check_triangles", "topology"]
+__all__ = ["check_ids", "check_mesh", "topology"]
 
 
-def check_mesh(pos: Tensor, tri: Tensor, ranges: Tensor | None) -> None:
-    """Finite positions, vertex indices below their number, ranges within the triangles."""
+def check_mesh(pos: Tensor | None, tri: Tensor, vertices: int, ranges: Tensor | None = None) -> None:
+    """Vertex indices below the number of vertices, finite positions, ranges within the triangles."""
     from mipbake import _native
 
-    vertices = pos.shape[-2]
-    if not pos.is_cuda:
+    if tri.is_cuda:
+        mesh_with_torch(pos, tri, vertices, ranges)
+    else:
         _native.check_mesh(pos, tri, vertices, ranges)
-        return
-    if ranges is not None:
-        _check_ranges(ranges, tri.shape[0])
-    wrong = _outside(tri, 0, vertices - 1).any() | ~torch.isfinite(pos).all()
-    if wrong.item():
-        _raise_about_indices(tri, vertices)
-        at = tuple(torch.nonzero(~torch.isfinite(pos).all(-1))[0].tolist())
-        values = ", ".join(str(value) for value in pos[at].tolist())
-        raise UsageError(f"pos[{_listed(at)}] is ({values}): expected finite numbers")
 
 
-def check_triangles(tri: Tensor, vertices: int) -> None:
-    """Vertex indices below the number of vertices."""
-    from mipbake import _native
-
-    if not tri.is_cuda:
-        _native.check_mesh(None, tri, vertices, None)
-    elif _outside(tri, 0, vertices - 1).any().item():
-        _raise_about_indices(tri, vertices)
-
-
-def check_ids(rast: Tensor, tri: Tensor) -> None:
+def check_ids(rast: Tensor, triangles: int) -> None:
     """Triangle ids from 0 to the number of triangles. The CPU kernels check it as they read them."""
-    if not rast.is_cuda:
-        return
+    if rast.is_cuda:
+        ids_with_torch(rast, triangles)
+
+
+def mesh_with_torch(pos: Tensor | None, tri: Tensor, vertices: int, ranges: Tensor | None) -> None:
+    """`check_mesh` on any device, with the sentences of the native core."""
+    outside = (tri < 0) | (tri >= vertices)
+    wrong = outside.any() if pos is None else outside.any() | ~torch.isfinite(pos).all()
+    if wrong.item():
+        _raise_about_indices(tri, outside, vertices)
+        assert pos is not None
+        at = torch.nonzero(~torch.isfinite(pos).all(-1))[0].tolist()
+        values = ", ".join(map(str, pos[tuple(at)].tolist()))
+        raise UsageError(f"pos[{_listed(at)}] is ({values}): expected finite numbers")
+    for item, (start, count) in enumerate([] if ranges is None else ranges.tolist()):
+        if start < 0 or count < 0 or start + count > len(tri):
+            raise UsageError(
+                f"ranges[{item}] is ({start}, {count}): "
+                f"expected a start and a count within the {len(tri)} triangles of tri"
+            )
+
+
+def ids_with_torch(rast: Tensor, triangles: int) -> None:
+    """What the CPU kernels check, on any device, with their sentences."""
     ids = rast[..., 3]
-    wrong = ~((ids >= 0) & (ids <= tri.shape[0]))  # NaN is wrong too
+    wrong = ~((ids >= 0) & (ids <= triangles))  # NaN is wrong too
     if wrong.any().item():
-        at = tuple(torch.nonzero(wrong)[0].tolist())
+        at = torch.nonzero(wrong)[0].tolist()
+        value = ids[tuple(at)].item()
         raise UsageError(
-            f"rast[{_listed(at)}] has triangle_id {ids[at].item():g}: "
-            f"expected at most {tri.shape[0]}, the number of triangles"
+            f"rast[{_listed(at)}] has triangle_id {value:.9g}: expected "
+            f"{'' if value > 0 else '0 where it is empty, or an index + 1 of '}"
+            f"at most {triangles}, the number of triangles"
         )
 
 
@@ -59,12 +66,15 @@ def topology(tri: Tensor, vertices: int | None) -> Tensor:
     """(T, 3) int32: of each triangle edge the next one, 3 t + e, on the same two vertices, in a cycle."""
     from mipbake import _native
 
-    if vertices is None:
-        vertices = int(tri.max()) + 1 if tri.numel() else 0
-    check_triangles(tri, vertices)
     following = torch.empty_like(tri)
     if tri.numel() == 0:
         return following
+    if vertices is None:
+        vertices = int(tri.max()) + 1
+        if vertices > MAX_SPARSITY * tri.numel() and int(tri.min()) >= 0:
+            used, tri = torch.unique(tri, return_inverse=True)
+            tri, vertices = tri.int(), len(used)
+    check_mesh(None, tri, vertices)
     if tri.is_cuda:
         return cycles(tri, vertices)
     _native.antialias_topology(tri, vertices, following)
@@ -85,27 +95,12 @@ def cycles(tri: Tensor, vertices: int) -> Tensor:
     return following.to(torch.int32).view(tri.shape)
 
 
-def _outside(indices: Tensor, low: int, high: int) -> Tensor:
-    return (indices < low) | (indices > high)
-
-
-def _raise_about_indices(tri: Tensor, vertices: int) -> None:
-    wrong = torch.nonzero(_outside(tri, 0, vertices - 1).any(1))
+def _raise_about_indices(tri: Tensor, outside: Tensor, vertices: int) -> None:
+    wrong = torch.nonzero(outside.any(1))
     if len(wrong):
         t = int(wrong[0])
         raise UsageError(f"tri[{t}] is {tuple(tri[t].tolist())}: expected vertex indices from 0 to {vertices - 1}")
 
 
-def _check_ranges(ranges: Tensor, triangles: int) -> None:
-    start, count = ranges.long().unbind(1)
-    wrong = torch.nonzero((start < 0) | (count < 0) | (start + count > triangles))
-    if len(wrong):
-        item = int(wrong[0])
-        raise UsageError(
-            f"ranges[{item}] is {tuple(ranges[item].tolist())}: "
-            f"expected a start and a count within the {triangles} triangles of tri"
-        )
-
-
-def _listed(at: tuple[int, ...]) -> str:
+def _listed(at: list[int]) -> str:
     return ", ".join(map(str, at))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
 from mipbake.raster._arguments import (
+    MAX_SPARSITY,
     Described,
     attributes_of,
     boost_of,
@@ -121,6 +122,9 @@ def antialias_construct_topology_hash(tri: Array) -> Topology:
     tri = np.ascontiguousarray(tri)
     vertices = int(tri.max(initial=-1)) + 1
     try:
+        if vertices > MAX_SPARSITY * tri.size and tri.min(initial=0) >= 0:
+            used, inverse = np.unique(tri, return_inverse=True)
+            tri, vertices = inverse.reshape(tri.shape).astype(np.int32), len(used)
         _native.check_mesh(None, tri, vertices, None)
         return Topology(_topology(tri, vertices))
     except ValueError as error:
