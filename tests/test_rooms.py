@@ -14,7 +14,10 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {"mipbake": ROOT / "mipbake", "mipbake.models": ROOT / "models", "mipbake.training": ROOT / "training"}
 ROOMS["mipbake.cli"] = ROOT / "cli"
 
-TORCH_ALLOWED = re.compile(r"mipbake\.(models|training)\b|mipbake\.(shading|sampling)\.(ops|reference)$")
+DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
+TORCH_ALLOWED = re.compile(
+    r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
+)
 
 
 def modules() -> dict[str, Path]:
@@ -78,11 +81,26 @@ def test_twins_import_nothing_native(module: str) -> None:
         assert all(name.startswith(plain) for name in reaches(imports(modules()[inner], inner), "mipbake"))
 
 
-@pytest.mark.parametrize("module", [m for m in modules() if not m.startswith(("mipbake.shading", "mipbake.sampling"))])
-def test_the_native_core_has_two_doors(module: str) -> None:
-    if module in {"mipbake.cli.version", "mipbake.native"}:
+@pytest.mark.parametrize("module", [m for m in modules() if not m.startswith(DOORS)])
+def test_the_native_core_has_three_doors(module: str) -> None:
+    if module in {"mipbake.cli.version", "mipbake.native", "mipbake._stream"}:
         return
     assert not reaches(imports(modules()[module], module), "mipbake._native")
+
+
+@pytest.mark.parametrize("module", [m for m in modules() if m.startswith(DOORS)])
+def test_doors_are_apart(module: str) -> None:
+    """A door of the native core imports none of the others, nor any room that is built on it."""
+    own = next(door for door in DOORS if module.startswith(door))
+    inner = ("mipbake._native", "mipbake._stream", "mipbake.errors", "mipbake.material", own)
+    inside = reaches(imports(modules()[module], module), "mipbake") - {"mipbake"}
+    assert all(any(reaches({name}, room) for room in inner) for name in inside), inside
+
+
+def test_one_piece_of_code_finds_the_stream() -> None:
+    for module, path in modules().items():
+        found = "cuda.current_stream" in path.read_text(encoding="utf-8")
+        assert found == (module == "mipbake._stream"), module
 
 
 @pytest.mark.parametrize("room", ["metrics", "material", "errors"])

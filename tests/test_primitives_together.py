@@ -1,0 +1,146 @@
+"""The primitives as they are used: rasterize, interpolate, texture and antialias, and fits through all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from mipbake import raster, sampling
+
+from .raster_scenes import cube, grid, needs_cuda, projection, rotation, seen
+
+
+def textured_quad(tilt: float) -> tuple[Tensor, Tensor, Tensor]:
+    """A square seen at an angle: pos (1, V, 4), tri, texture coordinates (V, 2)."""
+    points, tri = grid(3, 3)
+    turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    world = np.concatenate([points, np.zeros((len(points), 1))], 1) @ turn.T - [0, 0, 2.5]
+    clip = np.concatenate([world, np.ones((len(world), 1))], 1) @ projection().T
+    return torch.from_numpy(clip).float()[None], tri, torch.from_numpy((points + 1) / 2).float()
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=needs_cuda)])
+def test_a_texture_is_learned_through_a_mesh(device: str) -> None:
+    """From renders at several angles alone, mips and silhouettes included; the loss falls to a tenth and further."""
+    views = [[t.to(device) for t in textured_quad(tilt)] for tilt in (0.0, 0.5, -0.7, 1.0)]
+    context = raster.RasterizeContext()
+    topology = raster.antialias_construct_topology_hash(views[0][1])
+
+    def render(tex: Tensor) -> Tensor:
+        images = []
+        for pos, tri, uv in views:
+            rast, rast_db = raster.rasterize(context, pos, tri, (48, 48))
+            coordinates, uv_da = raster.interpolate(uv, rast, tri, rast_db, diff_attrs="all")
+            color = sampling.texture(tex, coordinates, uv_da, boundary_mode="clamp")
+            color = torch.where(rast[..., 3:] > 0, color, 0)
+            images.append(raster.antialias(color, rast, pos, tri, topology))
+        return torch.cat(images)
+
+    target = torch.rand(1, 16, 16, 3, generator=torch.Generator().manual_seed(1)).to(device)
+    learned = torch.full_like(target, 0.5).requires_grad_()
+    with torch.no_grad():
+        images = render(target)
+    optimizer = torch.optim.Adam([learned], lr=0.05)
+    losses = []
+    for _ in range(40):
+        loss = torch.mean((render(learned) - images) ** 2)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0] / 100
+    assert torch.mean((learned - target) ** 2) < torch.mean((0.5 - target) ** 2) / 10
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=needs_cuda)])
+def test_vertices_are_recovered_from_a_silhouette(device: str) -> None:
+    """A white triangle on black finds the place of another one, by the gradients of antialias alone."""
+    tri = torch.tensor([[0, 1, 2]], dtype=torch.int32, device=device)
+    target = torch.tensor([[-0.6, -0.55], [0.65, -0.4], [0.05, 0.7]], device=device)
+    learned = (target + torch.tensor([[0.15, -0.1], [-0.2, 0.1], [0.15, -0.2]], device=device)).requires_grad_()
+
+    def render(points: Tensor) -> Tensor:
+        pos = torch.cat([points, torch.zeros_like(points[:, :1]), torch.ones_like(points[:, :1])], 1)[None]
+        rast, _ = raster.rasterize(None, pos, tri, (32, 32))
+        return raster.antialias((rast[..., 3:] > 0).float(), rast, pos, tri)
+
+    image = render(target)
+    start = float((learned - target).detach().norm(dim=1).max())
+    optimizer = torch.optim.Adam([learned], lr=0.02)
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, 0.97)
+    for _ in range(120):
+        loss = torch.mean((render(learned) - image) ** 2)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+    assert (learned - target).norm(dim=1).max() < start / 20
+
+
+def test_vertex_colours_and_positions_of_a_cube() -> None:
+    """Both at once, from several views: positions by shading and silhouettes, colours by interpolation."""
+    corners, tri = cube()
+    rng = np.random.default_rng(3)
+    colors = torch.from_numpy(rng.uniform(size=(8, 3))).float()
+    matrices = []
+    for view in range(4):
+        camera = np.eye(4)
+        camera[:3, :3], camera[2, 3] = rotation(view), -4.0
+        matrices.append(torch.from_numpy((projection() @ camera).T).float())
+
+    def render(points: Tensor, color: Tensor) -> Tensor:
+        homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], 1)
+        pos = torch.stack([homogeneous @ matrix for matrix in matrices])
+        rast, _ = raster.rasterize(None, pos, tri, (24, 24))
+        return raster.antialias(raster.interpolate(color[None], rast, tri)[0], rast, pos, tri)
+
+    goal = torch.from_numpy(corners).float()
+    with torch.no_grad():
+        images = render(goal, colors)
+    points = (goal + torch.from_numpy(rng.uniform(-0.2, 0.2, (8, 3))).float()).requires_grad_()
+    color = torch.full_like(colors, 0.5).requires_grad_()
+    start = float((points - goal).detach().norm())
+    optimizer = torch.optim.Adam([points, color], lr=0.02)
+    losses = []
+    for _ in range(100):
+        loss = torch.mean((render(points, color) - images) ** 2)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0] / 10
+    assert float((points - goal).norm()) < start / 2
+
+
+def test_arrays_render_what_tensors_do() -> None:
+    pos, tri, uv = textured_quad(0.9)
+    tex = torch.rand(1, 20, 12, 3, generator=torch.Generator().manual_seed(2))
+    images = []
+    for convert in (lambda t: t, lambda t: t.numpy()):
+        p, t, attr, texels = (convert(x) for x in (pos, tri, uv, tex))
+        rast, rast_db = raster.rasterize(None, p, t, (31, 33))
+        coordinates, uv_da = raster.interpolate(attr, rast, t, rast_db, diff_attrs="all")
+        color = sampling.texture(texels, coordinates, uv_da)
+        images.append(raster.antialias(color, rast, p, t))
+    assert isinstance(images[1], np.ndarray) and np.array_equal(images[0].numpy(), images[1])
+
+
+@needs_cuda
+def test_a_render_with_cuda_is_that_of_the_cpu() -> None:
+    corners, tri = cube()
+    pos = torch.cat([seen(corners, 4.0, seed) for seed in range(3)])
+    uv = torch.from_numpy(np.random.default_rng(1).uniform(size=(8, 2))).float()
+    tex = torch.rand(1, 32, 32, 4)
+    results = []
+    for device in ("cpu", "cuda"):
+        p, t, a, x = (v.to(device) for v in (pos, tri, uv, tex))
+        p, a, x = (v.clone().requires_grad_() for v in (p, a, x))
+        rast, rast_db = raster.rasterize(None, p, t, (64, 80))
+        coordinates, uv_da = raster.interpolate(a, rast, t, rast_db, diff_attrs="all")
+        image = raster.antialias(sampling.texture(x, coordinates, uv_da), rast, p, t)
+        (image**2).mean().backward()
+        results.append([v.detach().cpu() for v in (image, p.grad, a.grad, x.grad)])
+    for gpu, cpu in zip(results[1], results[0], strict=True):
+        torch.testing.assert_close(gpu, cpu, rtol=1e-3, atol=1e-3 * float(cpu.abs().max()))
