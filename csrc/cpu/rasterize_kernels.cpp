@@ -386,11 +386,12 @@ void TileRaster<T>::write() const {
                     k.name = name;
                     ClipVertex v[3];
                     load_triangle(pos_, args_.tri + 3 * Index(name), v);
-                    make_edges<is_wide<T>>(v, orientation<is_wide<T>>(v), width, height, k.edges);
+                    double turn;
+                    k.edges = make_edges<is_wide<T>>(v, width, height, turn);
                 }
                 const Barycentrics b = barycentrics(k.edges, 2 * x + 1 - args_.width, py);
-                out[0] = static_cast<T>(b.u);
-                out[1] = static_cast<T>(b.v);
+                out[0] = static_cast<T>(held_to_one(b.of[0]));
+                out[1] = static_cast<T>(held_to_one(b.of[1]));
                 out[2] = tile_.depths[at];
                 out[3] = static_cast<T>(name + 1);
                 if (derivatives != nullptr) barycentric_derivatives(k.edges, b, d);
@@ -420,6 +421,7 @@ namespace {
 struct TileTriangle {
     ClipVertex v[3];
     Edges edges, sums;
+    double turn;
 };
 
 }  // namespace
@@ -451,9 +453,8 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
                 current = triangles + index;
                 if (index == known) {
                     load_triangle(pos, args.tri + 3 * Index(name), current->v);
-                    make_edges<is_wide<T>>(current->v, orientation<is_wide<T>>(current->v), width, height,
-                                           current->edges);
-                    current->sums = Edges{};
+                    current->edges = make_edges<is_wide<T>>(current->v, width, height, current->turn);
+                    current->sums = {Triple(0), Triple(0), Triple(0)};
                 }
             }
             const double px = 2 * x + 1 - args.width;
@@ -469,8 +470,7 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
         const std::int32_t* const corners = args.tri + 3 * Index(sums.tables->triangles[i]);
         TileTriangle& t = triangles[i];
         Vec3<double> g[3];
-        const double turn = orientation<is_wide<T>>(t.v);
-        pull_back(t.v, t.sums, turn, width, height, g);
+        pull_back(t.v, t.sums, t.turn, width, height, g);
         for (int k = 0; k < 3; ++k) {
             double* const to = sums_of(sums, slot_of(sums, corners[k]));
             to[0] += g[k].x;

@@ -19,6 +19,8 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <mutex>
+#include <utility>
 #include <vector>
 
 #include "core/bins.h"
@@ -126,12 +128,27 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
     const Index tiles = grid.batch * rows * columns, places = (shared ? 1 : grid.batch) * vertices;
     const Index room = Index(kPixelVertices) * std::min(kTileSide, grid.height) * std::min(kTileSide, grid.width);
     const Index per_tile = room * (channels * Index(sizeof(S)) + Index(sizeof(std::int32_t)));
-    const Index round =
-        std::max<Index>(1, std::min(tiles, std::max<Index>(16, kSumBytes / std::max<Index>(1, per_tile))));
-    // Never cleared: a tile's share is touched as far as it has vertices.
-    const std::unique_ptr<S[]> sums(new S[static_cast<std::size_t>(round * room * channels)]);
-    const std::unique_ptr<std::int32_t[]> names(new std::int32_t[static_cast<std::size_t>(round * room)]);
-    std::vector<int> counts(static_cast<std::size_t>(round));
+    const Index round = std::max<Index>(
+        1, std::min({tiles, Index(1) << 20, std::max<Index>(16, kSumBytes / std::max<Index>(1, per_tile))}));
+    // What a kernel fills, for one tile at a time, and what is kept of it.
+    struct Room {
+        std::unique_ptr<S[]> sums;
+        std::unique_ptr<std::int32_t[]> vertices;
+    };
+    struct Kept {
+        Room room;
+        Index size = 0;
+    };
+    const auto make_room = [&](Index size) {
+        return Room{std::unique_ptr<S[]>(new S[static_cast<std::size_t>(size * channels)]),
+                    std::unique_ptr<std::int32_t[]>(new std::int32_t[static_cast<std::size_t>(size)])};
+    };
+    std::vector<Room> rooms;
+    std::mutex rooms_lock;
+    std::vector<Kept> kept(static_cast<std::size_t>(round));
+    const auto sums_at = [&](Index entry) {
+        return kept[static_cast<std::size_t>(entry / kTileVertices)].room.sums.get() + entry % kTileVertices * channels;
+    };
 
     constexpr Index bin_values = 8192;  // 64 KiB of double
     const Index bin_size = std::max<Index>(1, bin_values / std::max(1, channels));
@@ -139,7 +156,7 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
     const Index bins = (places + bin_size - 1) / bin_size;
     const auto place_of = [&](Index tile, Index slot, Index first) {
         const Index item = shared ? 0 : (first + tile) / (rows * columns);
-        return item * vertices + names[static_cast<std::size_t>(tile * room + slot)];
+        return item * vertices + kept[static_cast<std::size_t>(tile)].room.vertices[static_cast<std::size_t>(slot)];
     };
     for (Index first = 0; first == 0 || first < tiles; first += round) {
         const Index count = std::min(round, tiles - first);  // 0 where there are no pixels: the result is zeros then
@@ -147,18 +164,33 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
             TileTables tables;
             std::memset(tables.of_triangle, 0xff, sizeof tables.of_triangle);
             std::memset(tables.of_vertex, 0xff, sizeof tables.of_vertex);
+            Room own;
+            {
+                const std::lock_guard<std::mutex> lock(rooms_lock);
+                if (!rooms.empty()) {
+                    own = std::move(rooms.back());
+                    rooms.pop_back();
+                }
+            }
+            if (own.sums == nullptr) own = make_room(room);
             for (Index i = begin; i < end; ++i) {
                 const Index tile = first + i, item = tile / (rows * columns);
                 const int y = static_cast<int>(tile / columns % rows) * kTileSide;
                 const int x = static_cast<int>(tile % columns) * kTileSide;
                 const PixelTile pixels{item, y, std::min(grid.height, y + kTileSide), x,
                                        std::min(grid.width, x + kTileSide)};
-                TileSums<S> own{&tables, names.get() + i * room, sums.get() + i * room * channels, channels, 0, 0};
-                kernel(pixels, own);
-                counts[static_cast<std::size_t>(i)] = own.vertex_count;
-                if (own.triangle_count > 0) std::memset(tables.of_triangle, 0xff, sizeof tables.of_triangle);
-                if (own.vertex_count > 0) std::memset(tables.of_vertex, 0xff, sizeof tables.of_vertex);
+                TileSums<S> filled{&tables, own.vertices.get(), own.sums.get(), channels, 0, 0};
+                kernel(pixels, filled);
+                Kept& target = kept[static_cast<std::size_t>(i)];
+                target.size = filled.vertex_count;
+                target.room = make_room(target.size);
+                std::copy(filled.vertices, filled.vertices + target.size, target.room.vertices.get());
+                std::copy(filled.sums, filled.sums + target.size * channels, target.room.sums.get());
+                if (filled.triangle_count > 0) std::memset(tables.of_triangle, 0xff, sizeof tables.of_triangle);
+                if (filled.vertex_count > 0) std::memset(tables.of_vertex, 0xff, sizeof tables.of_vertex);
             }
+            const std::lock_guard<std::mutex> lock(rooms_lock);
+            rooms.push_back(std::move(own));
         });
         BinLimits limits;
         limits.items_per_sort = round;
@@ -168,14 +200,14 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
             count, bins,
             [&](Index begin, Index end, std::uint32_t* sizes) {
                 for (Index i = begin; i < end; ++i)
-                    for (Index slot = 0; slot < counts[static_cast<std::size_t>(i)]; ++slot)
+                    for (Index slot = 0; slot < kept[static_cast<std::size_t>(i)].size; ++slot)
                         ++sizes[place_of(i, slot, first) / bin_size];
             },
             [&](Index begin, Index end, std::uint32_t* cursors, std::uint32_t* list, Index) {
                 for (Index i = begin; i < end; ++i)
-                    for (Index slot = 0; slot < counts[static_cast<std::size_t>(i)]; ++slot)
+                    for (Index slot = 0; slot < kept[static_cast<std::size_t>(i)].size; ++slot)
                         list[cursors[place_of(i, slot, first) / bin_size]++] =
-                            static_cast<std::uint32_t>(i * room + slot);
+                            static_cast<std::uint32_t>(i * kTileVertices + slot);
             },
             [&](Index bin, const std::uint32_t* list, Index size, Index) {
                 const Index from = bin * bin_size, bin_places = std::min(bin_size, places - from);
@@ -185,8 +217,8 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
                     std::fill(totals, totals + bin_places * width, S(0));
                     for (Index k = 0; k < size; ++k) {
                         const Index entry = list[k];
-                        const Index place = place_of(entry / room, entry % room, first) - from;
-                        const S* const part = sums.get() + entry * channels + c0;
+                        const Index place = place_of(entry / kTileVertices, entry % kTileVertices, first) - from;
+                        const S* const part = sums_at(entry) + c0;
                         for (Index c = 0; c < width; ++c) totals[place * width + c] += part[c];
                     }
                     for (Index place = 0; place < bin_places; ++place)

@@ -10,26 +10,30 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
 struct Barycentrics {
-    double u, v, inverse;  // inverse: 1 / S, or 0 where the triangle has no extent at the pixel
+    Triple of;       // u, v, 1 - u - v
+    double inverse;  // 1 / S, or 0 where the triangle has no extent at the pixel
 };
 
-MIPBAKE_INLINE Barycentrics barycentrics(const Edges& e, double px, double py) {
-    // Covered pixels have no negative E; rounding may.
-    const double e0 = larger(e.at(0, px, py), 0.0), e1 = larger(e.at(1, px, py), 0.0),
-                 e2 = larger(e.at(2, px, py), 0.0);
-    const double sum = e0 + e1 + e2;
-    if (!(sum > 0)) return {1.0 / 3, 1.0 / 3, 0};
+MIPBAKE_INLINE Barycentrics barycentrics(const Edges& edges, double px, double py) {
+    const Triple e = not_negative(edges.at(px, py));  // covered pixels have no negative E; rounding may
+    const double sum = total(e);
+    if (!(sum > 0)) return {Triple(1.0 / 3), 0};
     const double inverse = 1 / sum;
-    return {smaller(e0 * inverse, 1.0), smaller(e1 * inverse, 1.0), inverse};
+    return {e * Triple(inverse), inverse};
 }
+MIPBAKE_INLINE double held_to_one(double value) { return value < 1 ? value : 1; }
 
-// (du/dX, du/dY, dv/dX, dv/dY) in pixels, of which one is 2 units of px or py.
+// The derivatives of the three barycentrics along X and Y in pixels, of which one is 2 units of px or py.
+MIPBAKE_INLINE Triple along(const Triple& slopes, const Barycentrics& b) {
+    return (slopes - b.of * Triple(total(slopes))) * Triple(2 * b.inverse);
+}
+// (du/dX, du/dY, dv/dX, dv/dY)
 MIPBAKE_INLINE void barycentric_derivatives(const Edges& e, const Barycentrics& b, double (&out)[4]) {
-    const double f = 2 * b.inverse, ax = e.a[0] + e.a[1] + e.a[2], ay = e.b[0] + e.b[1] + e.b[2];
-    out[0] = (e.a[0] - b.u * ax) * f;
-    out[1] = (e.b[0] - b.u * ay) * f;
-    out[2] = (e.a[1] - b.v * ax) * f;
-    out[3] = (e.b[1] - b.v * ay) * f;
+    const Triple x = along(e.a, b), y = along(e.b, b);
+    out[0] = x[0];
+    out[1] = y[0];
+    out[2] = x[1];
+    out[3] = y[1];
 }
 
 // Adds the gradient by the coefficients of the edge functions, from that by u and v (g) and by their derivatives (h).
@@ -37,31 +41,29 @@ MIPBAKE_INLINE void barycentric_derivatives(const Edges& e, const Barycentrics& 
 template <bool kDerivatives>
 MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, const Barycentrics& b, double gu,
                                         double gv, const double (&h)[4], Edges& sums) {
-    const double f = b.inverse;
-    double common = 0, hx = 0, hy = 0, step = 0;
+    Triple g(gu, gv, 0);
     if (kDerivatives) {
-        step = 2 * f;
-        const double ax = e.a[0] + e.a[1] + e.a[2], ay = e.b[0] + e.b[1] + e.b[2];
-        const double ux = (e.a[0] - b.u * ax) * step, uy = (e.b[0] - b.u * ay) * step;
-        const double vx = (e.a[1] - b.v * ax) * step, vy = (e.b[1] - b.v * ay) * step;
-        common = (h[0] * ux + h[1] * uy) + (h[2] * vx + h[3] * vy);  // by S, times -S
-        gu -= step * (h[0] * ax + h[1] * ay);
-        gv -= step * (h[2] * ax + h[3] * ay);
-        hx = h[0] * b.u + h[2] * b.v;
-        hy = h[1] * b.u + h[3] * b.v;
-    }
-    const double t = (gu * b.u + gv * b.v) + common;
-    const double ge[3] = {f * (gu - t), f * (gv - t), -f * t};
-    const double gx[3] = {step * (h[0] - hx), step * (h[2] - hx), -step * hx};
-    const double gy[3] = {step * (h[1] - hy), step * (h[3] - hy), -step * hy};
-    for (int i = 0; i < 3; ++i) {
-        sums.a[i] += kDerivatives ? ge[i] * px + gx[i] : ge[i] * px;
-        sums.b[i] += kDerivatives ? ge[i] * py + gy[i] : ge[i] * py;
-        sums.c[i] += ge[i];
+        const double step = 2 * b.inverse, ax = total(e.a), ay = total(e.b);
+        const Triple hx(h[0], h[2], 0), hy(h[1], h[3], 0);
+        const Triple x = (e.a - b.of * Triple(ax)) * Triple(step), y = (e.b - b.of * Triple(ay)) * Triple(step);
+        g = g - (hx * Triple(ax) + hy * Triple(ay)) * Triple(step);
+        // By S, of which both 1 / S and the sums of slopes are functions.
+        const double common = total(g * b.of + (hx * x + hy * y));
+        const Triple ge = (g - Triple(common)) * Triple(b.inverse);
+        const Triple gx = (hx - Triple(total(hx * b.of))) * Triple(step);
+        const Triple gy = (hy - Triple(total(hy * b.of))) * Triple(step);
+        sums.a = sums.a + (ge * Triple(px) + gx);
+        sums.b = sums.b + (ge * Triple(py) + gy);
+        sums.c = sums.c + ge;
+    } else {
+        const Triple ge = (g - Triple(total(g * b.of))) * Triple(b.inverse);
+        sums.a = sums.a + ge * Triple(px);
+        sums.b = sums.b + ge * Triple(py);
+        sums.c = sums.c + ge;
     }
 }
 
-// The gradient by the coefficients that make_edges gave, as one by (x, y, w) of each vertex.
+// The gradient by the coefficients that edges_of gave, as one by (x, y, w) of each vertex.
 MIPBAKE_INLINE void pull_back(const ClipVertex (&v)[3], const Edges& sums, double turn, double width, double height,
                               Vec3<double> (&out)[3]) {
     for (int i = 0; i < 3; ++i) out[i] = {0, 0, 0};

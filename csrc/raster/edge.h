@@ -18,6 +18,7 @@
 #include <cstdint>
 
 #include "core/real.h"
+#include "raster/triple.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
@@ -85,40 +86,53 @@ MIPBAKE_FUNCTION int exact_sign(double fx, double fy, double fw, const ClipVerte
     return sum.sign();
 }
 
-// One coefficient of V_a x V_b: p q - r s. Exact products where the positions were float, so then the result is rounded
-// once; either way it is exactly the negative with a and b exchanged.
-MIPBAKE_INLINE double cross_term(double p, double q, double r, double s) { return plus(times(p, q), -times(r, s)); }
+// The coordinates of the three vertices.
+struct Corners {
+    Triple x, y, z, w;
+};
+MIPBAKE_INLINE Corners corners_of(const ClipVertex (&v)[3]) {
+    return {Triple(v[0].x, v[1].x, v[2].x), Triple(v[0].y, v[1].y, v[2].y), Triple(v[0].z, v[1].z, v[2].z),
+            Triple(v[0].w, v[1].w, v[2].w)};
+}
+
+// n_i = V_(i + 1) x V_(i + 2). Where positions were float, products are exact and each coefficient is rounded once;
+// either way it is exactly the negative with the ends exchanged.
+struct Normals {
+    Triple x, y, w;
+};
+MIPBAKE_INLINE Normals normals_of(const Corners& v) {
+    const Triple px = following(v.x), py = following(v.y), pw = following(v.w);
+    const Triple qx = preceding(v.x), qy = preceding(v.y), qw = preceding(v.w);
+    return {py * qw - pw * qy, pw * qx - px * qw, px * qy - py * qx};
+}
+// The same with sums of magnitudes: what rounding errors of products of doubles are in proportion to.
+MIPBAKE_INLINE Normals sizes_of(const Corners& v) {
+    const Triple px = magnitude(following(v.x)), py = magnitude(following(v.y)), pw = magnitude(following(v.w));
+    const Triple qx = magnitude(preceding(v.x)), qy = magnitude(preceding(v.y)), qw = magnitude(preceding(v.w));
+    return {py * qw + pw * qy, pw * qx + px * qw, px * qy + py * qx};
+}
 
 // The edge functions of a triangle on the grid of pixel centres, turned so that they are positive inside.
 struct Edges {
-    double a[3], b[3], c[3];
+    Triple a, b, c;
 
     MIPBAKE_INLINE double at(int edge, double px, double py) const {
         return plus(times(a[edge], px), plus(times(b[edge], py), c[edge]));
     }
+    MIPBAKE_INLINE Triple at(double px, double py) const { return a * Triple(px) + (b * Triple(py) + c); }
 };
 
-// `turn` is 1 or -1. kWide: whether a product of two coordinates is rounded (they were double). Returns a bound of the
-// error of every edge function at every centre.
+// `turn` is 1 or -1.
+MIPBAKE_INLINE Edges edges_of(const Normals& n, double turn, double width, double height) {
+    return {n.x * Triple(height * turn), n.y * Triple(width * turn), n.w * Triple(width * height * turn)};
+}
+
+// A bound of the error of every edge function at every centre: seven roundings of 2^-53 at most, |px| < W and |py| < H.
+// kWide: whether the products of two coordinates are rounded, because they were double.
 template <bool kWide>
-MIPBAKE_INLINE double make_edges(const ClipVertex (&v)[3], double turn, double width, double height, Edges& out) {
-    double bound = 0;
-    for (int i = 0; i < 3; ++i) {
-        const ClipVertex& p = v[(i + 1) % 3];
-        const ClipVertex& q = v[(i + 2) % 3];
-        const double nx = cross_term(p.y, q.w, p.w, q.y), ny = cross_term(p.w, q.x, p.x, q.w);
-        const double nw = cross_term(p.x, q.y, p.y, q.x);
-        out.a[i] = times(nx, height * turn);
-        out.b[i] = times(ny, width * turn);
-        out.c[i] = times(nw, width * height * turn);
-        // Seven roundings of 2^-53 at most; |px| < W and |py| < H.
-        double size = ::fabs(nx) + ::fabs(ny) + ::fabs(nw);
-        if (kWide)
-            size = ::fabs(p.y * q.w) + ::fabs(p.w * q.y) + ::fabs(p.w * q.x) + ::fabs(p.x * q.w) + ::fabs(p.x * q.y) +
-                   ::fabs(p.y * q.x);
-        bound = larger(bound, size);
-    }
-    return bound * (width * height * 1e-15);
+MIPBAKE_INLINE double error_bound(const Corners& v, const Normals& n, double width, double height) {
+    const Normals s = kWide ? sizes_of(v) : n;
+    return largest(magnitude(s.x) + magnitude(s.y) + magnitude(s.w)) * (width * height * 1e-15);
 }
 
 // Whether edge function `edge` is computed without any rounding at every centre, as it is for vertices on a grid.
@@ -156,17 +170,30 @@ MIPBAKE_FUNCTION bool inside_exactly(const ClipVertex (&v)[3], int i, double tur
 
 // 1 or -1, the sign of det, or 0 where the triangle has no area, is seen edge-on or passes through the eye.
 template <bool kWide>
-MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3]) {
-    const double nx = cross_term(v[1].y, v[2].w, v[1].w, v[2].y), ny = cross_term(v[1].w, v[2].x, v[1].x, v[2].w);
-    const double nw = cross_term(v[1].x, v[2].y, v[1].y, v[2].x);
-    const double det = v[0].x * nx + (v[0].y * ny + v[0].w * nw);
-    double size = ::fabs(v[0].x * nx) + (::fabs(v[0].y * ny) + ::fabs(v[0].w * nw));
-    if (kWide)
-        size = ::fabs(v[0].x) * (::fabs(v[1].y * v[2].w) + ::fabs(v[1].w * v[2].y)) +
-               ::fabs(v[0].y) * (::fabs(v[1].w * v[2].x) + ::fabs(v[1].x * v[2].w)) +
-               ::fabs(v[0].w) * (::fabs(v[1].x * v[2].y) + ::fabs(v[1].y * v[2].x));
+MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3], const Corners& corners, const Normals& n) {
+    const double x = times(v[0].x, n.x[0]), y = times(v[0].y, n.y[0]), w = times(v[0].w, n.w[0]);
+    const double det = plus(plus(x, y), w);
+    double size = ::fabs(x) + ::fabs(y) + ::fabs(w);
+    if (kWide) {
+        const Normals s = sizes_of(corners);
+        size = ::fabs(v[0].x) * s.x[0] + ::fabs(v[0].y) * s.y[0] + ::fabs(v[0].w) * s.w[0];
+    }
     if (::fabs(det) > 1e-15 * size) return det > 0 ? 1 : -1;
     return exact_sign(v[0].x, v[0].y, v[0].w, v[1], v[2]);
+}
+template <bool kWide>
+MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3]) {
+    const Corners corners = corners_of(v);
+    return orientation<kWide>(v, corners, normals_of(corners));
+}
+
+// The edge functions and their turn, for barycentrics. Zeros where the triangle covers nothing.
+template <bool kWide>
+MIPBAKE_INLINE Edges make_edges(const ClipVertex (&v)[3], double width, double height, double& turn) {
+    const Corners corners = corners_of(v);
+    const Normals n = normals_of(corners);
+    turn = orientation<kWide>(v, corners, n);
+    return edges_of(n, turn, width, height);
 }
 
 // z/w as a function of the pixel: za px + zb py + zc, held to [low, high], the range over the triangle. (z/w at p is
@@ -192,13 +219,15 @@ struct Triangle {
 // False where the triangle covers nothing.
 template <bool kWide>
 MIPBAKE_INLINE bool prepare(Triangle& t, double width, double height) {
-    const int turn = orientation<kWide>(t.v);
-    if (turn == 0) return false;
-    t.turn = turn;
-    t.bound = make_edges<kWide>(t.v, t.turn, width, height, t.edges);
+    const Corners corners = corners_of(t.v);
+    const Normals n = normals_of(corners);
+    t.turn = orientation<kWide>(t.v, corners, n);
+    if (t.turn == 0) return false;
+    t.edges = edges_of(n, t.turn, width, height);
+    t.bound = error_bound<kWide>(corners, n, width, height);
     const Edges& e = t.edges;
     // W H |det|, from the edge functions as they are, so that sum w_i b_i is 1 to rounding.
-    const double det = plus(plus(times(t.v[0].w, e.c[0]), times(t.v[1].w, e.c[1])), times(t.v[2].w, e.c[2]));
+    const double det = total(corners.w * e.c);
     const double z0 = t.v[0].z, z1 = t.v[1].z, z2 = t.v[2].z;
     DepthPlane& d = t.depth;
     d.low = -1;
@@ -211,9 +240,9 @@ MIPBAKE_INLINE bool prepare(Triangle& t, double width, double height) {
     }
     if (det > 0) {
         const double inverse = 1 / det;
-        d.a = times(plus(plus(times(z0, e.a[0]), times(z1, e.a[1])), times(z2, e.a[2])), inverse);
-        d.b = times(plus(plus(times(z0, e.b[0]), times(z1, e.b[1])), times(z2, e.b[2])), inverse);
-        d.c = times(plus(plus(times(z0, e.c[0]), times(z1, e.c[1])), times(z2, e.c[2])), inverse);
+        d.a = times(total(corners.z * e.a), inverse);
+        d.b = times(total(corners.z * e.b), inverse);
+        d.c = times(total(corners.z * e.c), inverse);
     } else {  // too thin for its plane to be known
         d.a = d.b = 0;
         d.c = 0.5 * (d.low + d.high);

@@ -366,7 +366,8 @@ Image<T> draw_slowly(const Mesh<T>& mesh, int height, int width, const Image<T>*
                 const Barycentrics b = barycentrics(triangle.edges, px, py);
                 double d[4];
                 barycentric_derivatives(triangle.edges, b, d);
-                const double values[4] = {b.u, b.v, depth, static_cast<double>(t + 1)};
+                const double values[4] = {held_to_one(b.of[0]), held_to_one(b.of[1]), depth,
+                                          static_cast<double>(t + 1)};
                 for (std::size_t i = 0; i < 4; ++i) {
                     image.rast[at + i] = static_cast<T>(values[i]);
                     image.db[at + i] = static_cast<T>(d[i]);
@@ -457,12 +458,12 @@ double weighted(const Mesh<double>& mesh, const Image<double>& image, const std:
             ClipVertex v[3];
             for (int i = 0; i < 3; ++i)
                 v[i] = clip_vertex(mesh.pos.data(), mesh.tri[static_cast<std::size_t>(3 * id + i)]);
-            Edges edges;
-            make_edges<true>(v, orientation<true>(v), image.width, image.height, edges);
+            double turn;
+            const Edges edges = make_edges<true>(v, image.width, image.height, turn);
             const Barycentrics b = barycentrics(edges, 2 * x + 1 - image.width, 2 * y + 1 - image.height);
             double d[4];
             barycentric_derivatives(edges, b, d);
-            sum += g[at] * b.u + g[at + 1] * b.v;
+            sum += g[at] * b.of[0] + g[at + 1] * b.of[1];
             for (std::size_t i = 0; i < 4; ++i) sum += h[at + i] * d[i];
         }
     return sum;
