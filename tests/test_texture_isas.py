@@ -22,7 +22,7 @@ FILTERS = ["nearest", "linear", "linear-mipmap-nearest", "linear-mipmap-linear",
 case = 0
 for channels in (1, 2, 3, 4, 6, 8, 11):
     dtype, tolerance = (torch.float64, 1e-9) if channels in (2, 6) else (torch.float32, 2e-3)
-    for batch, points, size in ((3, 300, 8), (1, 4500, 31)):
+    for batch, points, size in ((3, 100, 8), (1, 2100, 31)):
         for boundary in BOUNDARIES:
             case += 1
             cube = boundary == "cube"
