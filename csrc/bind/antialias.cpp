@@ -77,12 +77,12 @@ std::uint8_t* workspace_of(const std::optional<Output>& workspace, const mipbake
 
 // Calls on_cpu() or on_cuda(device) without Python's lock.
 template <class T, class Cpu, class Cuda>
-void launch(const Input& like, const std::uint8_t* workspace, Cpu&& on_cpu, Cuda&& on_cuda) {
+void launch(const Input& like, bool has_workspace, Cpu&& on_cpu, Cuda&& on_cuda) {
     const bool on_gpu = like.device_type() == nb::device::cuda::value;
     const int device = like.device_id();
     const nb::gil_scoped_release unlocked;
     if (!on_gpu) return on_cpu();
-    if (workspace == nullptr) throw std::invalid_argument("CUDA needs a workspace");
+    if (!has_workspace) throw std::invalid_argument("CUDA needs a workspace");
 #ifdef MIPBAKE_CUDA
     if constexpr (sizeof(T) == sizeof(float)) {
         if (const char* const error = on_cuda(device)) throw std::runtime_error(std::string("CUDA: ") + error);
@@ -102,7 +102,7 @@ void antialias_as(const Input& color, const Input& rast, const Input& pos, const
     T* const target = static_cast<T*>(out.data());
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, scratch, [&] { mipbake::antialias_cpu(args, target); },
+        color, workspace.has_value(), [&] { mipbake::antialias_cpu(args, target); },
         [&](int device) {
             if constexpr (sizeof(T) == sizeof(float))
                 return mipbake::antialias_cuda(args, target, scratch, device, reinterpret_cast<void*>(stream));
@@ -126,7 +126,7 @@ void backward_as(const Input& color, const Input& rast, const Input& pos, const 
                                            grad_pos ? static_cast<T*>(grad_pos->data()) : nullptr};
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, scratch, [&] { mipbake::antialias_backward_cpu(args, grads); },
+        color, workspace.has_value(), [&] { mipbake::antialias_backward_cpu(args, grads); },
         [&](int device) {
             if constexpr (sizeof(T) == sizeof(float))
                 return mipbake::antialias_backward_cuda(args, grads, scratch, device, reinterpret_cast<void*>(stream));

@@ -72,11 +72,12 @@ template <class T>
 MIPBAKE_INLINE EdgeEnds edge_ends(const PixelPair& pair, const T* a, const T* b) {
     const int along = pair.horizontal ? 0 : 1, across = 1 - along;
     const double w_a = a[3], w_b = b[3];
-    return {(a[along] - pair.along * w_a) * (0.5 * pair.pixels_along),
-            (a[across] - pair.across * w_a) * (0.5 * pair.pixels_across),
+    const double half_along = 0.5 * pair.pixels_along, half_across = 0.5 * pair.pixels_across;
+    return {plus(a[along], -times(pair.along, w_a)) * half_along,
+            plus(a[across], -times(pair.across, w_a)) * half_across,
             w_a,
-            (b[along] - pair.along * w_b) * (0.5 * pair.pixels_along),
-            (b[across] - pair.across * w_b) * (0.5 * pair.pixels_across),
+            plus(b[along], -times(pair.along, w_b)) * half_along,
+            plus(b[across], -times(pair.across, w_b)) * half_across,
             w_b};
 }
 

@@ -137,6 +137,8 @@ void test_coverage() {
         const Scene beyond = square(1.25, w);
         CHECK(antialias(beyond) == beyond.color);
     }
+    const Scene behind_the_eye = square(0.75, -1.0);
+    CHECK(antialias(behind_the_eye) == behind_the_eye.color);
     // The same edge inside a surface blends nothing: a square beyond it, on the other side.
     Scene inner = square(0.75, 1.0);
     inner.pos.insert(inner.pos.end(), {1.0, -1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 1.0});
