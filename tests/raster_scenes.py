@@ -28,7 +28,11 @@ def random_mesh(
     xy = rng.uniform(-1.6, 1.6, (batch, vertices, 2))
     z = rng.uniform(-1.4, 1.4, (batch, vertices, 1))
     w = np.where(rng.random((batch, vertices, 1)) < 0.2, rng.uniform(-1.5, -0.2, z.shape), rng.uniform(0.4, 3, z.shape))
-    tri = rng.integers(0, vertices, (triangles, 3))  # some name a vertex twice
+    drawn = rng.integers(0, vertices, (20 + 2 * triangles, 3))  # some name a vertex twice
+    # No two on the same vertices: in which of them a pixel lies would be for rounding to say.
+    first = np.unique(np.sort(drawn, 1), axis=0, return_index=True)[1]
+    tri = drawn[np.sort(first)[:triangles]]
+    assert len(tri) == triangles
     pos = torch.from_numpy(np.concatenate([xy * np.abs(w), z * np.abs(w), w], -1)).float().to(dtype)
     return pos, torch.from_numpy(tri).int()
 

@@ -26,15 +26,13 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def assert_same_layer(result: tuple[Tensor, Tensor], twin: tuple[Tensor, Tensor]) -> None:
-    """Equal but for rounding, and for which of two triangles is seen where their depths round to neighbours."""
+    """The same triangles, and equal but for rounding."""
     (rast, db), (expected, expected_db) = result, twin
     assert rast.dtype == expected.dtype and rast.shape == expected.shape and db.shape == expected_db.shape
-    same = rast[..., 3] == expected[..., 3]
-    torch.testing.assert_close(rast[..., 2], expected[..., 2], rtol=0, atol=1e-6)
-    assert (~same).sum() <= 0.002 * same.numel()
-    torch.testing.assert_close(rast[same], expected[same], rtol=0, atol=1e-5)
-    scale = 1 + expected_db[same].abs().amax(-1, keepdim=True)
-    torch.testing.assert_close(db[same] / scale, expected_db[same] / scale, rtol=0, atol=1e-5)
+    assert torch.equal(rast[..., 3], expected[..., 3])
+    torch.testing.assert_close(rast, expected, rtol=0, atol=1e-6 if rast.dtype == torch.float32 else 1e-10)
+    scale = 1 + expected_db.abs().amax(-1, keepdim=True)
+    torch.testing.assert_close(db / scale, expected_db / scale, rtol=0, atol=1e-5)
 
 
 @settings(max_examples=40, deadline=None)
