@@ -245,6 +245,36 @@ def test_views_are_read_in_place() -> None:
     np.testing.assert_array_equal(texture(atlas, flipped), texture(atlas, np.ascontiguousarray(flipped)))
 
 
+@pytest.mark.parametrize("filter_mode", ["nearest", "linear"])
+def test_long_textures_are_not_read_outside(filter_mode: str) -> None:
+    """Where float32 cannot tell the last texel's centre from the end of the texture."""
+    size = 2**23 + 2
+    wide = np.zeros((1, 1, size + 2, 1), np.float32)
+    wide[:, :, size:] = 777
+    u = np.array([-1e-9, 1 - 2.0**-24, -1 - 2.0**-23, 2 - 2.0**-23, 1, 5, 0], np.float32)
+    uv = np.stack([u, np.full_like(u, 0.5)], -1)[None, None]
+    for boundary in BOUNDARIES:
+        out = texture(wide[:, :, :size], uv, filter_mode=filter_mode, boundary_mode=(boundary, "wrap"))
+        np.testing.assert_array_equal(out, np.zeros_like(out))
+
+
+def test_half_storage_is_that_of_torch() -> None:
+    rng = np.random.default_rng(11)
+    tex = rng.random((2, 13, 9, 5)).astype(np.float16)
+    uv, uv_da = rng.normal(0, 1, (1, 4, 9, 2)), rng.normal(0, 0.1, (1, 4, 9, 4))
+    out = texture(tex, uv, uv_da)
+    assert out.dtype == np.float32
+    expected = texture(*(torch.from_numpy(a) for a in (tex, uv, uv_da)))
+    np.testing.assert_array_equal(out, expected.numpy())
+    for level, other in zip(
+        sampling.texture_construct_mip(tex).levels,
+        sampling.texture_construct_mip(torch.from_numpy(tex)).levels,
+        strict=True,
+    ):
+        assert level.dtype == np.float16
+        np.testing.assert_array_equal(level, other.numpy())
+
+
 def test_no_lookups_give_an_empty_result() -> None:
     assert texture(np.ones((1, 2, 2, 5)), np.empty((1, 0, 7, 2))).shape == (1, 0, 7, 5)
     assert texture(np.ones((3, 2, 2, 5)), np.empty((1, 4, 0, 2)), None, np.empty((1, 1, 1))).shape == (3, 4, 0, 5)

@@ -144,6 +144,12 @@ def test_compiled_equals_eager() -> None:
     for a, e in zip(torch.autograd.grad(compiled(*leaves), leaves), eager, strict=True):
         torch.testing.assert_close(a, e, rtol=1e-4, atol=1e-4)
 
+    def kept(mip: Any) -> Tensor:
+        return texture(tex, uv, uv_da, mip=mip)
+
+    mip = texture_construct_mip(tex)
+    assert torch.equal(torch.compile(kept, fullgraph=True, backend="aot_eager")(mip), kept(mip))
+
 
 def test_only_the_gradients_that_are_needed() -> None:
     tex, levels = random(1, 5, 4, 3), [random(1, 2, 2, 3), random(1, 1, 1, 3)]
