@@ -104,6 +104,26 @@ MIPBAKE_INLINE void depth_test(unsigned covered, const Run& depth, std::int32_t 
         _mm256_mask_storeu_epi32(triangles, mask, name);
         return;
     }
+#elif defined(MIPBAKE_VECTORS) && defined(__AVX2__)
+    if constexpr (sizeof(T) == sizeof(float)) {
+        if (covered == 0) return;
+        const __m256 z =
+            _mm256_insertf128_ps(_mm256_castps128_ps256(_mm256_cvtpd_ps(depth.r[0])), _mm256_cvtpd_ps(depth.r[1]), 1);
+        const __m256 old = _mm256_loadu_ps(depths);
+        const __m256i lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        const __m256i chosen = _mm256_and_si256(_mm256_set1_epi32(static_cast<int>(covered)), lane);
+        __m256 mask = _mm256_castsi256_ps(_mm256_cmpeq_epi32(chosen, lane));
+        if (floor != nullptr) mask = _mm256_and_ps(mask, _mm256_cmp_ps(z, _mm256_loadu_ps(floor), _CMP_GT_OQ));
+        const __m256i name = _mm256_set1_epi32(triangle);
+        const __m256i names = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(triangles));
+        const __m256 lower = _mm256_castsi256_ps(_mm256_cmpgt_epi32(names, name));
+        const __m256 equal = _mm256_and_ps(_mm256_cmp_ps(z, old, _CMP_EQ_OQ), lower);
+        mask = _mm256_and_ps(mask, _mm256_or_ps(_mm256_cmp_ps(z, old, _CMP_LT_OQ), equal));
+        _mm256_storeu_ps(depths, _mm256_blendv_ps(old, z, mask));
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(triangles),
+                            _mm256_blendv_epi8(names, name, _mm256_castps_si256(mask)));
+        return;
+    }
 #endif
     double lanes[kRun];
     depth.store(lanes);

@@ -132,24 +132,21 @@ class TileRaster {
         std::uint32_t ends[kMostBuckets];
         float limits[kMostBuckets];
         const int buckets = sort(ends, limits);
-        int drawn = 0;
+        int drawn = 0, area = 0;
+        double farthest = 2;  // depth in the tile, when it was last looked for
         std::uint32_t i = 0;
-        for (int bucket = 0; bucket < buckets; ++bucket) {
-            if (i == ends[bucket]) continue;
-            if (drawn >= kRefreshAfter) {
-                drawn = 0;
-                if (static_cast<double>(limits[bucket]) > static_cast<double>(find_farthest())) return;
-            }
+        for (int bucket = 0; bucket < buckets; ++bucket)
             for (; i < ends[bucket]; ++i) {
+                if (static_cast<double>(limits[bucket]) > farthest) return;
                 const std::uint32_t triangle = task_.sorted[i];
-                if (hidden(task_.boxes[triangle], task_.nearest[triangle])) continue;
-                draw(triangle);
-                if (++drawn == 2 * kRefreshAfter) {
-                    drawn = 0;
-                    find_farthest();
+                const double nearest = static_cast<double>(task_.nearest[triangle]);
+                if (nearest > farthest || hidden(task_.boxes[triangle], nearest)) continue;
+                area += draw(triangle);
+                if (++drawn == kRefreshAfter || area >= kRasterTile * kRasterTile) {
+                    drawn = area = 0;
+                    farthest = static_cast<double>(find_farthest());
                 }
             }
-        }
     }
 
     void write() const;
@@ -210,12 +207,12 @@ class TileRaster {
     }
 
     // Whether every pixel of the box has something nearer than the depth. Boxes reach beyond the tile.
-    bool hidden(const PixelBox& box, float nearest) const {
+    bool hidden(const PixelBox& box, double nearest) const {
         const int x0 = larger<int>(box.x0, task_.x0) - task_.x0, x1 = smaller<int>(box.x1, task_.x1 - 1) - task_.x0;
         const int y0 = larger<int>(box.y0, task_.y0) - task_.y0, y1 = smaller<int>(box.y1, task_.y1 - 1) - task_.y0;
         for (int by = y0 / kBlock; by <= y1 / kBlock; ++by)
             for (int bx = x0 / kBlock; bx <= x1 / kBlock; ++bx)
-                if (!(static_cast<double>(nearest) > static_cast<double>(tile_.farthest[by][bx]))) return false;
+                if (!(nearest > static_cast<double>(tile_.farthest[by][bx]))) return false;
         return true;
     }
 
@@ -246,20 +243,23 @@ class TileRaster {
         return farthest;
     }
 
-    void draw(std::uint32_t index) {
+    // Returns the pixels that it looked at, roughly.
+    int draw(std::uint32_t index) {
         const PixelBox& box = task_.boxes[index];
         const std::int32_t name = static_cast<std::int32_t>(task_.first + index);
         Triangle t;
         load_triangle(pos_, args_.tri + 3 * Index(name), t.v);
-        if (!prepare<is_wide<T>>(t, args_.width, args_.height)) return;
+        if (!prepare<is_wide<T>>(t, args_.width, args_.height)) return 0;
         const int x0 = larger<int>(box.x0, task_.x0), x1 = smaller<int>(box.x1, task_.x1 - 1);
         const int y0 = larger<int>(box.y0, task_.y0), y1 = smaller<int>(box.y1, task_.y1 - 1);
         lattice_ = kUnknown;
-        if ((x1 - x0 + 1) * (y1 - y0 + 1) < kLargeBox) {
+        const int area = (x1 - x0 + 1) * (y1 - y0 + 1);
+        if (area < kLargeBox) {
             for (int x = x0; x <= x1; x += kRun) draw_rows(t, name, x, x1, y0, y1);
         } else {
             draw_blocks(t, name, x0, x1, y0, y1);
         }
+        return area;
     }
 
     // Rows [y0, y1] of the run of columns that begins at x and ends at x1 or sooner.
