@@ -234,20 +234,23 @@ def sentence_of(call: Callable[..., Any], *arguments: Any) -> str:
 def test_sentences_of_other_devices_are_the_same() -> None:
     """The checks that torch makes with CUDA, here on the CPU: in the words of the native core's."""
     meshes: list[tuple[Any, ...]] = [
-        (POS, changed(TRI, (1, 2), 4), 4, None),
-        (None, changed(TRI, (0, 0), -1), 4, None),
-        (changed(POS, (1, 3, 0), np.nan), TRI, 4, None),
-        (changed(POS[0], (2, 3), -np.inf), TRI, 4, RANGES),
-        (POS[0], TRI, 4, changed(RANGES, (1,), [1, 2])),
-        (POS[0], TRI, 4, changed(RANGES, (0,), [-1, 2])),
+        (POS, changed(TRI, (1, 2), 4), None),
+        (None, changed(TRI, (0, 0), -1), None),
+        (changed(POS, (1, 3, 0), np.nan), TRI, None),
+        (changed(POS[0], (2, 3), -np.inf), TRI, RANGES),
+        (POS[0], TRI, changed(RANGES, (1,), [1, 2])),
+        (POS[0], TRI, changed(RANGES, (0,), [-1, 2])),
     ]
-    for mesh in meshes:
-        assert sentence_of(_device.mesh_with_torch, *mesh) == sentence_of(_native.check_mesh, *mesh)
-    _device.mesh_with_torch(POS[0], TRI, 4, RANGES)
+    for pos, tri, ranges in meshes:
+        with_torch = sentence_of(
+            lambda p=pos, t=tri, r=ranges: _device.check_with_torch(t, 4, pos=p, ranges=r, rast=RAST)
+        )
+        assert with_torch == sentence_of(_native.check_mesh, pos, tri, 4, ranges)
     for value in (3.0, -1.0, np.nan, 1e6, 2.5):
         rast = changed(RAST, (1, 0, 2, 3), value)
-        assert sentence_of(_device.ids_with_torch, rast, 2) == sentence_of(interpolate, ATTR, rast, TRI)
-    _device.ids_with_torch(RAST, 2)
+        with_torch = sentence_of(lambda r=rast: _device.check_with_torch(TRI, 4, rast=r))
+        assert with_torch == sentence_of(interpolate, ATTR, rast, TRI)
+    _device.check_with_torch(TRI, 4, pos=POS[0], ranges=RANGES, rast=RAST)
 
 
 @needs_cuda

@@ -15,7 +15,8 @@ scratch memory of a `RasterizeContext`, on which no result depends. Every functi
 
 Arrays need not be contiguous; what is not is copied. There are no second derivatives. On the CPU all results and
 gradients are the same bits whatever the number of threads; with CUDA the sums of gradients use atomics, so their last
-digits vary from run to run, and each call waits once for the device, to check the numbers in its arguments.
+digits vary from run to run, and each call waits once for the device, to check the numbers in its arguments (antialias
+without a topology_hash twice).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Checks of the numbers in tensors, and the topology: by the native core on the CPU, with torch's own ops elsewhere.
-
-Where torch does it, each check waits for the device once.
-"""
+"""Checks of the numbers in tensors, and the topology: by the native core on the CPU, with torch's own ops elsewhere."""
 
 from __future__ import annotations
 
@@ -11,55 +8,82 @@ from torch import Tensor
 from mipbake.errors import UsageError
 from mipbake.raster._arguments import MAX_SPARSITY
 
-__all__ = ["check_ids", "check_mesh", "topology"]
+__all__ = ["check", "topology"]
 
 
-def check_mesh(pos: Tensor | None, tri: Tensor, vertices: int, ranges: Tensor | None = None) -> None:
-    """Vertex indices below the number of vertices, finite positions, ranges within the triangles."""
+def check(
+    tri: Tensor,
+    vertices: int,
+    *,
+    pos: Tensor | None = None,
+    ranges: Tensor | None = None,
+    rast: Tensor | None = None,
+) -> None:
+    """Vertex indices below the number of vertices, finite positions, ranges within tri, ids of triangles that exist.
+
+    With CUDA it waits for the device once. On the CPU the kernels check ids as they read them.
+    """
+    if tri.is_cuda:
+        check_with_torch(tri, vertices, pos=pos, ranges=ranges, rast=rast)
+        return
     from mipbake import _native
 
-    if tri.is_cuda:
-        mesh_with_torch(pos, tri, vertices, ranges)
-    else:
-        _native.check_mesh(pos, tri, vertices, ranges)
+    _native.check_mesh(pos, tri, vertices, ranges)
 
 
-def check_ids(rast: Tensor, triangles: int) -> None:
-    """Triangle ids from 0 to the number of triangles. The CPU kernels check it as they read them."""
-    if rast.is_cuda:
-        ids_with_torch(rast, triangles)
-
-
-def mesh_with_torch(pos: Tensor | None, tri: Tensor, vertices: int, ranges: Tensor | None) -> None:
-    """`check_mesh` on any device, with the sentences of the native core."""
+def check_with_torch(
+    tri: Tensor,
+    vertices: int,
+    *,
+    pos: Tensor | None = None,
+    ranges: Tensor | None = None,
+    rast: Tensor | None = None,
+) -> None:
+    """`check` on any device, all of it, with the sentences of the native core."""
+    triangles = tri.shape[0]
     outside = (tri < 0) | (tri >= vertices)
-    wrong = outside.any() if pos is None else outside.any() | ~torch.isfinite(pos).all()
+    wrong = outside.any()
+    if pos is not None:
+        wrong |= ~torch.isfinite(pos).all()
+    if rast is not None:
+        wrong |= ~_exists(rast[..., 3], triangles).all()
     if wrong.item():
-        _raise_about_indices(tri, outside, vertices)
-        assert pos is not None
-        at = torch.nonzero(~torch.isfinite(pos).all(-1))[0].tolist()
-        values = ", ".join(map(str, pos[tuple(at)].tolist()))
-        raise UsageError(f"pos[{_listed(at)}] is ({values}): expected finite numbers")
+        _raise_about(tri, vertices, pos, rast)
     for item, (start, count) in enumerate([] if ranges is None else ranges.tolist()):
-        if start < 0 or count < 0 or start + count > len(tri):
+        if start < 0 or count < 0 or start + count > triangles:
             raise UsageError(
                 f"ranges[{item}] is ({start}, {count}): "
-                f"expected a start and a count within the {len(tri)} triangles of tri"
+                f"expected a start and a count within the {triangles} triangles of tri"
             )
 
 
-def ids_with_torch(rast: Tensor, triangles: int) -> None:
-    """What the CPU kernels check, on any device, with their sentences."""
-    ids = rast[..., 3]
-    wrong = ~((ids >= 0) & (ids <= triangles))  # NaN is wrong too
-    if wrong.any().item():
-        at = torch.nonzero(wrong)[0].tolist()
-        value = ids[tuple(at)].item()
+def _raise_about(tri: Tensor, vertices: int, pos: Tensor | None, rast: Tensor | None) -> None:
+    if at := _first(((tri < 0) | (tri >= vertices)).any(1)):
+        indices = tuple(tri[at].tolist())
+        raise UsageError(f"tri[{_listed(at)}] is {indices}: expected vertex indices from 0 to {vertices - 1}")
+    if pos is not None and (at := _first(~torch.isfinite(pos).all(-1))):
+        values = ", ".join(map(str, pos[at].tolist()))
+        raise UsageError(f"pos[{_listed(at)}] is ({values}): expected finite numbers")
+    if rast is not None and (at := _first(~_exists(rast[..., 3], tri.shape[0]))):
+        value = rast[at][3].item()
+        lowest = "" if value > 0 else "0 where it is empty, or an index + 1 of "
         raise UsageError(
-            f"rast[{_listed(at)}] has triangle_id {value:.9g}: expected "
-            f"{'' if value > 0 else '0 where it is empty, or an index + 1 of '}"
-            f"at most {triangles}, the number of triangles"
+            f"rast[{_listed(at)}] has triangle_id {value:.9g}: "
+            f"expected {lowest}at most {tri.shape[0]}, the number of triangles"
         )
+
+
+def _exists(ids: Tensor, triangles: int) -> Tensor:
+    return (ids >= 0) & (ids <= triangles)  # NaN does not
+
+
+def _first(where: Tensor) -> tuple[int, ...]:
+    """The index of the first that is true, or nothing."""
+    return tuple(next(iter(torch.nonzero(where).tolist()), ()))
+
+
+def _listed(at: tuple[int, ...]) -> str:
+    return ", ".join(map(str, at))
 
 
 def topology(tri: Tensor, vertices: int | None) -> Tensor:
@@ -74,7 +98,7 @@ def topology(tri: Tensor, vertices: int | None) -> Tensor:
         if vertices > MAX_SPARSITY * tri.numel() and int(tri.min()) >= 0:
             used, tri = torch.unique(tri, return_inverse=True)
             tri, vertices = tri.int(), len(used)
-    check_mesh(None, tri, vertices)
+    check(tri, vertices)
     if tri.is_cuda:
         return cycles(tri, vertices)
     _native.antialias_topology(tri, vertices, following)
@@ -93,14 +117,3 @@ def cycles(tri: Tensor, vertices: int) -> Tensor:
     following = torch.empty_like(order)
     following[order] = order[after]
     return following.to(torch.int32).view(tri.shape)
-
-
-def _raise_about_indices(tri: Tensor, outside: Tensor, vertices: int) -> None:
-    wrong = torch.nonzero(outside.any(1))
-    if len(wrong):
-        t = int(wrong[0])
-        raise UsageError(f"tri[{t}] is {tuple(tri[t].tolist())}: expected vertex indices from 0 to {vertices - 1}")
-
-
-def _listed(at: list[int]) -> str:
-    return ", ".join(map(str, at))

@@ -153,7 +153,7 @@ def _rasterize(
     rast, rast_db = _empty_rasters(pos, ranges, height, width)
     pos, tri, ranges, previous = _plain(pos), _plain(tri), _optional(ranges), _optional(previous)
     with _errors_of_data(), current_stream(pos, "pos") as stream:
-        _device.check_mesh(pos, tri, pos.shape[-2], ranges)
+        _device.check(tri, pos.shape[-2], pos=pos, ranges=ranges)
         if rast.numel() == 0:
             return rast, rast_db
         workspace = None
@@ -228,8 +228,7 @@ def _interpolate(
     out, out_da = _empty_attributes(attr, rast, diff_attrs)
     attr, rast, tri, rast_db = _plain(attr), _plain(rast), _plain(tri), _optional(rast_db)
     with _errors_of_data(), current_stream(attr, "attr") as stream:
-        _device.check_mesh(None, tri, attr.shape[-2])
-        _device.check_ids(rast, tri.shape[0])
+        _device.check(tri, attr.shape[-2], rast=rast)
         if out.numel():
             derivatives = out_da if diff_attrs else None
             _native.interpolate(attr, rast, tri, rast_db, list(diff_attrs), out, derivatives, stream)
@@ -342,8 +341,7 @@ def _antialias(color: Tensor, rast: Tensor, pos: Tensor, tri: Tensor, following:
     out = color.new_empty(color.shape)
     color, rast, pos, tri = _plain(color), _plain(rast), _plain(pos), _plain(tri)
     with _errors_of_data(), current_stream(color, "color") as stream:
-        _device.check_mesh(pos, tri, pos.shape[-2])
-        _device.check_ids(rast, tri.shape[0])
+        _device.check(tri, pos.shape[-2], pos=pos, rast=rast)
         if out.numel():
             _native.antialias(color, rast, pos, tri, _plain(following), out, _silhouette_scratch(pos, tri), stream)
     return out
