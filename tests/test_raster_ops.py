@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from mipbake.raster import (
+    DepthPeeler,
     RasterizeContext,
     antialias,
     antialias_construct_topology_hash,
@@ -205,12 +206,16 @@ def test_compiled_equals_eager(dynamic: bool) -> None:
     """The public functions in one graph, forward and backward, for more than one size."""
     corners, tri = cube()
     attr = torch.rand(8, 3, generator=torch.Generator().manual_seed(4)).requires_grad_()
-    context = RasterizeContext()
+    context, topology = RasterizeContext(), antialias_construct_topology_hash(tri)
 
     def loss(p: Tensor, a: Tensor, height: int) -> Tensor:
-        rast, rast_db = rasterize(context, p, tri, (height, 20))
+        with DepthPeeler(context, p, tri, (height, 20)) as peeler:
+            rast, rast_db = peeler.rasterize_next_layer()
+            behind, _ = peeler.rasterize_next_layer()
         color, slopes = interpolate(a, rast, tri, rast_db, diff_attrs="all")
-        return (antialias(color, rast, p, tri) ** 2).sum() + slopes.tanh().sum()
+        far, _ = interpolate(a, behind, tri)
+        blended = antialias(color, rast, p, tri) + 0.3 * antialias(far, behind, p, tri, topology)
+        return (blended**2).sum() + slopes.tanh().sum()
 
     # The backend without code generation still traces forward and backward through the fake implementations.
     compiled = torch.compile(loss, fullgraph=True, backend="aot_eager", dynamic=dynamic)
