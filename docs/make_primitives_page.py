@@ -1,0 +1,89 @@
+"""Writes the docstrings of the primitives, and the example, into docs/primitives.md between their markers.
+
+    python docs/make_primitives_page.py [--check]
+
+`--check` writes nothing and exits with 1 where the page is out of step with the code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "primitives.md"
+MARKED = re.compile(r"(<!-- (docstring|file): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes):$")
+ENTRY = re.compile(r"^    (\w[\w, ]*): ")
+
+
+def signature(name: str, thing: object) -> str:
+    """`name(arguments)` without annotations, as people call it."""
+    assert callable(thing)
+    found = inspect.signature(thing)
+    plain = [p.replace(annotation=inspect.Parameter.empty) for p in found.parameters.values() if p.name != "self"]
+    call = found.replace(parameters=plain, return_annotation=inspect.Signature.empty)
+    return f"{name}{call}"
+
+
+def markdown(docstring: str) -> str:
+    """A docstring with Args, Returns and Raises sections as Markdown."""
+    lines: list[str] = []
+    section = ""
+    for line in inspect.cleandoc(docstring).splitlines():
+        heading = SECTION.match(line)
+        if heading:
+            section = heading[1]
+            lines += [f"**{section}**", ""]
+        elif section and line and not line.startswith("    "):
+            section = ""
+            lines.append(line)
+        elif section:
+            entry = ENTRY.match(line)
+            inside = line.startswith("        ")  # goes on with the entry above
+            lines.append(f"- `{entry[1]}`: {line[entry.end() :]}" if entry else "  " * inside + line.strip())
+        else:
+            lines.append(line)
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip()
+
+
+def docstring_of(path: str) -> str:
+    """What the page says of `mipbake.room.name` or `mipbake.room.Class.method`."""
+    package, module, *names = path.split(".")
+    thing: object = importlib.import_module(f"{package}.{module}")
+    for name in names:
+        thing = getattr(thing, name)
+    assert thing.__doc__, path
+    return f"```python\n{signature('.'.join([module, *names]), thing)}\n```\n\n{markdown(thing.__doc__)}\n"
+
+
+def fill(page: str) -> str:
+    """The page with everything between its markers renewed."""
+
+    def renew(match: re.Match[str]) -> str:
+        opening, kind, name, closing = match.groups()
+        if kind == "docstring":
+            return f"{opening}\n{docstring_of(name)}\n{closing}"
+        return f"{opening}```python\n{(ROOT / name).read_text(encoding='utf-8').strip()}\n```\n{closing}"
+
+    return MARKED.sub(renew, page)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="only say whether the page is in step with the code")
+    options = parser.parse_args()
+    page = PAGE.read_text(encoding="utf-8")
+    renewed = fill(page)
+    if options.check and renewed != page:
+        sys.exit("docs/primitives.md is out of step with the code: run python docs/make_primitives_page.py")
+    if not options.check:
+        PAGE.write_text(renewed, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
