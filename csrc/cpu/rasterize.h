@@ -7,17 +7,12 @@
 #include "core/isa.h"
 #include "cpu/vertex_bins.h"
 #include "ops.h"
+#include "raster/box.h"
 
 namespace mipbake {
 
 // The image is drawn in tiles that stay in a core's cache, with their depths and their triangles.
 constexpr int kRasterTile = 64;
-
-// Pixels that a triangle may cover, both ends included; x1 < x0 where there are none.
-struct PixelBox {
-    std::uint16_t x0, x1, y0, y1;
-};
-constexpr PixelBox kEmptyBox{1, 0, 1, 0};
 
 // Triangles [begin, end), counted from `first` in tri, of a batch item.
 struct BoxTask {

@@ -87,10 +87,10 @@ MIPBAKE_FUNCTION int exact_sign(double fx, double fy, double fw, const ClipVerte
 }
 
 // The coordinates of the three vertices.
-struct Corners {
+struct VertexTriples {
     Triple x, y, z, w;
 };
-MIPBAKE_INLINE Corners corners_of(const ClipVertex (&v)[3]) {
+MIPBAKE_INLINE VertexTriples triples_of(const ClipVertex (&v)[3]) {
     return {Triple(v[0].x, v[1].x, v[2].x), Triple(v[0].y, v[1].y, v[2].y), Triple(v[0].z, v[1].z, v[2].z),
             Triple(v[0].w, v[1].w, v[2].w)};
 }
@@ -100,13 +100,13 @@ MIPBAKE_INLINE Corners corners_of(const ClipVertex (&v)[3]) {
 struct Normals {
     Triple x, y, w;
 };
-MIPBAKE_INLINE Normals normals_of(const Corners& v) {
+MIPBAKE_INLINE Normals normals_of(const VertexTriples& v) {
     const Triple px = following(v.x), py = following(v.y), pw = following(v.w);
     const Triple qx = preceding(v.x), qy = preceding(v.y), qw = preceding(v.w);
     return {py * qw - pw * qy, pw * qx - px * qw, px * qy - py * qx};
 }
 // The same with sums of magnitudes: what rounding errors of products of doubles are in proportion to.
-MIPBAKE_INLINE Normals sizes_of(const Corners& v) {
+MIPBAKE_INLINE Normals sizes_of(const VertexTriples& v) {
     const Triple px = magnitude(following(v.x)), py = magnitude(following(v.y)), pw = magnitude(following(v.w));
     const Triple qx = magnitude(preceding(v.x)), qy = magnitude(preceding(v.y)), qw = magnitude(preceding(v.w));
     return {py * qw + pw * qy, pw * qx + px * qw, px * qy + py * qx};
@@ -130,7 +130,7 @@ MIPBAKE_INLINE Edges edges_of(const Normals& n, double turn, double width, doubl
 // A bound of the error of every edge function at every centre: seven roundings of 2^-53 at most, |px| < W and |py| < H.
 // kWide: whether the products of two coordinates are rounded, because they were double.
 template <bool kWide>
-MIPBAKE_INLINE double error_bound(const Corners& v, const Normals& n, double width, double height) {
+MIPBAKE_INLINE double error_bound(const VertexTriples& v, const Normals& n, double width, double height) {
     const Normals s = kWide ? sizes_of(v) : n;
     return largest(magnitude(s.x) + magnitude(s.y) + magnitude(s.w)) * (width * height * 1e-15);
 }
@@ -170,7 +170,7 @@ MIPBAKE_FUNCTION bool inside_exactly(const ClipVertex (&v)[3], int i, double tur
 
 // 1 or -1, the sign of det, or 0 where the triangle has no area, is seen edge-on or passes through the eye.
 template <bool kWide>
-MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3], const Corners& corners, const Normals& n) {
+MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3], const VertexTriples& corners, const Normals& n) {
     const double x = times(v[0].x, n.x[0]), y = times(v[0].y, n.y[0]), w = times(v[0].w, n.w[0]);
     const double det = plus(plus(x, y), w);
     double size = ::fabs(x) + ::fabs(y) + ::fabs(w);
@@ -183,14 +183,14 @@ MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3], const Corners& corners,
 }
 template <bool kWide>
 MIPBAKE_INLINE int orientation(const ClipVertex (&v)[3]) {
-    const Corners corners = corners_of(v);
+    const VertexTriples corners = triples_of(v);
     return orientation<kWide>(v, corners, normals_of(corners));
 }
 
 // The edge functions and their turn, for barycentrics. Zeros where the triangle covers nothing.
 template <bool kWide>
 MIPBAKE_INLINE Edges make_edges(const ClipVertex (&v)[3], double width, double height, double& turn) {
-    const Corners corners = corners_of(v);
+    const VertexTriples corners = triples_of(v);
     const Normals n = normals_of(corners);
     turn = orientation<kWide>(v, corners, n);
     return edges_of(n, turn, width, height);
@@ -219,7 +219,7 @@ struct Triangle {
 // False where the triangle covers nothing.
 template <bool kWide>
 MIPBAKE_INLINE bool prepare(Triangle& t, double width, double height) {
-    const Corners corners = corners_of(t.v);
+    const VertexTriples corners = triples_of(t.v);
     const Normals n = normals_of(corners);
     t.turn = orientation<kWide>(t.v, corners, n);
     if (t.turn == 0) return false;
