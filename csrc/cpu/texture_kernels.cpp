@@ -6,16 +6,21 @@ inline namespace MIPBAKE_ISA {
 namespace {
 
 template <int C, class Q, class T>
-MIPBAKE_INLINE void interpolate(const BlockQuads<Q, T>& b, int i, int channels, T* __restrict out) {
+MIPBAKE_INLINE void interpolate(const BlockQuads<Q, T>& b, int i, int channels, T* out) {
+    constexpr int local = C > 0 ? C : 1;
     const int n = C > 0 ? C : channels;
-    const Q& finer = b.quads[0][i];
+    T values[local];  // formed before one is stored: the output could alias what they are formed from
+    T* const to = C > 0 ? values : out;
+    const Q finer = b.quads[0][i];
     if (b.block.blended && b.block.blend[i] != 0) {
-        const Q& coarser = b.quads[1][i];
+        const Q coarser = b.quads[1][i];
         const T blend = b.block.blend[i];
-        for (int c = 0; c < n; ++c) out[c] = lerp(bilinear(finer, c), bilinear(coarser, c), blend);
+        for (int c = 0; c < n; ++c) to[c] = lerp(bilinear(finer, c), bilinear(coarser, c), blend);
     } else {
-        for (int c = 0; c < n; ++c) out[c] = bilinear(finer, c);
+        for (int c = 0; c < n; ++c) to[c] = bilinear(finer, c);
     }
+    if (C > 0)
+        for (int c = 0; c < C; ++c) out[c] = values[c];
 }
 
 template <int C, class Q, class T>

@@ -84,11 +84,17 @@ MIPBAKE_INLINE void quad_weights(T x, T y, T weight, int missing, T* weights) {
     for (int k = 0; k < 4; ++k) weights[k] = k == missing ? T(0) : weights[k] + share;
 }
 
-// Adjoint in the texels: adds weight * grad to one texel's gradient.
+// Adjoint in the texels: adds weight * grad to one texel's gradient. All sums are formed before one is stored, which
+// lets a compiler vectorise them without knowing that the two do not overlap.
 template <int C, class T>
-MIPBAKE_INLINE void add_texel(T* __restrict texel, T weight, int channels, const T* __restrict grad) {
-    const int n = C > 0 ? C : channels;
-    for (int c = 0; c < n; ++c) texel[c] += weight * grad[c];
+MIPBAKE_INLINE void add_texel(T* texel, T weight, int channels, const T* grad) {
+    if (C > 0) {
+        T sums[C > 0 ? C : 1];
+        for (int c = 0; c < C; ++c) sums[c] = texel[c] + weight * grad[c];
+        for (int c = 0; c < C; ++c) texel[c] = sums[c];
+    } else {
+        for (int c = 0; c < channels; ++c) texel[c] += weight * grad[c];
+    }
 }
 
 }  // namespace MIPBAKE_ISA
