@@ -400,6 +400,7 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
             double h[4] = {0, 0, 0, 0};
             if (args.grad_db != nullptr)
                 for (int i = 0; i < 4; ++i) h[i] = static_cast<double>(args.grad_db[at + i]);
+            if (gu == 0 && gv == 0 && h[0] == 0 && h[1] == 0 && h[2] == 0 && h[3] == 0) continue;
             if (name != last) {
                 last = name;
                 const int known = sums.triangle_count, index = index_of(sums, name);
