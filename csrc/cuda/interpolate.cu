@@ -15,19 +15,21 @@ using Index = std::int64_t;
 constexpr unsigned block_width = 32, block_height = 8, most_items = 65535;
 
 // As many listed channels as one launch takes; more take further launches.
-struct Listed {
+struct Slice {
     static constexpr int most = 128;
     int begin, count;
     int channels[most];
 };
 
-Listed slice(const InterpolateArgs<float>& args, int begin) {
-    Listed listed{};
+Slice slice(const InterpolateArgs<float>& args, int begin) {
+    Slice listed{};
     listed.begin = begin;
-    listed.count = std::min(Listed::most, args.listed_count - begin);
+    listed.count = std::min(Slice::most, args.listed_count - begin);
     for (int k = 0; k < listed.count; ++k) listed.channels[k] = args.listed[begin + k];
     return listed;
 }
+
+__device__ Listed list_of(const Slice& slice) { return {slice.channels, slice.count}; }
 
 // Calls f(item, pixel of the batch) for the pixels of this thread.
 template <class T, class F>
@@ -53,7 +55,7 @@ __device__ bool find_corners(const InterpolateArgs<float>& args, Index item, std
 }
 
 __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> args,
-                               const __grid_constant__ Listed listed, float* out, float* out_da) {
+                               const __grid_constant__ Slice listed, float* out, float* out_da) {
     for_each_pixel(args, [&](Index item, Index p) {
         const float* const pixel = args.rast + 4 * p;
         bool valid = true;
@@ -71,7 +73,7 @@ __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> ar
         if (listed.count == 0) return;
         float* const derivatives = out_da + 2 * (p * args.listed_count + listed.begin);
         if (drawn)
-            interpolate_derivatives(corners, args.rast_db + 4 * p, listed.channels, listed.count, derivatives);
+            interpolate_derivatives<-1>(corners, args.rast_db + 4 * p, list_of(listed), derivatives);
         else
             for (int k = 0; k < 2 * listed.count; ++k) derivatives[k] = 0;
     });
@@ -79,7 +81,7 @@ __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> ar
 
 __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> args,
                                 const __grid_constant__ InterpolateGrads<float> grads,
-                                const __grid_constant__ Listed listed) {
+                                const __grid_constant__ Slice listed) {
     for_each_pixel(args, [&](Index item, Index p) {
         const float* const pixel = args.rast + 4 * p;
         const float* const grad = grads.out + p * args.channels;
@@ -101,7 +103,7 @@ __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> a
         const float* const grad_da = has_derivatives ? grads.da + 2 * (p * args.listed_count + listed.begin) : nullptr;
         if (grads.db != nullptr) {
             float by_db[4] = {0, 0, 0, 0};
-            if (drawn && has_derivatives) derivative_gradient(corners, grad_da, listed.channels, listed.count, by_db);
+            if (drawn && has_derivatives) derivative_gradient<-1>(corners, grad_da, list_of(listed), by_db);
             float* const target = grads.db + 4 * p;
             for (int i = 0; i < 4; ++i) target[i] = is_first ? by_db[i] : target[i] + by_db[i];
         }
@@ -110,9 +112,8 @@ __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> a
         const auto add = [&](int vertex, int c, float value) {
             atomicAdd(target + vertices[vertex] * args.channels + c, value);
         };
-        if (is_first) value_contributions<0>(pixel[0], pixel[1], args.channels, grad, add);
-        if (has_derivatives)
-            derivative_contributions(args.rast_db + 4 * p, grad_da, listed.channels, listed.count, add);
+        if (is_first) value_contributions(pixel[0], pixel[1], args.channels, grad, add);
+        if (has_derivatives) derivative_contributions(args.rast_db + 4 * p, grad_da, list_of(listed), add);
     });
 }
 
@@ -128,7 +129,7 @@ dim3 grid_of(const InterpolateArgs<float>& args) {
 template <class Launch>
 const char* for_each_slice(const InterpolateArgs<float>& args, Launch&& launch) {
     if (args.batch == 0 || args.height == 0 || args.width == 0) return nullptr;
-    for (int begin = 0; begin == 0 || begin < args.listed_count; begin += Listed::most) {
+    for (int begin = 0; begin == 0 || begin < args.listed_count; begin += Slice::most) {
         launch(slice(args, begin));
         if (const cudaError_t status = cudaGetLastError(); status != cudaSuccess) return text_of(status);
     }
@@ -140,7 +141,7 @@ const char* for_each_slice(const InterpolateArgs<float>& args, Launch&& launch) 
 const char* interpolate_cuda(const InterpolateArgs<float>& args, float* out, float* out_da, int device, void* stream) {
     // The module links a CUDA runtime of its own, which has its own idea of the current device.
     if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    return for_each_slice(args, [&](const Listed& listed) {
+    return for_each_slice(args, [&](const Slice& listed) {
         forward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, static_cast<cudaStream_t>(stream)>>>(
             args, listed, out, out_da);
     });
@@ -156,7 +157,7 @@ const char* interpolate_backward_cuda(const InterpolateArgs<float>& args, const 
         const cudaError_t status = cudaMemsetAsync(grads.attr, 0, bytes, queue);
         if (status != cudaSuccess) return text_of(status);
     }
-    return for_each_slice(args, [&](const Listed& listed) {
+    return for_each_slice(args, [&](const Slice& listed) {
         backward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, queue>>>(args, grads, listed);
     });
 }
