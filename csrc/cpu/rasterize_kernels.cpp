@@ -372,7 +372,6 @@ void raster_tile(const RasterizeArgs<T>& args, const TileTask& task) {
 namespace {
 
 struct TileTriangle {
-    ClipVertex v[3];
     Edges edges, sums;
     double turn;
 };
@@ -406,8 +405,9 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
                 const int known = sums.triangle_count, index = index_of(sums, name);
                 current = triangles + index;
                 if (index == known) {
-                    load_triangle(pos, args.tri + 3 * Index(name), current->v);
-                    current->edges = make_edges<is_wide<T>>(current->v, width, height, current->turn);
+                    ClipVertex v[3];
+                    load_triangle(pos, args.tri + 3 * Index(name), v);
+                    current->edges = make_edges<is_wide<T>>(v, width, height, current->turn);
                     current->sums = {Triple(0), Triple(0), Triple(0)};
                 }
             }
@@ -422,9 +422,11 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
     }
     for (int i = 0; i < sums.triangle_count; ++i) {
         const std::int32_t* const corners = args.tri + 3 * Index(sums.tables->triangles[i]);
-        TileTriangle& t = triangles[i];
+        const TileTriangle& t = triangles[i];
+        ClipVertex v[3];
+        load_triangle(pos, corners, v);
         Vec3<double> g[3];
-        pull_back(t.v, t.sums, t.turn, width, height, g);
+        pull_back(v, t.sums, t.turn, width, height, g);
         for (int k = 0; k < 3; ++k) {
             double* const to = sums_of(sums, slot_of(sums, corners[k]));
             to[0] += g[k].x;
