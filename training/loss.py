@@ -122,7 +122,7 @@ def predict(levels: list[Tensor], views: Views, model: str) -> Tensor:
 def look_up(levels: list[Tensor], views: Views) -> Tensor:
     """(B, S * N, C) texels of a stack of (B, H_L, W_L, C) levels."""
     uv, lod = views.uv[:, None], views.lod[:, None]
-    return texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS)[:, 0]
+    return texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
 
 
 def squared_errors(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
