@@ -67,10 +67,9 @@ struct Slopes {
 // Reads lookups [point, point + count) of an item into a block, and computes their coordinates and levels of detail.
 template <class T>
 void read_lookups(const TextureArgs<T>& args, Index item, Index point, int count, Block<T>& block);
-// The same for lookups that are listed: number `first + list[i] / divisor`, one after the other batch item by batch
-// item.
+// The same for lookups that are listed: number `first + (list[i] >> shift)`, counted on from batch item to batch item.
 template <class T>
-void read_listed(const TextureArgs<T>& args, Index first, const std::uint32_t* list, int divisor, int count,
+void read_listed(const TextureArgs<T>& args, Index first, const std::uint32_t* list, int shift, int count,
                  Block<T>& block);
 // The axes and levels of detail of lookups that were read.
 template <class T>
@@ -78,6 +77,9 @@ void find_axes(const TextureArgs<T>& args, Block<T>& block, Axes<T>& axes);
 // The levels and texels of lookups; `always_both` asks for the coarser level also where its share is 0.
 template <class T>
 void locate(const TextureArgs<T>& args, bool always_both, Block<T>& block);
+// Of a plane, and without the columns.
+template <class T>
+void locate_rows(const TextureArgs<T>& args, Block<T>& block);
 // The same for taps, all in one level, with `blend` the share of that level.
 template <class T>
 void locate_in_level(const TextureArgs<T>& args, int level, Block<T>& block);

@@ -190,10 +190,13 @@ void taps(Boundary boundary, bool nearest, int count, const T* coordinate, const
 }
 
 template <class T>
-void find_taps(const TextureArgs<T>& args, int s, Block<T>& b) {
-    const bool nearest = args.filter == Filter::nearest;
-    taps(args.boundary_v, nearest, b.count, b.v, b.height[s], b.y0[s], b.y1[s], b.y[s]);
-    taps(args.boundary_u, nearest, b.count, b.u, b.width[s], b.x0[s], b.x1[s], b.x[s]);
+void find_rows(const TextureArgs<T>& args, int s, Block<T>& b) {
+    taps(args.boundary_v, args.filter == Filter::nearest, b.count, b.v, b.height[s], b.y0[s], b.y1[s], b.y[s]);
+}
+
+template <class T>
+void find_columns(const TextureArgs<T>& args, int s, Block<T>& b) {
+    taps(args.boundary_u, args.filter == Filter::nearest, b.count, b.u, b.width[s], b.x0[s], b.x1[s], b.x[s]);
 }
 
 // ---- Adjoint ----
@@ -290,15 +293,20 @@ MIPBAKE_KERNEL void read_lookups(const TextureArgs<T>& args, Index item, Index p
 }
 
 template <class T>
-MIPBAKE_KERNEL void read_listed(const TextureArgs<T>& args, Index first, const std::uint32_t* list, int divisor,
+MIPBAKE_KERNEL void read_listed(const TextureArgs<T>& args, Index first, const std::uint32_t* list, int shift,
                                 int count, Block<T>& b) {
+    if (shift == 0 && list[count - 1] - list[0] == static_cast<std::uint32_t>(count - 1)) {  // no gaps, as they ascend
+        const Index lookup = first + list[0], item = args.batch == 1 ? 0 : lookup / args.points;
+        const Index point = lookup - item * args.points;
+        if (point + count <= args.points) return read_lookups(args, item, point, count, b);
+    }
     b.count = count;
     const bool is_cube = args.boundary_u == Boundary::cube, is_one_item = args.batch == 1;
     const int coordinates = is_cube ? 3 : 2, derivatives = 2 * coordinates;
     const bool has_da = is_mipmapped(args.filter) && args.uv_da != nullptr;
     const bool has_bias = is_mipmapped(args.filter) && args.bias != nullptr;
     for (int i = 0; i < count; ++i) {
-        const Index lookup = first + list[i] / static_cast<std::uint32_t>(divisor);
+        const Index lookup = first + (list[i] >> shift);
         const Index item = is_one_item ? 0 : lookup / args.points, point = lookup - item * args.points;
         const T* const uv = args.uv + item * args.uv_batch_stride + point * args.uv_point_stride;
         if (is_cube) {
@@ -332,7 +340,16 @@ MIPBAKE_KERNEL void find_axes(const TextureArgs<T>& args, Block<T>& b, Axes<T>& 
 template <class T>
 MIPBAKE_KERNEL void locate(const TextureArgs<T>& args, bool always_both, Block<T>& b) {
     choose_levels(args, always_both, b);
-    for (int s = 0; s < (b.blended ? 2 : 1); ++s) find_taps(args, s, b);
+    for (int s = 0; s < (b.blended ? 2 : 1); ++s) {
+        find_rows(args, s, b);
+        find_columns(args, s, b);
+    }
+}
+
+template <class T>
+MIPBAKE_KERNEL void locate_rows(const TextureArgs<T>& args, Block<T>& b) {
+    choose_levels(args, false, b);
+    for (int s = 0; s < (b.blended ? 2 : 1); ++s) find_rows(args, s, b);
 }
 
 template <class T>
@@ -340,7 +357,8 @@ MIPBAKE_KERNEL void locate_in_level(const TextureArgs<T>& args, int level, Block
     const int last = args.level_count - 1;
     for (int i = 0; i < b.count; ++i) b.height[0][i] = args.heights[level];
     for (int i = 0; i < b.count; ++i) b.width[0][i] = args.widths[level];
-    find_taps(args, 0, b);
+    find_rows(args, 0, b);
+    find_columns(args, 0, b);
     if (!is_mipmapped(args.filter) || args.filter == Filter::linear_mipmap_nearest) {
         // A lookup with a NaN level of detail is in a list, too, and must stay NaN.
         const bool is_mipmap = is_mipmapped(args.filter);
@@ -385,6 +403,7 @@ MIPBAKE_KERNEL void write_slopes(const TextureArgs<T>& args, const TextureGrads<
     template void read_listed<T>(const TextureArgs<T>&, Index, const std::uint32_t*, int, int, Block<T>&);        \
     template void find_axes<T>(const TextureArgs<T>&, Block<T>&, Axes<T>&);                                       \
     template void locate<T>(const TextureArgs<T>&, bool, Block<T>&);                                              \
+    template void locate_rows<T>(const TextureArgs<T>&, Block<T>&);                                               \
     template void locate_in_level<T>(const TextureArgs<T>&, int, Block<T>&);                                      \
     template void write_slopes<T>(const TextureArgs<T>&, const TextureGrads<T>&, const Block<T>&, const Axes<T>*, \
                                   const Slopes<T>&);

@@ -6,6 +6,9 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
 
+constexpr int tap_bits = 4;  // of a list's entry
+static_assert(max_taps == 1 << tap_bits, "an entry holds the number of a tap");
+
 // What a lookup does to one level: two rows and two columns of a plane, which may lack some where the texture is
 // surrounded by zeros, or four texels of a cube.
 enum class Layout { plane, sparse_plane, cube };
@@ -81,15 +84,18 @@ T* level_grad(const TextureArgs<T>& args, const TextureGrads<T>& grads, int leve
     return grads.levels[level] + (grads.level_batch[level] > 1 ? item * size : 0);
 }
 
-// Calls f(block, owners' first lookup) for the lookups, or taps, of [begin, end), located.
-template <class T, class F>
+// Calls f(block) for the lookups, or taps, of [begin, end), located: of planes, by their rows alone where `only_rows`.
+template <bool only_rows, class T, class F>
 void for_each_block(const TextureArgs<T>& args, Index begin, Index end, F&& f) {
     Block<T> run, taps;
     Axes<T> axes;
     for_each_run(begin, end, args.points, [&](Index item, Index point, int count) {
         read_lookups(args, item, point, count, run);
         if (args.filter != Filter::anisotropic) {
-            locate(args, false, run);
+            if (only_rows)
+                locate_rows(args, run);
+            else
+                locate(args, false, run);
             f(run);
             return;
         }
@@ -112,7 +118,7 @@ void for_each_block(const TextureArgs<T>& args, Index begin, Index end, F&& f) {
 template <Layout layout, int C, class T>
 MIPBAKE_KERNEL void scatter_with(const TextureArgs<T>& args, const TextureGrads<T>& grads, Index begin, Index end) {
     const bool has_taps = args.filter == Filter::anisotropic;
-    for_each_block(args, begin, end, [&](const Block<T>& b) {
+    for_each_block<false>(args, begin, end, [&](const Block<T>& b) {
         const T* const first = grads.out + (b.item * args.points + b.point) * args.channels;
         for (int i = 0; i < b.count; ++i) {
             if (is_void(args, b, i)) continue;
@@ -131,7 +137,7 @@ MIPBAKE_KERNEL void scatter_with(const TextureArgs<T>& args, const TextureGrads<
 template <Layout layout, class T, class F>
 void for_each_touch(const TextureArgs<T>& args, const TextureBins& bins, Index begin, Index end, Index origin, F&& f) {
     const bool has_taps = args.filter == Filter::anisotropic;
-    for_each_block(args, begin, end, [&](const Block<T>& b) {
+    for_each_block<layout != Layout::cube>(args, begin, end, [&](const Block<T>& b) {
         const std::uint32_t lookup = static_cast<std::uint32_t>(b.item * args.points + b.point - origin);
         for (int i = 0; i < b.count; ++i) {
             const std::uint32_t entry = has_taps ? (lookup + static_cast<std::uint32_t>(b.owner[i])) * max_taps +
@@ -169,7 +175,7 @@ template <Layout layout, int C, class T>
 MIPBAKE_KERNEL void scatter_list(const TextureArgs<T>& args, const TextureGrads<T>& grads, int level, Index row_begin,
                                  Index row_end, const BinList& list) {
     const bool has_taps = args.filter == Filter::anisotropic;
-    const int divisor = has_taps ? max_taps : 1;
+    const int shift = has_taps ? tap_bits : 0;
     T* const target = level_grad(args, grads, level, grads.level_batch[level] > 1 ? list.origin / args.points : 0);
     Block<T> block, taps;
     Axes<T> axes;
@@ -178,10 +184,10 @@ MIPBAKE_KERNEL void scatter_list(const TextureArgs<T>& args, const TextureGrads<
         const int count = static_cast<int>(list.count - begin < block_size ? list.count - begin : block_size);
         const std::uint32_t* const entries = list.entries + begin;
         for (int i = 0; i < count; ++i) {
-            gradients[i] = grads.out + (list.origin + entries[i] / static_cast<std::uint32_t>(divisor)) * args.channels;
+            gradients[i] = grads.out + (list.origin + (entries[i] >> shift)) * args.channels;
             MIPBAKE_PREFETCH(gradients[i]);
         }
-        read_listed(args, list.origin, entries, divisor, count, block);
+        read_listed(args, list.origin, entries, shift, count, block);
         if (has_taps) {
             find_axes(args, block, axes);
             taps.count = 0;
