@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
+import mipbake.raster
 from mipbake.raster import (
     DepthPeeler,
     RasterizeContext,
@@ -118,6 +119,27 @@ def test_gradients_of_rasterize_are_the_twin_s(seed: int) -> None:
     torch.testing.assert_close(gradients[1] / scale, gradients[0] / scale, rtol=0, atol=1e-10)
     torch.testing.assert_close(gradients[2] / scale, gradients[0] / scale, rtol=0, atol=1e-4)
     assert torch.all(gradients[1][..., 2] == 0)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4, 13])
+def test_renders_over_several_tiles_are_the_twin_s(channels: int) -> None:
+    """All three primitives on images larger than what a thread of the kernels takes at once, and all gradients."""
+    mesh, tri = random_mesh(50 + channels, 2, 50, 60, torch.float64)
+    generator = torch.Generator().manual_seed(channels)
+    attributes = torch.randn(60, channels, generator=generator, dtype=torch.float64)
+    weights = torch.randn(2, 71, 133, channels, generator=generator, dtype=torch.float64)
+    results = []
+    for door in (mipbake.raster, reference):
+        context = (None,) if door is mipbake.raster else ()
+        pos, attr = mesh.clone().requires_grad_(), attributes.clone().requires_grad_()
+        rast, rast_db = door.rasterize(*context, pos, tri, (71, 133))
+        color, slopes = door.interpolate(attr, rast, tri, rast_db, [0])
+        near = rast_db.detach().abs().amax(-1, keepdim=True) < 1
+        image = door.antialias(color, rast, pos, tri)
+        loss = (image * weights * near).sum() + (slopes * near).sum()
+        results.append([image, slopes, *torch.autograd.grad(loss, (pos, attr))])
+    for actual, expected in zip(*results, strict=True):
+        assert (actual - expected).norm() < 1e-10 * expected.norm()
 
 
 def test_derivatives_without_a_gradient() -> None:

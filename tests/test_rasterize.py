@@ -43,6 +43,24 @@ def test_random_triangles(dtype: torch.dtype, seed: int, height: int, width: int
     assert_same_layer(rasterize(None, pos, tri, (height, width)), reference.rasterize(pos, tri, (height, width)))
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("order", ["random", "front to back", "back to front"])
+def test_many_layers_over_several_tiles(order: str, dtype: torch.dtype) -> None:
+    """Images larger than a tile of the kernels, under triangles most of which are hidden, and three layers of them."""
+    pos, tri = random_mesh(77, 1, 150, 120, dtype)
+    if order != "random":
+        depth = (pos[0, :, 2] / pos[0, :, 3].abs())[tri.long()].mean(1)
+        tri = tri[depth.argsort(descending=order == "back to front")]
+    size = (71, 133)
+    with DepthPeeler(None, pos, tri, size) as peeler:
+        twin = None
+        for _ in range(3):
+            result = peeler.rasterize_next_layer()
+            expected = reference.rasterize(pos, tri, size, previous=twin)
+            assert_same_layer(result, expected)
+            twin = expected[0]
+
+
 @settings(max_examples=25, deadline=None)
 @given(seed=SEEDS, height=SIDES, width=SIDES)
 def test_random_ranges(seed: int, height: int, width: int) -> None:
