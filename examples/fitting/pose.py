@@ -52,21 +52,28 @@ FULL = Settings(resolution=256)
 
 
 class Cube:
-    """The cube, and the difference between its images."""
+    """The cube, and the difference between its images.
+
+    Every face has corners of its own. Antialiasing blends where an edge has nothing on its other side, so colours are
+    blended, and give gradients, at every edge between two faces and not at the outline alone.
+    """
 
     def __init__(self, settings: Settings) -> None:
         mesh, corners = meshes.cube()
-        self.mesh, self.resolution = mesh.to(settings.device), (settings.resolution, settings.resolution)
+        points = torch.empty(24, 3)
+        points[corners.long()] = mesh.positions[mesh.triangles.long()]
+        self.mesh = meshes.Mesh(points, corners).to(settings.device)
         self.topology = raster.antialias_construct_topology_hash(self.mesh.triangles)
-        self.colors = COLORS.to(settings.device)
-        self.faces = (corners // 4).to(settings.device)  # all corners of a triangle have the colour of its face
+        self.colors = COLORS.repeat_interleave(4, 0).to(settings.device)
+        self.resolution = (settings.resolution, settings.resolution)
 
     def render(self, pose: Tensor) -> Tensor:
         """(B, H, W, 3) of poses (B, 4)."""
+        tri = self.mesh.triangles
         pos = camera.to_clip(self.mesh.positions, camera.rotation_matrix(pose), DISTANCE, SLOPE)
-        rast, _ = raster.rasterize(None, pos, self.mesh.triangles, self.resolution)
-        color, _ = raster.interpolate(self.colors[None], rast, self.faces)
-        return raster.antialias(color, rast, pos, self.mesh.triangles, self.topology)
+        rast, _ = raster.rasterize(None, pos, tri, self.resolution)
+        color, _ = raster.interpolate(self.colors[None], rast, tri)
+        return raster.antialias(color, rast, pos, tri, self.topology)
 
     def loss(self, pose: Tensor, wanted: Tensor) -> Tensor:
         """(B,)"""
