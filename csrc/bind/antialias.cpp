@@ -3,35 +3,15 @@
 #include <nanobind/stl/optional.h>
 
 #include <cstdint>
-#include <initializer_list>
 #include <optional>
 #include <stdexcept>
-#include <string>
 
+#include "bind/arrays.h"
 #include "ops.h"
 
-namespace nb = nanobind;
+using namespace mipbake::bind;
 
 namespace {
-
-using Input = nb::ndarray<nb::ro>;
-using Output = nb::ndarray<>;
-using Index = std::int64_t;
-
-// The Python modules check what users pass; these checks keep a mistake of theirs from reading out of bounds.
-template <class Array>
-void require(const Array& a, nb::dlpack::dtype dtype, const Input& like, const char* name,
-             std::initializer_list<Index> shape) {
-    bool good = a.ndim() == shape.size() && a.dtype() == dtype && a.device_type() == like.device_type() &&
-                a.device_id() == like.device_id();
-    Index stride = 1;
-    for (std::size_t i = shape.size(); good && i-- > 0;) {
-        const Index size = shape.begin()[i];
-        good = static_cast<Index>(a.shape(i)) == size && (size == 1 || a.size() == 0 || a.stride(i) == stride);
-        stride *= size;
-    }
-    if (!good) throw std::invalid_argument(std::string("unexpected shape, strides, dtype or device of ") + name);
-}
 
 template <class T>
 mipbake::AntialiasArgs<T> arguments(const Input& color, const Input& rast, const Input& pos, const Input& tri,
@@ -69,29 +49,13 @@ mipbake::AntialiasArgs<T> arguments(const Input& color, const Input& rast, const
 template <class T>
 std::uint8_t* workspace_of(const std::optional<Output>& workspace, const mipbake::AntialiasArgs<T>& args,
                            const Input& like) {
-    if (!workspace) return nullptr;
+    if (!workspace) {
+        if (like.device_type() == nb::device::cuda::value) throw std::invalid_argument("CUDA needs a workspace");
+        return nullptr;
+    }
     const Index items = args.pos_batch_stride == 0 ? 1 : args.batch;
     require(*workspace, nb::dtype<std::uint8_t>(), like, "workspace", {items, args.triangles});
     return static_cast<std::uint8_t*>(workspace->data());
-}
-
-// Calls on_cpu() or on_cuda(device) without Python's lock.
-template <class T, class Cpu, class Cuda>
-void launch(const Input& like, bool has_workspace, Cpu&& on_cpu, Cuda&& on_cuda) {
-    const bool on_gpu = like.device_type() == nb::device::cuda::value;
-    const int device = like.device_id();
-    const nb::gil_scoped_release unlocked;
-    if (!on_gpu) return on_cpu();
-    if (!has_workspace) throw std::invalid_argument("CUDA needs a workspace");
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float)) {
-        if (const char* const error = on_cuda(device)) throw std::runtime_error(std::string("CUDA: ") + error);
-        return;
-    }
-#endif
-    static_cast<void>(device);
-    static_cast<void>(on_cuda);
-    throw std::invalid_argument("no CUDA kernel for this dtype in this build");
 }
 
 template <class T>
@@ -102,7 +66,7 @@ void antialias_as(const Input& color, const Input& rast, const Input& pos, const
     T* const target = static_cast<T*>(out.data());
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, workspace.has_value(), [&] { mipbake::antialias_cpu(args, target); },
+        color, [&] { mipbake::antialias_cpu(args, target); },
         [&](int device) {
             if constexpr (sizeof(T) == sizeof(float))
                 return mipbake::antialias_cuda(args, target, scratch, device, reinterpret_cast<void*>(stream));
@@ -121,12 +85,11 @@ void backward_as(const Input& color, const Input& rast, const Input& pos, const 
     if (grad_color) require(*grad_color, dtype, color, "grad_color", shape);
     if (grad_pos && pos.ndim() == 2) require(*grad_pos, dtype, color, "grad_pos", {args.vertices, 4});
     if (grad_pos && pos.ndim() == 3) require(*grad_pos, dtype, color, "grad_pos", {args.batch, args.vertices, 4});
-    const mipbake::AntialiasGrads<T> grads{static_cast<const T*>(grad.data()), boost,
-                                           grad_color ? static_cast<T*>(grad_color->data()) : nullptr,
-                                           grad_pos ? static_cast<T*>(grad_pos->data()) : nullptr};
+    const mipbake::AntialiasGrads<T> grads{static_cast<const T*>(grad.data()), boost, data<T>(grad_color),
+                                           data<T>(grad_pos)};
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, workspace.has_value(), [&] { mipbake::antialias_backward_cpu(args, grads); },
+        color, [&] { mipbake::antialias_backward_cpu(args, grads); },
         [&](int device) {
             if constexpr (sizeof(T) == sizeof(float))
                 return mipbake::antialias_backward_cuda(args, grads, scratch, device, reinterpret_cast<void*>(stream));
