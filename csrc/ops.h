@@ -50,56 +50,6 @@ void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* 
 void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream);
 void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream);
 
-// ---- Texture sampling ----
-
-constexpr int max_levels = 32;
-
-// One level of a MIP stack: texel (i, j) of batch item b begins at texels + b * batch_stride + i * row_stride +
-// j * texel_stride, and its channels are consecutive. Strides are in elements; 0 repeats, negative is allowed.
-template <class T>
-struct TextureLevel {
-    const T* texels;
-    std::int64_t batch_stride, row_stride, texel_stride;
-    int height, width;
-};
-
-// `points` lookups in each of `batch` items. Strides are in elements; 0 repeats one value for every item or lookup.
-template <class T>
-struct SampleArgs {
-    TextureLevel<T> levels[max_levels];  // finest first
-    int level_count, channels;
-    bool wrap_u, wrap_v;  // repeat along the axis; otherwise clamp to the centre of the edge texel
-    std::int64_t batch, points;
-    const T* uv;  // pairs (u, v), each pair consecutive
-    std::int64_t uv_batch_stride, uv_point_stride;
-    const T* lod;
-    std::int64_t lod_batch_stride, lod_point_stride;
-};
-
-// What flows back: each target is overwritten, C-contiguous, or null where it is not wanted.
-template <class T>
-struct SampleGrads {
-    const T* out;              // (batch, points, channels)
-    T* levels[max_levels];     // (level_batch, height, width, channels): all of them or none
-    std::int64_t level_batch;  // `batch`, or 1 to sum over the items
-    T* uv;                     // (batch, points, 2)
-    T* lod;                    // (batch, points)
-};
-
-// out: (batch, points, channels), C-contiguous. T is float or double.
-template <class T>
-void sample_cpu(const SampleArgs<T>& args, T* out);
-
-// Sums into texels run in the order of the lookups whatever the number of threads: reproducible bit for bit.
-template <class T>
-void sample_backward_cpu(const SampleArgs<T>& args, const SampleGrads<T>& grads);
-
-// Pointers are the device's. Null, or the text of CUDA's error. Texel gradients are summed with atomics, so their last
-// digits vary from run to run. Defined where cuda_compiled().
-const char* sample_cuda(const SampleArgs<float>& args, float* out, int device, void* stream);
-const char* sample_backward_cuda(const SampleArgs<float>& args, const SampleGrads<float>& grads, int device,
-                                 void* stream);
-
 // ---- Interpolation and antialiasing of rasterised images ----
 
 // rast: (batch, height, width, 4) with u, v, z/w, triangle + 1; tri: (triangles, 3). All arrays are C-contiguous.
@@ -181,6 +131,8 @@ const char* antialias_backward_cuda(const AntialiasArgs<float>& args, const Anti
                                     std::uint8_t* workspace, int device, void* stream);
 
 // ---- Texture ----
+
+constexpr int max_levels = 32;
 
 enum class Storage { float32, float64, float16, bfloat16 };
 enum class Filter { nearest, linear, linear_mipmap_nearest, linear_mipmap_linear, anisotropic };

@@ -5,7 +5,6 @@
 namespace nb = nanobind;
 
 void bind_shading(nb::module_& m);
-void bind_sampling(nb::module_& m);
 void bind_texture(nb::module_& m);
 void bind_raster(nb::module_& m);
 void bind_interpolate(nb::module_& m);
@@ -19,7 +18,6 @@ NB_MODULE(_native, m) {
     m.def("cuda_compiled", &mipbake::cuda_compiled, "Whether this build has CUDA kernels.");
     m.def("cuda_available", &mipbake::cuda_available, "Whether it also finds a CUDA device to run them on.");
     bind_shading(m);
-    bind_sampling(m);
     bind_texture(m);
     bind_raster(m);
     bind_interpolate(m);

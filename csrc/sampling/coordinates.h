@@ -40,45 +40,6 @@ struct Tap {
     T fraction;
 };
 
-// Texel centres are at (i + 1/2) / size. A coordinate within its own rounding error of a centre is at the centre, so
-// that lookups at centres return texels exactly for any size, and the slope there is always the one to the right.
-// Beyond the first and last centre of a clamped axis both texels are the edge's, which makes the slope zero.
-template <bool wrap, class T>
-MIPBAKE_INLINE Tap<T> axis_tap(T coordinate, int size) {
-    const T extent = static_cast<T>(size);
-    const T magnitude = coordinate < 0 ? -coordinate : coordinate;
-    T position;
-    bool below = false;
-    if (wrap) {
-        position = (coordinate - floor_of(coordinate)) * extent - T(0.5);
-    } else {
-        position = coordinate * extent - T(0.5);
-        below = position < 0;
-        position = below ? T(0) : position;
-        position = position > extent - 1 ? extent - 1 : position;
-    }
-    // At most half a step of a GPU's 8-bit subtexel grid, however far out the coordinate.
-    T error = (magnitude > 1 ? magnitude : T(1)) * extent * Rounding<T>::epsilon;
-    error = error > T(0x1p-9) ? T(0x1p-9) : error;
-    // The position is at least -1/2, so that truncation rounds down. Only the comparison of NaN with itself fails.
-    const int nearest = static_cast<int>(position == position ? position + T(0.5) : T(0));
-    T offset = position - static_cast<T>(nearest);
-    offset = (offset <= error && -offset <= error) ? T(0) : offset;
-    const bool before = offset < 0;
-    Tap<T> tap;
-    const int index = nearest - (before ? 1 : 0);
-    tap.fraction = before ? offset + 1 : offset;
-    if (wrap) {
-        tap.first = index < 0 ? index + size : index;
-        tap.second = index + 1 >= size ? index + 1 - size : index + 1;
-    } else {
-        const int next = index + 1 >= size ? size - 1 : index + 1;
-        tap.first = index;
-        tap.second = below ? index : next;
-    }
-    return tap;
-}
-
 // The texels on both sides of a coordinate along one axis, -1 where there is none (boundary zero); for the face of a
 // cube -1 and `size` stand for the first texels beyond its edges.
 //
