@@ -215,13 +215,13 @@ template <class T>
 struct RasterizeArgs {
     std::int64_t batch, vertices, triangles;
     int height, width;
-    const T* pos;               // (batch, vertices, 4) clip space, or (vertices, 4) where `shared`
-    bool shared;                // one array of vertices for every item: range mode, or a batch of 1
-    const std::int32_t* tri;    // (triangles, 3)
+    const T* pos;                // (batch, vertices, 4) clip space, or (vertices, 4) where `shared`
+    bool shared;                 // one array of vertices for every item: range mode, or a batch of 1
+    const std::int32_t* tri;     // (triangles, 3)
     const std::int32_t* ranges;  // (batch, 2) starts and counts within tri, always on the host; null for all of it
-    const T* previous;          // (batch, height, width, 4), the layer to go behind; or null
-    T* rast;                    // (batch, height, width, 4): u, v, z/w, triangle + 1
-    T* rast_db;                 // (batch, height, width, 4): du/dX, du/dY, dv/dX, dv/dY; or null
+    const T* previous;           // (batch, height, width, 4), the layer to go behind; or null
+    T* rast;                     // (batch, height, width, 4): u, v, z/w, triangle + 1
+    T* rast_db;                  // (batch, height, width, 4): du/dX, du/dY, dv/dX, dv/dY; or null
 };
 
 template <class T>
@@ -248,8 +248,9 @@ template <class T>
 void check_mesh(const T* pos, bool instanced, std::int64_t items, std::int64_t vertices, const std::int32_t* tri,
                 std::int64_t triangles, const std::int32_t* ranges, std::int64_t batch);
 
-// Draws a mesh that check_mesh has passed. Scratch: 12 bytes per triangle and item, 8 per tile of 64 x 64 pixels that a triangle
-// touches, for as many items of the batch at once as have 4 million triangles, or one. `scratch` is a handle, or 0.
+// Draws a mesh that check_mesh has passed. Scratch, of as many items of the batch at once as have 4 million triangles, or
+// of one: 12 bytes per triangle, 8 for each tile of 64 x 64 pixels that a triangle touches, and 256 per tile. `scratch` is
+// a handle, or 0.
 template <class T>
 void rasterize_cpu(const RasterizeArgs<T>& args, std::int64_t scratch);
 

@@ -422,6 +422,17 @@ void equal_depths_show_the_lower_triangle() {
     }
 }
 
+template <class T>
+void nothing_draws_nothing() {
+    Mesh<T> mesh;
+    for (const T value : draw(mesh, 66, 5).rast) CHECK(value == 0);
+    for (int i = 0; i < 3; ++i) mesh.add(i, i * i, 0, -1);  // behind the eye
+    mesh.add_triangle(0, 1, 2);
+    const Image<T> image = draw(mesh, 66, 5);
+    for (const T value : image.rast) CHECK(value == 0);
+    for (const T value : image.db) CHECK(value == 0);
+}
+
 // z = w at every vertex: drawn at depth 1 everywhere, whatever the rounding.
 template <class T>
 void skies_are_not_clipped() {
@@ -656,6 +667,7 @@ void all_of() {
     tiles_are_pixels<T>();
     equal_depths_show_the_lower_triangle<T>();
     skies_are_not_clipped<T>();
+    nothing_draws_nothing<T>();
 }
 
 }  // namespace
