@@ -242,15 +242,15 @@ std::int64_t raster_scratch();
 void raster_scratch_free(std::int64_t handle);
 
 // Throws std::invalid_argument, a sentence for the user, where a position is not finite, an index is not of a vertex or
-// a range is not within the triangles. Arrays may be null. pos is (items, vertices, 4), or without the first axis where it
-// is not `instanced`.
+// a range is not within the triangles. Arrays may be null. pos is (items, vertices, 4), or without the first axis where
+// it is not `instanced`.
 template <class T>
 void check_mesh(const T* pos, bool instanced, std::int64_t items, std::int64_t vertices, const std::int32_t* tri,
                 std::int64_t triangles, const std::int32_t* ranges, std::int64_t batch);
 
-// Draws a mesh that check_mesh has passed. Scratch, of as many items of the batch at once as have 4 million triangles, or
-// of one: 12 bytes per triangle, 8 for each tile of 64 x 64 pixels that a triangle touches, and 256 per tile. `scratch` is
-// a handle, or 0.
+// Draws a mesh that check_mesh has passed. Scratch, of as many items of the batch at once as have 4 million triangles,
+// or of one: 12 bytes per triangle, 8 for each tile of 64 x 64 pixels that a triangle touches, and 256 per tile.
+// `scratch` is a handle, or 0.
 template <class T>
 void rasterize_cpu(const RasterizeArgs<T>& args, std::int64_t scratch);
 
