@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mipbake import _native, sampling
+from mipbake.errors import UsageError
 from mipbake.sampling import reference, texture
+from mipbake.sampling._arguments import MAX_SIDE
 
 from .texture_cases import BOUNDARIES, FILTERS, PAIRS, Case, cases
 
@@ -247,8 +249,8 @@ def test_views_are_read_in_place() -> None:
 
 @pytest.mark.parametrize("filter_mode", ["nearest", "linear"])
 def test_long_textures_are_not_read_outside(filter_mode: str) -> None:
-    """Where float32 cannot tell the last texel's centre from the end of the texture."""
-    size = 2**23 + 2
+    """The longest that are allowed, at coordinates that round to the end of the texture."""
+    size = MAX_SIDE
     wide = np.zeros((1, 1, size + 2, 1), np.float32)
     wide[:, :, size:] = 777
     u = np.array([-1e-9, 1 - 2.0**-24, -1 - 2.0**-23, 2 - 2.0**-23, 1, 5, 0], np.float32)
@@ -256,6 +258,8 @@ def test_long_textures_are_not_read_outside(filter_mode: str) -> None:
     for boundary in BOUNDARIES:
         out = texture(wide[:, :, :size], uv, filter_mode=filter_mode, boundary_mode=(boundary, "wrap"))
         np.testing.assert_array_equal(out, np.zeros_like(out))
+    with pytest.raises(UsageError, match=rf"tex has shape .*: expected at most {size} texels a side"):
+        texture(wide, uv)
 
 
 def test_half_storage_is_that_of_torch() -> None:

@@ -69,11 +69,11 @@ def texture(
     exist: zero derivatives give level 0, infinite ones the last.
 
     Args:
-        tex: (B, H, W, C), any size, or for cube maps (B, 6, S, S, C) with faces +x, -x, +y, -y, +z, -z as in OpenGL
-            (table 8.19 of its specification 4.6; row 0 at t = 0). Torch: float32, float64 (CPU), float16 or bfloat16;
-            NumPy: float32, float64 or float16. Half types are stored so, computed in float32 and returned in float32.
-            Read in place, without a copy, where the channels of a texel lie side by side (internal mips want the whole
-            texture contiguous).
+        tex: (B, H, W, C), any size up to 2^22 a side, or for cube maps (B, 6, S, S, C) with faces +x, -x, +y, -y, +z,
+            -z as in OpenGL (table 8.19 of its specification 4.6; row 0 at t = 0). Torch: float32, float64 (CPU),
+            float16 or bfloat16; NumPy: float32, float64 or float16. Half types are stored so, computed in float32 and
+            returned in float32. Read in place, without a copy, where the channels of a texel lie side by side (internal
+            mips want the whole texture contiguous).
         uv: (B, h, w, 2), any real numbers, in units of the texture; for cube maps (B, h, w, 3) vectors of any length.
             Here and below other dtypes are converted to that of the result.
         uv_da: (B, h, w, 4) image-space derivatives of uv, (du/dX, du/dY, dv/dX, dv/dY) in units of uv per pixel; for

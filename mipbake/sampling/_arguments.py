@@ -15,7 +15,7 @@ BOUNDARIES = ("wrap", "clamp", "mirror", "zero")
 MIP_FILTERS = ("linear-mipmap-nearest", "linear-mipmap-linear", "anisotropic")
 MAX_TAPS = 16
 MAX_LEVELS = 32
-MAX_SIDE = 2**30
+MAX_SIDE = 2**22  # beyond, float32 cannot tell the halves of a texel apart in a mirrored period
 
 
 @dataclass(frozen=True)
