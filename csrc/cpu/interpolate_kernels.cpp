@@ -2,7 +2,7 @@
 #include "raster/interpolate.h"
 #include "raster/triangle_id.h"
 
-// See csrc/cpu/texture_kernels.cpp.
+// GCC 12.2 must be kept from looking into kernels; see csrc/cpu/texture_block.h.
 #if defined(__GNUC__) && !defined(__clang__)
 #define MIPBAKE_KERNEL __attribute__((noipa))
 #else
