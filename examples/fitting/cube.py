@@ -113,6 +113,7 @@ def figures(errors: dict[int, list[float]], success: float) -> dict[str, object]
     return {
         "runs": len(good),
         "successful": int(good.sum()),
+        "mean error at the start": float(table[0].mean()),
         "mean error": float(table[-1].mean()),
         "mean error of the successful": float(table[-1, good].mean()) if good.any() else None,
         "errors": [round(float(error), 6) for error in table[-1]],

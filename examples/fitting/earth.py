@@ -7,7 +7,9 @@ filtered down, the training image directly, one lookup a pixel. Both textures, w
 views, start from the same grey and are fitted by Adam (0.9, 0.99) to the least mean squared difference.
 
 The ratio of pixels to texels at a given distance depends on resolution / texture_size alone, so a small texture in
-small images is the paper's task, with fewer texels.
+small images is the paper's task, with fewer texels. One thing would not scale: in a small image most of the planet's
+pixels lie at its outline. A reference pixel is therefore the mean over what it shows of the planet, and what it shows
+of the sky counts nowhere.
 
     python examples/fitting/earth.py                          on a CPU
     python examples/fitting/earth.py --full --device cuda     the paper's size
@@ -15,6 +17,7 @@ small images is the paper's task, with fewer texels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +31,7 @@ from torch import Tensor
 from mipbake import raster, sampling
 
 VARIANTS = {"with mipmaps": "linear-mipmap-linear", "without mipmaps": "linear"}
+SLOPE = 0.4
 PAPER = {"with mipmaps": 32.9, "without mipmaps": 25.6}
 
 
@@ -48,18 +52,42 @@ class Settings:
 FULL = Settings(texture_size=512, resolution=512)
 
 
-def render(texture: Tensor, mesh: meshes.Mesh, pos: Tensor, resolution: int, filter_mode: str) -> Tensor:
-    """(B, resolution, resolution, 3), one lookup a pixel, black where there is no planet."""
-    rast, rast_db = raster.rasterize(None, pos, mesh.triangles, (resolution, resolution))
+@dataclass(frozen=True)
+class View:
+    """The planet from a side and a distance, and of the picture the square of whole pixels that holds it."""
+
+    pos: Tensor
+    """(1, V, 4): clip space of the square"""
+    pixels: int
+    """The square's width; what lies outside is black in every image and costs nothing."""
+
+
+def view(mesh: meshes.Mesh, distance: float, resolution: int, generator: torch.Generator) -> View:
+    across = resolution / (SLOPE * math.sqrt(distance * distance - 1))
+    pixels = min(resolution, 2 * math.ceil(across / 2 + 1))
+    rotation = camera.rotation_matrix(camera.random_quaternions(1, generator)).to(mesh.positions)
+    return View(camera.to_clip(mesh.positions, rotation, distance, SLOPE * pixels / resolution), pixels)
+
+
+def render(texture: Tensor, mesh: meshes.Mesh, seen: View, filter_mode: str, samples: int = 1) -> tuple[Tensor, Tensor]:
+    """Colours (1, n, n, 3), one lookup a sample, n = samples x pixels, and whether the planet is there (1, n, n, 1)."""
+    size = seen.pixels * samples
+    rast, rast_db = raster.rasterize(None, seen.pos, mesh.triangles, (size, size))
     uv, uv_da = raster.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
     derivatives = None if filter_mode == "linear" else uv_da
     color = sampling.texture(texture, uv, derivatives, filter_mode=filter_mode, boundary_mode="cube")
-    return color * (rast[..., 3:] > 0)
+    return color, (rast[..., 3:] > 0).to(color)
 
 
-def filtered_down(image: Tensor, factor: int) -> Tensor:
-    """(B, H, W, C) to (B, H / factor, W / factor, C): the mean of every pixel's samples."""
-    return torch.nn.functional.avg_pool2d(image.permute(0, 3, 1, 2), factor).permute(0, 2, 3, 1)
+def filtered_down(image: Tensor, samples: int) -> Tensor:
+    """(1, n, n, C) to (1, pixels, pixels, C): a tent, two pixels wide, over every pixel's centre."""
+    margin = (samples + 1) // 2
+    offset = (torch.arange(samples + 2 * margin, device=image.device) + 0.5 - margin) / samples - 0.5
+    tent = (1 - offset.abs()).clamp(min=0) / samples
+    channels = torch.nn.functional.pad(image.permute(3, 0, 1, 2), (margin,) * 4, mode="replicate")
+    columns = torch.nn.functional.conv2d(channels, tent[None, None, None], stride=(1, samples))
+    rows = torch.nn.functional.conv2d(columns, tent[None, None, :, None], stride=(samples, 1))
+    return rows.permute(1, 2, 3, 0)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -68,14 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     generator = torch.Generator().manual_seed(settings.seed)
     mesh = meshes.sphere(16).to(settings.device)
     target = textures.planet(settings.texture_size).to(settings.device)
-    fine = settings.resolution * settings.supersampling
+    samples = settings.supersampling
 
-    def view(distance: float) -> Tensor:
-        rotation = camera.rotation_matrix(camera.random_quaternions(1, generator)).to(settings.device)
-        return camera.to_clip(mesh.positions, rotation, distance)
-
-    def reference(pos: Tensor) -> Tensor:
-        return filtered_down(render(target, mesh, pos, fine, "linear-mipmap-linear"), settings.supersampling)
+    @torch.no_grad()
+    def reference(seen: View) -> Tensor:
+        color, there = render(target, mesh, seen, "linear-mipmap-linear", samples)
+        return filtered_down(color * there, samples) / filtered_down(there, samples).clamp(min=1e-6)
 
     learned = {name: torch.full_like(target, 0.5, requires_grad=True) for name in VARIANTS}
     optimiser = torch.optim.Adam(learned.values(), betas=(0.9, 0.99))
@@ -86,13 +112,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for name, texture in learned.items():
                 curves[name].append((iteration, report.psnr(texture, target)))
         distance = settings.nearest + (settings.farthest - settings.nearest) * torch.rand((), generator=generator)
-        pos = view(float(distance))
-        with torch.no_grad():
-            wanted = reference(pos)
-        loss = sum(
-            (render(texture, mesh, pos, settings.resolution, VARIANTS[name]) - wanted).square().mean()
-            for name, texture in learned.items()
-        )
+        seen = view(mesh, float(distance), settings.resolution, generator)
+        wanted = reference(seen)
+        loss = torch.zeros((), device=settings.device)
+        for name, texture in learned.items():
+            color, there = render(texture, mesh, seen, VARIANTS[name])
+            loss = loss + ((color - wanted) * there).square().sum() / settings.resolution**2
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -103,15 +128,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         log.add(f"texture {name}: {value:.2f} dB (paper {PAPER[name]} dB)", **{f"psnr {name}": value})
     log.add("the convergence is in the figures", paper={f"psnr {k}": v for k, v in PAPER.items()}, convergence=curves)
 
-    with torch.no_grad():
-        rows = [[textures.unfolded(target)], [], []]
-        rows[0] += [textures.unfolded(learned[name]) for name in VARIANTS]
-        for row, distance in zip(rows[1:], (1.9, 12.0), strict=True):
-            pos = view(distance)
-            row.append(report.upright(reference(pos)[0]))
-            row += [
-                report.upright(render(learned[n], mesh, pos, settings.resolution, VARIANTS[n])[0]) for n in VARIANTS
-            ]
+    rows = [[textures.unfolded(texture) for texture in (target, *learned.values())]]
+    for distance in (1.9, 8.0):
+        seen = view(mesh, distance, settings.resolution, generator)
+        images = [torch.mul(*render(texture, mesh, seen, VARIANTS[name])) for name, texture in learned.items()]
+        rows.append([report.upright(image[0]) for image in (reference(seen), *images)])
     width = rows[0][0].shape[1]
     rows[1:] = [[report.enlarged(image, width) for image in row] for row in rows[1:]]
     log.save(report.mosaic([*rows, [report.chart(curves, 3 * width + 8, 220)]]))

@@ -26,7 +26,7 @@ from torch.nn.functional import normalize
 
 from mipbake import raster, sampling
 
-DISTANCE = 3.2
+DISTANCE = 2.8
 TRUE_COLOR, TRUE_EXPONENT = (0.9, 0.7, 0.35), 25.0
 SHOWN = (0, 10, 100)
 
@@ -35,7 +35,7 @@ SHOWN = (0, 10, 100)
 class Settings:
     texture_size: int = 64
     resolution: int = 128
-    iterations: int = 1000
+    iterations: int = 2000
     rate: float = 1e-2
     seed: int = 0
     device: str = "cpu"

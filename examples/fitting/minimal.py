@@ -18,9 +18,9 @@ def render(texture, rotation):
 
 
 learned = torch.full_like(target, 0.5, requires_grad=True)
-optimiser = torch.optim.Adam([learned], lr=0.02)
-for _ in range(400):
-    rotation = rotation_matrix(random_quaternions(4, generator))
+optimiser = torch.optim.Adam([learned], lr=0.05)
+for _ in range(200):
+    rotation = rotation_matrix(random_quaternions(2, generator))
     loss = (render(learned, rotation) - render(target, rotation)).square().mean()
     optimiser.zero_grad()
     loss.backward()

@@ -129,11 +129,14 @@ def mosaic(rows: Sequence[Sequence[np.ndarray]], gap: int = 4) -> np.ndarray:
 def chart(
     curves: Mapping[str, Sequence[tuple[float, float]]], width: int, height: int, log_y: bool = False
 ) -> np.ndarray:
-    """(height, width, 3): curves of (iteration, value) over a logarithmic axis, their names in their colours."""
+    """(height, width, 3): curves of (iteration, value) over a logarithmic axis, their names in their colours.
+
+    With `log_y` the values are on a logarithmic axis too, down to 1e-5.
+    """
     points = np.array([point for curve in curves.values() for point in curve])
     low, high = points[:, 1].min(), points[:, 1].max()
     if log_y:
-        low, high = np.log10(max(low, 1e-6)), np.log10(high)
+        low, high = np.log10(max(low, 1e-5)), np.log10(high)
     low, high = (low, high) if high > low else (low - 1, high + 1)
     last = np.log10(points[:, 0].max() + 1)
     scale, left, below = 2, 56, 22
@@ -141,7 +144,7 @@ def chart(
     OpenImageIO.ImageBufAlgo.fill(canvas, (1, 1, 1))
 
     def place(x: float, y: float) -> tuple[int, int]:
-        y = np.log10(max(y, 1e-6)) if log_y else y
+        y = np.log10(max(y, 1e-5)) if log_y else y
         across = left + (width - left - 8) * np.log10(x + 1) / last
         up = 8 + (height - below - 16) * (high - y) / (high - low)
         return int(scale * across), int(scale * up)
@@ -155,9 +158,9 @@ def chart(
         OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, words, 12 * scale, "", (*color, 1))
 
     for power in range(int(last) + 1):
-        x = place(10**power - 1, points[0, 1])[0]
+        x, label = place(10**power - 1, points[0, 1])[0], str(10**power)
         line(x, 8 * scale, x, (height - below - 8) * scale, (0.85, 0.85, 0.85))
-        text(x - 4 * scale, (height - 6) * scale, f"{10**power}")
+        text(min(x - 4 * scale, (width - 8 * len(label)) * scale), (height - 6) * scale, label)
     for fraction in (0, 0.25, 0.5, 0.75, 1):
         y = low + (high - low) * fraction
         value = 10**y if log_y else y

@@ -1,0 +1,164 @@
+"""The fitting examples at a tiny size improve and leave picture and figures; their parts are what they say they are."""
+
+import importlib
+import json
+import math
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO
+import pytest
+import torch
+
+from mipbake import raster, sampling
+
+FITTING = Path(__file__).parents[1] / "examples" / "fitting"
+MODULES = ("camera", "meshes", "report", "textures", "cube", "earth", "envphong", "pose")
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Imports a module of the examples as its script would, and forgets it afterwards: the names are common ones."""
+    monkeypatch.syspath_prepend(str(FITTING))
+    for name in MODULES:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    yield importlib.import_module
+    for name in MODULES:
+        sys.modules.pop(name, None)
+
+
+def results(folder, name):
+    picture = OpenImageIO.ImageBuf(str(folder / f"{name}.png")).get_pixels("uint8")
+    assert picture.shape[2] == 3 and picture.std() > 10  # it shows something
+    content = json.loads((folder / f"{name}.json").read_text())
+    assert content["seconds"] > 0 and content["machine"] and content["settings"]["device"] == "cpu"
+    return content["figures"]
+
+
+def test_earth(load, tmp_path):
+    sizes = ["--texture-size", "8", "--resolution", "16", "--supersampling", "4", "--farthest", "10"]
+    load("earth").main(["--output", str(tmp_path), *sizes, "--iterations", "150", "--first-rate", "0.06"])
+    figures = results(tmp_path, "earth")
+    for name, curve in figures["convergence"].items():
+        assert curve[0][0] == 0 and curve[-1] == [150, figures[f"psnr {name}"]]
+        assert curve[-1][1] > curve[0][1] + 6
+    assert figures["psnr with mipmaps"] > figures["psnr without mipmaps"]
+
+
+def test_cube(load, tmp_path):
+    sizes = ["--resolutions", "8", "--runs", "3", "--iterations", "120", "--success", "0.25"]
+    load("cube").main(["--output", str(tmp_path), *sizes, "--first-rate", "0.03", "--last-rate", "0.01"])
+    figures = results(tmp_path, "cube")
+    assert set(figures) == {"8 x 8, continuous", "8 x 8, discontinuous"}
+    for result in figures.values():
+        assert len(result["errors"]) == result["runs"] == 3
+        assert np.isclose(result["mean error"], np.mean(result["errors"]), atol=1e-5)
+        assert result["successful"] == np.count_nonzero(np.array(result["errors"]) < 0.25)
+        assert result["mean error"] < 0.8 * result["mean error at the start"]
+
+
+def test_pose(load, tmp_path):
+    load("pose").main(["--output", str(tmp_path), "--trials", "6", "--resolution", "16", "--iterations", "150"])
+    figures = results(tmp_path, "pose")
+    assert all(len(result["errors"]) == 6 for result in figures.values())
+    start = figures.pop("start")
+    for result in figures.values():
+        assert result["mean loss"] < 0.5 * start["mean loss"]
+    assert figures["symmetry"]["mean error"] < start["mean error"]
+
+
+def test_envphong(load, tmp_path):
+    sizes = ["--texture-size", "16", "--resolution", "48", "--iterations", "80", "--rate", "0.05"]
+    load("envphong").main(["--output", str(tmp_path), *sizes])
+    figures = results(tmp_path, "envphong")
+    for name, sign in (("texture, dB", 1), ("colour, error", -1), ("exponent, error", -1)):
+        curve = figures["convergence"][name]
+        assert sign * curve[-1][1] > sign * curve[0][1], name
+
+
+def test_minimal(load, capsys):
+    runpy.run_path(str(FITTING / "minimal.py"), run_name="__main__")
+    assert float(capsys.readouterr().out.split()[-2]) > 40
+
+
+def test_options(load, tmp_path):
+    """Every field is an option; --full takes the paper's size, and what is given beside it wins."""
+    report, earth = load("report"), load("earth")
+    arguments = ["--full", "--iterations", "7", "--output", str(tmp_path)]
+    settings, folder = report.parse("", earth.Settings(), earth.FULL, arguments)
+    assert (settings.texture_size, settings.iterations, folder) == (512, 7, tmp_path)
+    settings, _ = report.parse("", load("cube").Settings(), None, ["--resolutions", "5", "6"])
+    assert settings.resolutions == (5, 6)
+    with pytest.raises(SystemExit):
+        report.parse("", load("cube").Settings(), None, ["--full"])
+
+
+def test_meshes_are_closed_and_face_outward(load):
+    meshes = load("meshes")
+    knot, normals = meshes.bumpy_knot(60, 12)
+    for mesh in (meshes.cube()[0], meshes.sphere(4), knot):
+        triangles = mesh.triangles.numpy()
+        edges = {tuple(edge) for t in triangles for edge in (t[[0, 1]], t[[1, 2]], t[[2, 0]])}
+        assert len(edges) == 3 * len(triangles) and all((b, a) in edges for a, b in edges)
+        corners = mesh.positions.double().numpy()[triangles]
+        assert np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) > 0  # six times the volume
+    face = np.cross(*(knot.positions.numpy()[knot.triangles.numpy()[:, k]] - corners[:, 0] for k in (1, 2)))
+    assert (face * normals.numpy()[knot.triangles.numpy()[:, 0]]).sum(-1).min() > 0
+    _, corners_of_faces = meshes.cube()
+    assert sorted(set(corners_of_faces.flatten().tolist())) == list(range(24))
+
+
+def test_symmetries_map_the_cube_to_itself(load):
+    camera, meshes = load("camera"), load("meshes")
+    rotations = camera.rotation_matrix(meshes.cube_symmetries())
+    assert len({tuple(r.round().flatten().tolist()) for r in rotations}) == 24
+    assert (rotations - rotations.round()).abs().max() < 1e-6
+    assert torch.allclose(torch.linalg.det(rotations), torch.ones(24))
+
+
+def test_quaternions(load):
+    camera = load("camera")
+    a, b = camera.random_quaternions(2 * 50, torch.Generator().manual_seed(1)).view(2, 50, 4)
+    product = camera.rotation_matrix(camera.multiply(a, b))
+    assert torch.allclose(product, camera.rotation_matrix(a) @ camera.rotation_matrix(b), atol=1e-6)
+    between = camera.angle_degrees(a, b)
+    assert torch.allclose(camera.angle_degrees(a, camera.slerp(a, b, 0.25)), between / 4, atol=0.1)
+    assert torch.allclose(camera.angle_degrees(b, camera.slerp(a, b, 0.25)), between * 0.75, atol=0.1)
+    trace = camera.rotation_matrix(a).mT @ camera.rotation_matrix(b)
+    cosine = (trace.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
+    assert torch.allclose(torch.cos(torch.deg2rad(between)), cosine, atol=1e-5)
+
+
+def test_camera_fills_the_picture_as_the_slope_says(load):
+    camera, meshes = load("camera"), load("meshes")
+    mesh = meshes.sphere(24)
+    distance, slope = 3.0, 0.5
+    pos = camera.to_clip(mesh.positions, torch.eye(3)[None], distance, slope)
+    rast, _ = raster.rasterize(None, pos, mesh.triangles, (256, 256))
+    covered = float((rast[..., 3] > 0).float().mean())
+    radius = 1 / math.sqrt(distance**2 - 1) / slope  # of the outline, in half widths
+    assert abs(covered - math.pi / 4 * radius**2) < 0.01
+    assert rast[0, 128, 128, 2] == rast[0, 128, 128, 2].clamp(-1, 1)
+
+
+def test_texel_directions_are_those_of_the_lookup(load):
+    textures = load("textures")
+    cube_map = textures.planet(8)
+    assert cube_map.min() >= 0 and cube_map.max() <= 1
+    vectors = torch.tensor(textures.cube_directions(8), dtype=torch.float32).reshape(1, 48, 8, 3)
+    looked_up = sampling.texture(cube_map, vectors, filter_mode="linear", boundary_mode="cube")
+    assert torch.allclose(looked_up.reshape(cube_map.shape), cube_map, atol=1e-5)
+
+
+def test_reference_filter_keeps_constants_and_ramps(load):
+    filtered_down = load("earth").filtered_down
+    for samples in (1, 3, 4):
+        size = 5 * samples
+        ramp = (torch.arange(size) + 0.5).expand(1, size, size)[..., None] / samples
+        image = torch.cat([torch.ones(1, size, size, 1), ramp], -1)
+        pixels = filtered_down(image, samples)
+        assert pixels.shape == (1, 5, 5, 2)
+        assert torch.allclose(pixels[..., 0], torch.ones(1, 5, 5), atol=1e-2)
+        assert torch.allclose(pixels[0, :, 1:4, 1], torch.tensor([1.5, 2.5, 3.5]).expand(5, 3), atol=1e-2)
