@@ -8,6 +8,9 @@
 // After the headers above, which make this instruction set's namespace an inline one.
 #include "cpu/texture.h"
 
+#if defined(__F16C__)
+#include <immintrin.h>
+#endif
 #if defined(_MSC_VER)
 #include <xmmintrin.h>
 #define MIPBAKE_PREFETCH(p) _mm_prefetch(reinterpret_cast<const char*>(p), _MM_HINT_T0)
@@ -138,6 +141,37 @@ struct BlockQuads {
     Q quads[2][block_size];
 };
 
+// A quad with its numbers where they can be computed with: itself, unless they are of a type that the processor widens
+// several at once.
+template <int C, class Q>
+MIPBAKE_INLINE Q widened(const Q& quad) {
+    return quad;
+}
+
+#if defined(__F16C__)
+template <int C>
+struct WidenedQuad {
+    using Real = float;
+    float numbers[4][4];
+    float x, y;
+
+    MIPBAKE_INLINE float at(int k, int c) const { return numbers[k][c]; }
+};
+
+template <int C, std::enable_if_t<C == 3 || C == 4, int> = 0>
+MIPBAKE_INLINE WidenedQuad<C> widened(const PlanarQuad<Float16>& quad) {
+    WidenedQuad<C> wide;
+    for (int k = 0; k < 4; ++k) {
+        std::int64_t bits = 0;
+        std::memcpy(&bits, quad.texels[k], C * sizeof(Float16));
+        _mm_storeu_ps(wide.numbers[k], _mm_cvtph_ps(_mm_cvtsi64_si128(bits)));
+    }
+    wide.x = quad.x;
+    wide.y = quad.y;
+    return wide;
+}
+#endif
+
 inline void prefetch_row(const char* left, const char* right, int bytes) {
     MIPBAKE_PREFETCH(left);
     if (bytes > 32) MIPBAKE_PREFETCH(right);
@@ -176,12 +210,11 @@ void find_planar(const TextureArgs<T>& args, const S* zeros, BlockQuads<PlanarQu
 
 template <class S, class T>
 void find_texels(const TextureArgs<T>& args, bool fetch, const S* zeros, BlockQuads<PlanarQuad<S>, T>& b) {
-    if (args.boundary_u == Boundary::zero || args.boundary_v == Boundary::zero)
-        find_planar<true, false>(args, zeros, b);
-    else if (fetch)
-        find_planar<false, true>(args, zeros, b);
+    const bool zero = args.boundary_u == Boundary::zero || args.boundary_v == Boundary::zero;
+    if (zero)
+        (fetch ? find_planar<true, true, S, T> : find_planar<true, false, S, T>)(args, zeros, b);
     else
-        find_planar<false, false>(args, zeros, b);
+        (fetch ? find_planar<false, true, S, T> : find_planar<false, false, S, T>)(args, zeros, b);
 }
 
 // Of cubes. Without a direction all texels are zeros.
@@ -275,8 +308,8 @@ void pipeline_taps(const TextureArgs<T>& args, const void* zeros, bool always_bo
     });
 }
 
-// Calls f with the number of channels as a constant where a specialised kernel exists (for texels in float, the channel
-// counts of images and of the material models), or with 0.
+// Calls f with the number of channels as a constant where a specialised kernel exists (for texels in float the channel
+// counts of images and of the material models, for others those of colours), or with 0.
 template <int C>
 struct Channels {
     static constexpr int value = C;
@@ -290,14 +323,13 @@ void with_channels(int channels, F&& f) {
                 return f(Channels<1>());
             case 2:
                 return f(Channels<2>());
-            case 3:
-                return f(Channels<3>());
             case 8:
                 return f(Channels<8>());
             case 11:
                 return f(Channels<11>());
         }
     }
+    if (channels == 3) return f(Channels<3>());
     return channels == 4 ? f(Channels<4>()) : f(Channels<0>());
 }
 

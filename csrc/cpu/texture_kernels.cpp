@@ -11,9 +11,9 @@ MIPBAKE_INLINE void interpolate(const BlockQuads<Q, T>& b, int i, int channels, 
     const int n = C > 0 ? C : channels;
     T values[local];  // formed before one is stored: the output could alias what they are formed from
     T* const to = C > 0 ? values : out;
-    const Q finer = b.quads[0][i];
+    const auto finer = widened<C>(b.quads[0][i]);
     if (b.block.blended && b.block.blend[i] != 0) {
-        const Q coarser = b.quads[1][i];
+        const auto coarser = widened<C>(b.quads[1][i]);
         const T blend = b.block.blend[i];
         for (int c = 0; c < n; ++c) to[c] = lerp(bilinear(finer, c), bilinear(coarser, c), blend);
     } else {
@@ -47,8 +47,8 @@ MIPBAKE_KERNEL void look_up_taps(const TextureArgs<T>& args, const void* zeros, 
                     continue;
                 }
                 const T share = T(1) / static_cast<T>(b.block.ordinal[i] + 1);
-                const Q& finer = b.quads[0][i];
-                const Q& coarser = b.quads[b.block.blended && b.block.blend[i] != 0 ? 1 : 0][i];
+                const auto finer = widened<C>(b.quads[0][i]);
+                const auto coarser = widened<C>(b.quads[b.block.blended && b.block.blend[i] != 0 ? 1 : 0][i]);
                 for (int c = 0; c < n; ++c) {
                     const T fine = bilinear(finer, c);
                     texel[c] = lerp(texel[c], lerp(fine, bilinear(coarser, c), b.block.blend[i]), share);

@@ -14,11 +14,11 @@ struct LookupSlopes {
 template <int C, class Q, class T>
 MIPBAKE_INLINE LookupSlopes<T> slopes_of(const TextureArgs<T>& args, const BlockQuads<Q, T>& b, int i, const T* grad) {
     if (is_void(args, b.block, i)) return {0, 0, 0};
-    const QuadSlopes<T> fine = quad_slopes<C>(b.quads[0][i], args.channels, grad);
+    const QuadSlopes<T> fine = quad_slopes<C>(widened<C>(b.quads[0][i]), args.channels, grad);
     LookupSlopes<T> s = {fine.x * static_cast<T>(b.block.width[0][i]), fine.y * static_cast<T>(b.block.height[0][i]),
                          0};
     if (b.block.blended && b.block.level[0][i] != b.block.level[1][i]) {
-        const QuadSlopes<T> coarse = quad_slopes<C>(b.quads[1][i], args.channels, grad);
+        const QuadSlopes<T> coarse = quad_slopes<C>(widened<C>(b.quads[1][i]), args.channels, grad);
         s.u = lerp(s.u, coarse.x * static_cast<T>(b.block.width[1][i]), b.block.blend[i]);
         s.v = lerp(s.v, coarse.y * static_cast<T>(b.block.height[1][i]), b.block.blend[i]);
         s.lod = coarse.value - fine.value;
