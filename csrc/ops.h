@@ -45,10 +45,11 @@ void shade_cpu(const ShadeArgs& args, void* radiance);
 // adjoint of its own; the two agree to rounding.
 void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_material, bool duals);
 
-// The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the current device. They
-// throw std::runtime_error with CUDA's message; in a build without CUDA, always.
-void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream);
-void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream);
+// The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the device. They throw
+// std::runtime_error with CUDA's message; in a build without CUDA, always.
+void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_t stream);
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, int device,
+                         std::uintptr_t stream);
 
 // ---- Interpolation and antialiasing of rasterised images ----
 

@@ -72,9 +72,10 @@ void shade(const std::string& model, const Input& material, const Input& light, 
     require(radiance, material, "radiance", {material.shape(0), light.shape(1), material.shape(1), 3}, true);
     void* const out = radiance.data();
     const bool gpu = on_gpu(material);
+    const int device = material.device_id();
     const nb::gil_scoped_release release;
     if (gpu) {
-        mipbake::shade_cuda(args, out, stream);
+        mipbake::shade_cuda(args, out, device, stream);
     } else {
         mipbake::shade_cpu(args, out);
     }
@@ -89,10 +90,11 @@ void shade_backward(const std::string& model, const Input& material, const Input
     const void* const in = grad_radiance.data();
     void* const out = grad_material.data();
     const bool gpu = on_gpu(material);
+    const int device = material.device_id();
     if (gpu && duals) throw nb::value_error("duals are for the CPU");
     const nb::gil_scoped_release release;
     if (gpu) {
-        mipbake::shade_backward_cuda(args, in, out, stream);
+        mipbake::shade_backward_cuda(args, in, out, device, stream);
     } else {
         mipbake::shade_backward_cpu(args, in, out, duals);
     }

@@ -130,11 +130,13 @@ __global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, co
     for (int c = 0; c < C; ++c) grad_material[i * C + c] = gradient[c];
 }
 
-void check_cuda(const char* kernel) {
-    const cudaError_t error = cudaGetLastError();
+void check_cuda(const char* kernel, cudaError_t error) {
     if (error != cudaSuccess)
         throw std::runtime_error(std::string("CUDA, ") + kernel + ": " + cudaGetErrorString(error));
 }
+
+// The module links a CUDA runtime of its own, which has its own idea of the current device.
+void use_device(const char* kernel, int device) { check_cuda(kernel, cudaSetDevice(device)); }
 
 void require_float(const ShadeArgs& args) {
     if (args.is_double) throw std::runtime_error("the CUDA kernels are for float32 alone");
@@ -142,21 +144,24 @@ void require_float(const ShadeArgs& args) {
 
 }  // namespace
 
-void shade_cuda(const ShadeArgs& args, void* radiance, std::uintptr_t stream) {
+void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_t stream) {
     require_float(args);
     if (args.B * args.K * args.N == 0) return;
+    use_device("shade", device);
     const Index blocks = (args.N + kTexels - 1) / kTexels * ((args.K + kPairs - 1) / kPairs) * args.B;
     Models::visit(args.model, [&](auto model) {
         forward_kernel<decltype(model)>
             <<<static_cast<unsigned>(blocks), dim3(kTexels, kSlices), 0, reinterpret_cast<cudaStream_t>(stream)>>>(
                 args, static_cast<float*>(radiance));
     });
-    check_cuda("shade");
+    check_cuda("shade", cudaGetLastError());
 }
 
-void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, std::uintptr_t stream) {
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, int device,
+                         std::uintptr_t stream) {
     require_float(args);
     if (args.B * args.N == 0) return;
+    use_device("shade_backward", device);
     const auto s = reinterpret_cast<cudaStream_t>(stream);
     const auto* const g = static_cast<const float*>(grad_radiance);
     auto* const out = static_cast<float*>(grad_material);
@@ -170,7 +175,7 @@ void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void*
             backward_duals_kernel<Model><<<static_cast<unsigned>(blocks), kThreads, 0, s>>>(args, g, out);
         }
     });
-    check_cuda("shade_backward");
+    check_cuda("shade_backward", cudaGetLastError());
 }
 
 }  // namespace mipbake
