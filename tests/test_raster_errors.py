@@ -87,6 +87,10 @@ INTERPOLATE: dict[str, tuple[dict[str, Any], str]] = {
     "attr dtype": ({"attr": ATTR.int()}, "attr is int32: expected float32 or float64"),
     "attr shape": ({"attr": ATTR[0]}, "attr has shape (3,): expected (vertices, attributes) in range mode or"),
     "attr batch": ({"attr": ATTR.expand(3, 4, 3)}, "attr has a batch of 3: expected 1 or 2, as rast has"),
+    "attr batch of one": (
+        {"attr": ATTR.expand(3, 4, 3), "rast": RAST[:1], "rast_db": DB[:1]},
+        "attr has a batch of 3: expected 1, as rast has",
+    ),
     "rast dtype": ({"rast": RAST.double()}, "rast is float64: expected float32, as attr is"),
     "rast shape": ({"rast": RAST[..., :3]}, "rast has shape (2, 3, 5, 3): expected (batch, height, width, 4), u, v"),
     "rast axes": ({"rast": RAST[0]}, "rast has shape (3, 5, 4): expected (batch, height, width, 4)"),
@@ -264,3 +268,29 @@ def test_wrong_arguments_with_cuda(call: Callable[..., Any], changes: dict[str, 
         call(**arguments)
     sentence = "float64 on cuda" if "float64: expected" in sentence else sentence
     assert sentence in str(raised.value), str(raised.value)
+
+
+def test_tangents_are_refused() -> None:
+    calls: list[tuple[Callable[[Tensor], Any], str, Tensor]] = [
+        (lambda pos: rasterize(None, pos, TRI, SIZE), "pos", POS),
+        (lambda attr: interpolate(attr, RAST, TRI), "attr", ATTR),
+        (lambda rast: interpolate(ATTR, rast, TRI), "rast", RAST),
+        (lambda rast_db: interpolate(ATTR, RAST, TRI, rast_db, "all"), "rast_db", DB),
+        (lambda color: antialias(color, RAST, POS, TRI), "color", COLOR),
+        (lambda pos: antialias(COLOR, RAST, pos, TRI), "pos", POS),
+    ]
+    for call, name, tensor in calls:
+        sentence = f"{name} has a forward-mode tangent: expected none, .*; use torch.autograd.grad or backward"
+        with pytest.raises(UsageError, match=sentence):
+            torch.func.jvp(call, (tensor,), (tensor,))
+
+
+def test_the_boost_may_be_a_number_of_numpy() -> None:
+    pos = (POS * torch.tensor([0.5, 0.5, 1, 1])).requires_grad_()
+    rast = rasterize(None, pos.detach(), TRI, SIZE)[0]
+    gradients = [
+        torch.autograd.grad(antialias(COLOR, rast, pos, TRI, None, boost).square().sum(), pos)[0]
+        for boost in (2.5, np.float32(2.5), np.float64(2.5))
+    ]
+    assert gradients[0].any()
+    assert all(torch.equal(gradient, gradients[0]) for gradient in gradients)

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from mipbake import _native
+from mipbake.errors import UsageError
 from mipbake.sampling import ops, reference, texture, texture_construct_mip
 
 from .texture_cases import FILTERS
@@ -357,6 +359,34 @@ def test_no_lookups_give_empty_results_and_zero_gradients() -> None:
     out.sum().backward()
     assert tex.grad is not None and torch.all(tex.grad == 0)
     assert uv.grad is not None and uv.grad.shape == uv.shape
+
+
+@pytest.mark.parametrize("cube", [False, True])
+def test_a_batch_of_none_gives_empty_results_and_zero_gradients(cube: bool) -> None:
+    tex = random(1, 6, 4, 4, 3) if cube else random(1, 5, 4, 3)
+    axes = 3 if cube else 2
+    uv, uv_da = torch.zeros(0, 2, 3, axes, dtype=tex.dtype), torch.zeros(1, 2, 3, 2 * axes, dtype=tex.dtype)
+    bias = torch.zeros(1, 1, 1, dtype=tex.dtype).requires_grad_()
+    boundary = "cube" if cube else "wrap"
+    for texels in (tex, tex[:0]):
+        for mip in (None, texture_construct_mip(texels, cube_mode=cube)):
+            out = texture(texels, uv, uv_da, bias, mip, boundary_mode=boundary)
+            assert out.shape == (0, 2, 3, 3)
+            for leaf, gradient in zip((tex, bias), torch.autograd.grad(out.sum(), (tex, bias)), strict=True):
+                assert gradient.shape == leaf.shape
+                assert torch.all(gradient == 0)
+    plain = texture(tex.detach().numpy(), uv.numpy(), uv_da.numpy(), boundary_mode=boundary)
+    assert plain.shape == (0, 2, 3, 3)
+
+
+def test_tangents_are_refused() -> None:
+    tex, uv = random(1, 4, 4, 3).detach(), torch.zeros(1, 2, 3, 2, dtype=DOUBLE)
+    with pytest.raises(UsageError, match=r"tex has a forward-mode tangent: expected none, .*; use torch.autograd.grad"):
+        torch.func.jvp(lambda tex: texture(tex, uv), (tex,), (tex,))
+    with pytest.raises(UsageError, match=r"mip\[1\] has a forward-mode tangent"):
+        torch.func.jvp(lambda level: texture(tex, uv, None, uv[..., 0], [tex, level]), (tex,), (tex,))
+    with forward_ad.dual_level(), pytest.raises(UsageError, match="uv has a forward-mode tangent"):
+        texture(tex, forward_ad.make_dual(uv, uv))
 
 
 def test_gradient_sums_are_the_serial_sums() -> None:

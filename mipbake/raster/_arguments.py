@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -103,7 +104,8 @@ def attributes_of(
     check_triangles(tri, attr)
     _check_image(rast, attr, 4, "u, v, z/w, triangle_id")
     if len(attr.shape) == 3 and attr.shape[0] not in (1, rast.shape[0]):
-        raise UsageError(f"attr has a batch of {attr.shape[0]}: expected 1 or {rast.shape[0]}, as rast has")
+        batch = "1" if rast.shape[0] == 1 else f"1 or {rast.shape[0]}"
+        raise UsageError(f"attr has a batch of {attr.shape[0]}: expected {batch}, as rast has")
     selected = _selected(diff_attrs, attr.shape[-1])
     if rast_db is None:
         return []
@@ -137,7 +139,8 @@ def check_topology(count: int, device: str, tri: Described) -> None:
 
 def boost_of(value: Any) -> float:
     """pos_gradient_boost as a float."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < float("inf"):
+    number = isinstance(value, (int, float, numbers.Real)) and not isinstance(value, bool)
+    if not number or not abs(value) < float("inf"):
         raise UsageError(f"pos_gradient_boost is {value!r}: expected a finite number")
     return float(value)
 

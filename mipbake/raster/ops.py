@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.raster import _device
@@ -46,6 +47,7 @@ def rasterize(
     described = None if ranges is None else _described("ranges", ranges)
     size = size_of(resolution)
     image_shape(_described("pos", pos), _described("tri", tri), described, size)
+    refuse_tangents(pos=pos)
     previous = None if previous is None else previous.detach()
     rast, rast_db = _rasterize(pos, tri, *size, ranges, previous, 0 if ctx is None else ctx.handle)
     return rast, rast_db if grad_db else rast_db.detach()
@@ -66,6 +68,7 @@ def interpolate(
         None if rast_db is None else _described("rast_db", rast_db),
         diff_attrs,
     )
+    refuse_tangents(attr=attr, rast=rast, rast_db=rast_db)
     out, out_da = _interpolate(attr, rast, tri, rast_db if selected else None, selected)
     return out, out_da
 
@@ -82,6 +85,7 @@ def antialias(
     triangles = _described("tri", tri)
     check_antialias(_described("color", color), _described("rast", rast), _described("pos", pos), triangles)
     boost = boost_of(pos_gradient_boost)
+    refuse_tangents(color=color, pos=pos)
     following = _topology(tri, pos.shape[-2]) if topology_hash is None else _next_of(topology_hash, triangles)
     out: Tensor = _antialias(color, rast, pos, tri, following, boost)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -60,11 +61,11 @@ def boundaries(boundary_mode: str | Sequence[str]) -> tuple[str, str]:
 
 def check_texture(name: str, shape: Shape, cube: bool, setting: str = "boundary_mode to 'cube'") -> None:
     """UsageError unless the shape is that of a texture, or of a cube map; `setting` is what says which."""
-    form = "(B, 6, S, S, C)" if cube else "(B, H, W, C)"
+    form = "(B, 6, S, S, C), S and C" if cube else "(B, H, W, C), H, W and C"
     fits = len(shape) == (5 if cube else 4) and (not cube or (shape[1] == 6 and shape[2] == shape[3]))
-    if not fits or any(size == 0 for size in shape):
+    if not fits or any(size == 0 for size in shape[1:]):
         hint = "" if fits or cube or len(shape) != 5 else f"; for a cube map set {setting}"
-        raise UsageError(f"{name} has shape {_text(shape)}: expected {form}, none of them 0{hint}")
+        raise UsageError(f"{name} has shape {_text(shape)}: expected {form} from 1 on{hint}")
     if shape[-3] > MAX_SIDE or shape[-2] > MAX_SIDE:
         raise UsageError(f"{name} has shape {_text(shape)}: expected at most {MAX_SIDE} texels a side")
 
@@ -82,7 +83,11 @@ def check_max_mip_level(max_mip_level: int | None) -> None:
     """UsageError unless it is None or a whole number from 0."""
     if max_mip_level is None:
         return
-    if isinstance(max_mip_level, bool) or not isinstance(max_mip_level, int) or max_mip_level < 0:
+    try:
+        level = -1 if isinstance(max_mip_level, bool) else operator.index(max_mip_level)
+    except TypeError:
+        level = -1
+    if level < 0:
         raise UsageError(f"max_mip_level is {max_mip_level!r}: expected None or a whole number from 0")
 
 
@@ -129,7 +134,7 @@ def plan_texture(
             raise UsageError(
                 f"uv_da has shape {_text(uv_da)}: expected (B, {uv[1]}, {uv[2]}, {2 * last}), the lookups of uv"
             )
-    if bias is not None and (len(bias) != 3 or bias[0] == 0 or bias[1] not in (1, uv[1]) or bias[2] not in (1, uv[2])):
+    if bias is not None and (len(bias) != 3 or bias[1] not in (1, uv[1]) or bias[2] not in (1, uv[2])):
         raise UsageError(
             f"mip_level_bias has shape {_text(bias)}: expected (B, {uv[1]}, {uv[2]}), the lookups of uv, "
             "or 1 on an axis along which it repeats"
@@ -145,7 +150,7 @@ def plan_texture(
 
 
 def _check_lookups(name: str, shape: Shape, last: int) -> None:
-    if len(shape) != 4 or shape[-1] != last or shape[0] == 0:
+    if len(shape) != 4 or shape[-1] != last:
         raise UsageError(f"{name} has shape {_text(shape)}: expected (B, h, w, {last})")
 
 

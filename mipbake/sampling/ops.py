@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.sampling._arguments import (
@@ -46,6 +47,9 @@ def texture(
         boundary_mode,
         max_mip_level,
     )
+    given = mip if isinstance(mip, Sequence) else ()
+    named = {f"mip[{index}]": level for index, level in enumerate(given)}
+    refuse_tangents(tex=tex, uv=uv, uv_da=uv_da, mip_level_bias=mip_level_bias, **named)
     levels = [tex]
     chain = plan.levels > 1 and (mip is None or isinstance(mip, TextureMip))
     if plan.levels > 1:
