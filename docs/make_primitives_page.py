@@ -43,7 +43,7 @@ def markdown(docstring: str) -> str:
             section = ""
             lines.append(line)
         elif section:
-            entry = ENTRY.match(line)
+            entry = ENTRY.match(line) if section != "Returns" else None
             inside = line.startswith("        ")  # goes on with the entry above
             lines.append(f"- `{entry[1]}`: {line[entry.end() :]}" if entry else "  " * inside + line.strip())
         else:

@@ -61,7 +61,7 @@ def rasterize(
     Args:
         ctx: scratch memory to reuse, or None.
         pos: clip-space positions x, y, z, w, finite. Instanced mode: (B, V, 4), an image from each item. Range mode:
-            (V, 4). float32, or float64 on the CPU.
+            (V, 4). float32, or float64 on the CPU (coordinates beyond 1e100 or below 1e-100 leave its range there).
         tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^24 for float32, which stores it.
         resolution: (height, width) in pixels, each from 1 to 32768.
         ranges: in range mode (B, 2) int32 on the CPU: image b shows the ranges[b, 1] triangles of tri from
@@ -70,8 +70,9 @@ def rasterize(
 
     Returns:
         Two arrays (B, H, W, 4) in the dtype of pos, zeros where no triangle is:
-        u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1.
-        du/dX, du/dY, dv/dX, dv/dY: their derivatives per pixel, X along columns and Y along rows.
+
+        - u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1.
+        - du/dX, du/dY, dv/dX, dv/dY: derivatives of u and v per pixel, X along columns and Y along rows.
 
     Gradients go to pos from u, v and the derivatives (section 3.3, eq. 2), for the triangle that was seen: coverage
     itself has none, for that there is `antialias`. The gradient of z/w and of triangle_id is taken to be 0, so pos gets
@@ -104,8 +105,8 @@ def interpolate(
         diff_attrs: a list of attributes, 0 to A - 1, whose derivatives are wanted, or "all".
 
     Returns:
-        (B, H, W, A), zeros where rast is empty.
-        (B, H, W, 2 K): dA/dX, dA/dY per pixel of each of the K attributes of diff_attrs, in that order, zeros where
+        - (B, H, W, A), zeros where rast is empty.
+        - (B, H, W, 2 K), dA/dX, dA/dY per pixel of each of the K attributes of diff_attrs, in that order, zeros where
         rast is empty; of 0 channels unless both rast_db and diff_attrs are given.
 
     Gradients go to attr, to u and v of rast (eq. 4) and to rast_db, from both results. Attributes that serve every
@@ -170,7 +171,8 @@ def antialias_construct_topology_hash(tri: Array) -> Topology:
 
     Returns:
         An object of 12 bytes a triangle, for calls with arrays of the same kind on the same device. It holds for the
-        triangles as they were: of other ones, or changed ones, of the same number, the silhouettes would be wrong.
+        triangles as they were; with others, or changed ones, of the same number the silhouettes would be wrong. Making
+        it on the CPU takes scratch of 24 bytes a triangle and 4 a vertex.
 
     Raises:
         UsageError: tri of another type, dtype or shape, or with a negative index.

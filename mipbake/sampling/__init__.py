@@ -102,7 +102,8 @@ def texture(
 
     Gradients (torch; NumPy arrays have none) flow to tex, the levels of a custom stack, uv, uv_da and mip_level_bias.
     Through internal mips and those of `texture_construct_mip` they go to `tex` alone, in one buffer of its size, with a
-    third as much scratch for the coarser levels. They are those of the piecewise linear interpolant, one-sided at its
+    third as much scratch for the coarser levels; where lookups are many, the CPU takes 8 to 16 bytes more for each, of
+    at most 4 M at a time. They are those of the piecewise linear interpolant, one-sided at its
     kinks: at a texel centre the slope towards larger u and v, at a whole level of detail the step to the next coarser
     level. They are 0 by uv under "nearest" and beyond the outer texel centres under "clamp"; by the level of detail
     where it is clamped and under "linear-mipmap-nearest". Those of "anisotropic" hold its number of taps fixed.
