@@ -294,3 +294,11 @@ def test_the_boost_may_be_a_number_of_numpy() -> None:
     ]
     assert gradients[0].any()
     assert all(torch.equal(gradient, gradients[0]) for gradient in gradients)
+
+
+def test_sparse_tensors_are_refused() -> None:
+    for call, name in ((rasterize, "pos"), (interpolate, "rast"), (antialias, "color")):
+        arguments = dict(CALLS[call])
+        arguments[name] = arguments[name].to_sparse()
+        with pytest.raises(UsageError, match=f"{name} is torch.sparse_coo: expected a dense tensor, such as {name}"):
+            call(**arguments)

@@ -236,6 +236,16 @@ def test_wrong_arguments_are_named(change: dict[str, Any], message: str) -> None
         ops.shade(**(arguments | change))
 
 
+def test_tangents_are_refused() -> None:
+    stored, (light, view) = torch.zeros(2, 8), torch.ones(2, 3, 3)
+    for name, wrong in (("material", stored), ("light", light), ("view", view)):
+        arguments = {"material": stored, "light": light, "view": view}
+        with pytest.raises(UsageError, match=f"{name} has a forward-mode tangent: expected none"):
+            torch.func.jvp(
+                lambda x, name=name, own=arguments: ops.shade("gltf", **{**own, name: x}), (wrong,), (wrong,)
+            )
+
+
 @pytest.mark.skipif(_native.cuda_compiled() or not torch.cuda.is_available(), reason="needs a GPU and no CUDA kernels")
 def test_without_cuda_kernels_a_gpu_tensor_is_refused() -> None:
     arguments = [a.detach().cuda() for a in tensors("ggx", 1, 2, 3, torch.float32)]

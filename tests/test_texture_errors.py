@@ -173,6 +173,13 @@ def test_stacks_are_refused_in_the_same_words(convert: Any) -> None:
             texture_construct_mip(**{name: convert(value) for name, value in arguments.items()})
 
 
+def test_sparse_tensors_are_refused() -> None:
+    for name in ("tex", "uv"):
+        arguments = default(**{name: as_torch(default()[name]).to_sparse()})
+        with pytest.raises(UsageError, match=f"{name} is torch.sparse_coo: expected a dense tensor, such as {name}"):
+            texture(**{k: as_torch(v) for k, v in arguments.items()})
+
+
 @pytest.mark.parametrize("convert", [lambda array: array, as_torch])
 def test_integers_of_numpy_are_whole_numbers(convert: Any) -> None:
     for level in (np.int64(1), np.uint8(1)):

@@ -102,6 +102,8 @@ def _described(name: str, tensor: Any) -> Described:
         raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor, or NumPy arrays alone")
     if tensor.device.type not in ("cpu", "cuda", "meta"):
         raise UsageError(f"{name} is on {tensor.device}: expected the CPU or CUDA")
+    if tensor.layout != torch.strided:
+        raise UsageError(f"{name} is {tensor.layout}: expected a dense tensor, such as {name}.to_dense()")
     dtype = _NAMES.get(tensor.dtype) or str(tensor.dtype).removeprefix("torch.")
     return Described(name, tuple(tensor.shape), dtype, str(tensor.device))
 

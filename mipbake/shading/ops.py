@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.material import model_named
@@ -48,6 +49,7 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
             f"material is {material.dtype} on {material.device}: "
             "expected float32 on the CPU or with CUDA, or float64 on the CPU"
         )
+    refuse_tangents(material=material, light=light, view=view)
     light, view = _direction("light", light, material), _direction("view", view, material)
     batch, K, N = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     B = 1 if batch is None else batch
