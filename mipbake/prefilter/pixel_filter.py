@@ -136,21 +136,36 @@ def resample_weights(
     return index, weights.astype(np.float32)
 
 
-def _resample_rows(image: NDArray[np.float32], n_out: int, kernel: str, wrap: str) -> NDArray[np.float32]:
-    index, weights = resample_weights(image.shape[0], n_out, kernel, wrap)
+_BAND = 1 << 18  # floats in a band of rows: a band and its temporaries stay in the cache
+
+
+def _resample_rows(
+    image: NDArray[np.float32], index: NDArray[np.int64], weights: NDArray[np.float32]
+) -> NDArray[np.float32]:
     if index.shape[1] == 1:
         return image[index[:, 0]]
-    out = np.zeros((n_out, *image.shape[1:]), np.float32)
+    out = np.zeros((len(index), *image.shape[1:]), np.float32)
     for tap in range(index.shape[1]):
-        out += image[index[:, tap]] * weights[:, tap].reshape(-1, *(1,) * (image.ndim - 1))
+        part = image[index[:, tap]]
+        part *= weights[:, tap].reshape(-1, *(1,) * (image.ndim - 1))
+        out += part
     return out
 
 
-def resample(image: NDArray[np.float32], size: tuple[int, int], pixel_filter: str, wrap: Wrap) -> NDArray[np.float32]:
+def resample(
+    image: NDArray[np.float32], size: tuple[int, int], pixel_filter: str, wrap: Wrap, width: float = 1.0
+) -> NDArray[np.float32]:
     """(H, W, C) to (size[0], size[1], C), no larger than the input, each axis with resample_weights."""
-    rows = _resample_rows(image, size[0], pixel_filter, wrap[1])
-    columns = _resample_rows(np.ascontiguousarray(rows.swapaxes(0, 1)), size[1], pixel_filter, wrap[0])
-    return np.ascontiguousarray(columns.swapaxes(0, 1))
+    index, weights = resample_weights(image.shape[0], size[0], pixel_filter, wrap[1], width)
+    columns = resample_weights(image.shape[1], size[1], pixel_filter, wrap[0], width)
+    out = np.empty((*size, image.shape[2]), np.float32)
+    step = max(1, _BAND // (image.shape[1] * image.shape[2]))
+    for start in range(0, size[0], step):
+        some = slice(start, start + step)
+        band = _resample_rows(image, index[some], weights[some])
+        band = _resample_rows(np.ascontiguousarray(band.swapaxes(0, 1)), *columns)
+        out[some] = band.swapaxes(0, 1)
+    return out
 
 
 _PRE_REDUCED = 3
