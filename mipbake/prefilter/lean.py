@@ -2,7 +2,8 @@
 
 S' = mean(S) + 2 Cov(slopes), with slopes = (n_x, n_y) / n_z and S the roughness tensor (alpha^2 = 2 sigma^2 is what
 turns a slope variance into GGX's and Beckmann's alpha). The new normal is that of the mean slope. Reflectances are
-averaged. Moments are linear, so one pass of the averaging kernel filters everything.
+averaged. Moments are linear, so one pass of the averaging kernel filters everything. Isotropic targets take the mean
+eigenvalue of S'.
 """
 
 from __future__ import annotations
@@ -12,6 +13,16 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.closed_form import (
+    Array,
+    by_rows,
+    colour_count,
+    mean_by_rows,
+    positive_definite,
+    roughness_tensor,
+    stored_channels,
+    unit_normals,
+)
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
 
 _MIN_NORMAL_Z = 0.02
@@ -28,40 +39,32 @@ class Lean:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        ggx = material.convert(stored, source, "ggx")
-        # Reflectances are averaged in the target's own channels: base colour and metallic, or albedo and F0.
-        own = material.convert(stored, source, target)
-        colours = own[..., 0 : 6 if target == "ggx" else 4]
-        normal = material.lift_normal(ggx[..., 6:8])
-        slopes = normal[..., 0:2] / np.maximum(normal[..., 2:3], _MIN_NORMAL_Z)
+        colours = colour_count(target)
         # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
-        tilt = slopes.mean((0, 1))
-        slopes = slopes - tilt
-        squares = np.stack([slopes[..., 0] ** 2, slopes[..., 1] ** 2, slopes[..., 0] * slopes[..., 1]], -1)
-        # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
-        moments = np.concatenate([colours, slopes, material.tensor_exp(ggx[..., 8:11]) + 2 * squares], -1)
-        levels = filtered_levels(moments.astype(np.float32), pixel_filter, wrap, progress)
-        levels = [_from_moments(level, tilt, target) for level in levels]
+        tilt = mean_by_rows(lambda texels: _slopes(texels, source), stored)
+
+        def read(texels: Array) -> Array:
+            slopes = _slopes(texels, source) - tilt
+            x, y = slopes[..., 0], slopes[..., 1]
+            # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
+            tensor = roughness_tensor(material.convert(texels, source, "ggx"), "ggx")
+            tensor += 2 * np.stack([x * x, y * y, x * y], -1)
+            return np.concatenate([material.convert(texels, source, target)[..., :colours], slopes, tensor], -1)
+
+        def write(moments: Array) -> Array:
+            slopes, second = moments[..., -5:-3], moments[..., -3:]
+            x, y = slopes[..., 0], slopes[..., 1]
+            # Averages of S + 2 ss^T are positive definite in exact arithmetic, not after rounding.
+            tensor = positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1))
+            normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
+            return stored_channels(moments[..., :colours], normal, tensor, target)
+
+        levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
+        for index, level in enumerate(levels):
+            levels[index] = by_rows(write, level)
         return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
 
 
-def _from_moments(moments: NDArray[np.float32], tilt: NDArray[np.float32], target: str) -> NDArray[np.float32]:
-    colours, slopes, second = moments[..., :-5], moments[..., -5:-3], moments[..., -3:]
-    x, y = slopes[..., 0], slopes[..., 1]
-    tensor = second - 2 * np.stack([x * x, y * y, x * y], -1)
-    # Averages of S + 2 ss^T are positive definite in exact arithmetic; rounding may take the smaller axis below zero.
-    smallest = np.float32(material.MIN_ROUGHNESS**4)
-    tensor[..., 0:2] = np.maximum(tensor[..., 0:2], smallest)
-    limit = np.sqrt(np.maximum((tensor[..., 0] - smallest / 2) * (tensor[..., 1] - smallest / 2), 0))
-    tensor[..., 2] = np.clip(tensor[..., 2], -limit, limit)
-    normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    if target == "ggx":
-        channels = [colours, normal[..., 0:2], material.tensor_log(tensor)]
-    elif target == "gltf-anisotropic":
-        alpha, strength, direction = material.tensor_to_axes(tensor)
-        channels = [colours, np.sqrt(alpha)[..., None], normal, direction, strength[..., None]]
-    else:
-        alpha2 = (tensor[..., 0:1] + tensor[..., 1:2]) / 2
-        channels = [colours, np.clip(alpha2**0.25, 0, 1), normal]
-    return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
+def _slopes(stored: Array, model: str) -> Array:
+    normal = unit_normals(stored, model)
+    return normal[..., 0:2] / np.maximum(normal[..., 2:3], _MIN_NORMAL_Z)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.closed_form import by_rows
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
 
 
@@ -23,6 +24,6 @@ class Linear:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        channels = material.convert(stored, source, target)
+        channels = by_rows(lambda texels: material.convert(texels, source, target), stored)
         levels = filtered_levels(channels, pixel_filter, wrap, progress)
-        return PrefilterResult([material.regularise(level, target) for level in levels])
+        return PrefilterResult([by_rows(lambda texels: material.regularise(texels, target), level) for level in levels])

@@ -1,0 +1,247 @@
+"""What the closed forms share: how much unit normals spread, functions of roughness tensors, the way in and out.
+
+The formulas of toksvig.py, vmf.py, godot.py, filament.py and unreal.py turn the length r of an average of unit normals
+and the roughness of a level into a wider roughness. They know one alpha^2. Where a material is anisotropic, they treat
+the two eigenvalues of its roughness tensor S alike: spread normals widen both axes by the same rule.
+
+1 - r^2 is the variance of the normals, mean |n|^2 - |mean n|^2, and that is how it is computed, about a normal near all
+of them. Subtracting r from 1 would leave glossy materials nothing but rounding: alpha^2 goes down to 4e-6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.pixel_filter import Wrap, filtered_levels, resample
+
+Array = NDArray[np.floating]
+Image = NDArray[np.float32]
+
+_BAND = 1 << 17  # texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB
+
+_MIN_LENGTH = 1e-3
+"""Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length."""
+
+_MIN_ALPHA2 = material.MIN_ROUGHNESS**4
+"""The least eigenvalue whose logarithm is stored; narrower lobes are not shaded (material.MIN_ROUGHNESS)."""
+
+
+@dataclass(frozen=True)
+class RoughnessRule:
+    """A method that widens roughness by how much unit normals spread, the same in all directions.
+
+    Reflectances are averaged in the target's channels, normals as unit vectors (their mean is the new normal).
+    Functions take and return arrays of one shape, element by element.
+
+    Args:
+        name: what users call it.
+        summary: one line for help texts.
+        averaged: the quantity that stands for alpha^2 in the averages.
+        restored: its inverse: alpha^2 of an average.
+        widened: alpha^2 of a level and 1 - r^2 of its normals to the new alpha^2; 1 - r^2 runs from 0 to 1. What it
+            returns is cut at alpha = 1, or at the level's own alpha where that is beyond.
+        weight: the weight of a normal in the average, from its alpha^2; None for equal weights.
+        top_blur: width in texels of the box that normals are averaged with at level 0, for the roughness alone, where
+            the averaging kernel is `box`, which leaves level 0 as it is; 1 for none.
+    """
+
+    name: str
+    summary: str
+    averaged: Callable[[Array], Array]
+    restored: Callable[[Array], Array]
+    widened: Callable[[Array, Array], Array]
+    weight: Callable[[Array], Array] | None = None
+    top_blur: float = 1.0
+
+    def __call__(
+        self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter."""
+        centre = normal_centre(stored, source)
+        colours = colour_count(target)
+
+        def read(texels: Array) -> Array:
+            own = material.convert(texels, source, target)
+            alpha2 = roughness_tensor(texels, source) if source == "gltf" else roughness_tensor(own, target)
+            spread = unit_normals(texels, source) - centre
+            moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)
+            if self.weight is not None:
+                weight = mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
+                moments = np.concatenate([weight * moments, weight], -1)
+            return np.concatenate([own[..., :colours], moments, of_eigenvalues(alpha2, self.averaged)], -1)
+
+        normals = slice(colours, colours + (4 if self.weight is None else 5))
+
+        def write(moments: Array, blurred: Array | None = None) -> Array:
+            mean, variance = self._spread(moments[..., normals])
+            if blurred is not None:
+                variance = self._spread(blurred)[1]
+            alpha2 = of_eigenvalues(moments[..., normals.stop :], lambda value: self._level(value, variance))
+            return stored_channels(moments[..., :colours], mean + centre, alpha2, target)
+
+        moments = by_rows(read, stored)
+        blurred = None
+        if self.top_blur != 1.0 and pixel_filter == "box":
+            size = (stored.shape[0], stored.shape[1])
+            blurred = resample(np.ascontiguousarray(moments[..., normals]), size, "box", wrap, self.top_blur)
+        levels = filtered_levels(moments, pixel_filter, wrap, progress)
+        del moments
+        for index, level in enumerate(levels):
+            images = (level, blurred) if index == 0 and blurred is not None else (level,)
+            levels[index] = by_rows(write, *images)
+        return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
+
+    def _spread(self, moments: Array) -> tuple[Array, Array]:
+        """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from their averaged moments."""
+        mean, square = moments[..., 0:3], moments[..., 3]
+        if self.weight is not None:
+            weight = np.maximum(moments[..., 4:5], _MIN_LENGTH)
+            mean, square = mean / weight, square / weight[..., 0]
+        # Kernels with negative lobes average to variances outside the range.
+        return mean, np.clip(square - np.square(mean).sum(-1), 0, 1)
+
+    def _level(self, averaged: Array, variance: Array) -> Array:
+        alpha2 = self.restored(averaged)
+        return np.minimum(self.widened(alpha2, variance), np.maximum(alpha2, 1))
+
+
+def length(variance: Array) -> Array:
+    """r = |mean unit normal| from 1 - r^2, any shape; at least 0.001."""
+    return np.asarray(np.sqrt(np.maximum(1 - variance, _MIN_LENGTH**2)))
+
+
+def inverse_kappa(variance: Array) -> Array:
+    """1 / kappa = (1 - r^2) / (3 r - r^3) from 1 - r^2: the concentration of a von Mises-Fisher distribution.
+
+    Banerjee, Dhillon, Ghosh and Sra 2005, "Clustering on the unit hypersphere using von Mises-Fisher distributions",
+    equation 4.4 in three dimensions. 0 where all normals agree.
+    """
+    r = length(variance)
+    return variance / (r * (3 - r * r))
+
+
+def of_eigenvalues(tensor: Array, function: Callable[[Array], Array]) -> Array:
+    """A function of a symmetric tensor: of its eigenvalues, in its own axes.
+
+    Args:
+        tensor: (..., 3) T11, T22, T12, eigenvalues not below 0; or (..., 1), a multiple of the identity.
+        function: called with arrays of shape (...).
+    """
+    if tensor.shape[-1] == 1:
+        return np.asarray(function(tensor[..., 0])[..., None])
+    t11, t22, t12 = np.moveaxis(tensor, -1, 0)
+    mean, d = (t11 + t22) / 2, (t11 - t22) / 2
+    radius = np.hypot(d, t12)
+    tiny = np.finfo(tensor.dtype).tiny
+    high = np.maximum(mean + radius, 0)
+    # det / high, not mean - radius: no cancellation where one axis is much narrower than the other.
+    low = np.clip((t11 * t22 - t12 * t12) / np.maximum(high, tiny), 0, high)
+    at_high, at_low = function(high), function(low)
+    centre, slope = (at_high + at_low) / 2, (at_high - at_low) / 2 / np.maximum(radius, tiny)
+    return np.stack([centre + slope * d, centre - slope * d, slope * t12], -1)
+
+
+def mean_eigenvalue(tensor: Array) -> Array:
+    """(..., 1): half the trace of a (..., 3) tensor; a (..., 1) one as it is."""
+    return tensor if tensor.shape[-1] == 1 else (tensor[..., 0:1] + tensor[..., 1:2]) / 2
+
+
+def positive_definite(tensor: Array) -> Array:
+    """(..., 3) with its axes raised to the least alpha^2 that is stored: rounding may take one below zero."""
+    smallest = tensor.dtype.type(_MIN_ALPHA2)
+    out: Array = np.maximum(tensor, smallest)
+    limit = np.sqrt(np.maximum((out[..., 0] - smallest / 2) * (out[..., 1] - smallest / 2), 0))
+    out[..., 2] = np.clip(tensor[..., 2], -limit, limit)
+    return out
+
+
+def colour_count(target: str) -> int:
+    """How many leading channels of a model are reflectances, which every closed form averages as they are stored."""
+    return 6 if target == "ggx" else 4
+
+
+def unit_normals(stored: Array, model: str) -> Array:
+    """(..., 3) unit normals of stored channels."""
+    maps = material.MODELS[model].maps
+    if model == "ggx":
+        return np.asarray(material.lift_normal(stored[..., maps["normal"]]))
+    return _normalised(stored[..., maps["normal"]])
+
+
+def roughness_tensor(stored: Array, model: str) -> Array:
+    """S, whose eigenvalues are alpha^2, of stored channels: (..., 3) S11, S22, S12, or (..., 1) for `gltf`."""
+    if model == "ggx":
+        return material.tensor_exp(stored[..., 8:11])
+    alpha = np.square(stored[..., 4])
+    if model == "gltf":
+        return np.square(alpha)[..., None]
+    return material.axes_to_tensor(alpha, stored[..., 10], stored[..., 8:10])
+
+
+def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -> Image:
+    """(..., C) stored channels of a model from what a closed form found.
+
+    Args:
+        colours: (..., colour_count) reflectances.
+        normal: (..., 3), any length.
+        tensor: (..., 3) or (..., 1) roughness tensor S; `gltf` takes its mean eigenvalue.
+    """
+    normal = _normalised(normal)
+    if target == "ggx":
+        if tensor.shape[-1] == 1:
+            log_alpha2 = np.log(np.maximum(tensor, _MIN_ALPHA2))
+            log_tensor = np.concatenate([log_alpha2, log_alpha2, np.zeros_like(log_alpha2)], -1)
+        else:
+            log_tensor = material.tensor_log(positive_definite(tensor))
+        channels = [colours, normal[..., 0:2], log_tensor]
+    elif target == "gltf-anisotropic":
+        if tensor.shape[-1] == 1:
+            tensor = np.concatenate([tensor, tensor, np.zeros_like(tensor)], -1)
+        alpha, strength, direction = material.tensor_to_axes(tensor)
+        channels = [colours, np.sqrt(alpha)[..., None], normal, direction, strength[..., None]]
+    else:
+        channels = [colours, np.sqrt(np.sqrt(np.maximum(mean_eigenvalue(tensor), 0))), normal]
+    return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
+
+
+def _normalised(vectors: Array) -> Array:
+    """Unit vectors; +Z for those that cancelled."""
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(size > 1e-6, vectors / np.maximum(size, 1e-6), np.array([0, 0, 1], vectors.dtype))
+
+
+def by_rows(function: Callable[..., Array], *images: Image) -> Image:
+    """function(*images), which must work texel by texel, in bands of rows: temporaries stay small.
+
+    Args:
+        function: of (rows, W, C) arrays, one for each image; gives one (rows, W, D) array.
+        images: (H, W, C), each with its own C.
+    """
+    height, width = images[0].shape[:2]
+    step = max(1, _BAND // width)
+    out = np.empty(0, np.float32)
+    for start in range(0, height, step):
+        part = function(*(image[start : start + step] for image in images))
+        if start == 0:
+            out = np.empty((height, *part.shape[1:]), np.float32)
+        out[start : start + step] = part
+    return out
+
+
+def mean_by_rows(function: Callable[[Array], Array], image: Image) -> NDArray[np.float32]:
+    """(D,) mean over all texels of what function makes of (rows, W, C) bands of an image."""
+    height, width = image.shape[:2]
+    step = max(1, _BAND // width)
+    sums = [function(image[start : start + step]).sum((0, 1), dtype=np.float64) for start in range(0, height, step)]
+    return np.asarray(np.sum(sums, 0) / (height * width), np.float32)
+
+
+def normal_centre(stored: Image, model: str) -> NDArray[np.float32]:
+    """(3,) the mean of the unit normals: moments about it are exact for flat maps, tilted ones too."""
+    return mean_by_rows(lambda texels: unit_normals(texels, model), stored)
