@@ -9,11 +9,18 @@ from collections.abc import Mapping
 
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
+from mipbake.prefilter.filament import FILAMENT
+from mipbake.prefilter.godot import GODOT
 from mipbake.prefilter.lean import Lean
 from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.toksvig import TOKSVIG
+from mipbake.prefilter.unreal import UNREAL
+from mipbake.prefilter.vmf import VMF
 
-METHODS: Mapping[str, Prefilter] = {m.name: m for m in (Neural(), Lean(), Linear())}
+METHODS: Mapping[str, Prefilter] = {
+    m.name: m for m in (Neural(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
+}
 
 __all__ = ["METHODS", "Prefilter", "PrefilterResult", "method_named"]
 

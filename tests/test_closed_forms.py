@@ -1,0 +1,271 @@
+"""The closed forms that widen roughness by the length of the average normal: formulas, limits, ranges, both forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt, tanh
+
+import numpy as np
+import pytest
+
+from mipbake import material
+from mipbake.prefilter import METHODS, closed_form, vmf
+from mipbake.prefilter.pixel_filter import FILTERS, Wrap, resample
+
+WRAP: Wrap = ("wrap", "wrap")
+
+
+def toksvig(alpha2: float, r: float) -> float:
+    s = 2 / alpha2 - 2
+    return 2 / (r / (r + s * (1 - r)) * s + 2)
+
+
+def banerjee(length: float) -> float:
+    return 2 * (1 - length**2) / (length * (3 - length**2))
+
+
+def mean_lobe(alpha2: float) -> float:
+    return 1 / tanh(2 / alpha2) - alpha2 / 2
+
+
+def unreal(alpha2: float, r: float) -> float:
+    v = max(0.0, (1 - r) / r - 4e-5)
+    b = 2 * v * (alpha2 - 1)
+    return (b - alpha2) / (b - 1)
+
+
+# alpha^2 of a level whose texels agree in roughness, as the methods' sources write it.
+FORMULAS: dict[str, Callable[[float, float], float]] = {
+    "toksvig": toksvig,
+    "vmf": lambda alpha2, r: (
+        banerjee(mean_lobe(alpha2) * r) + alpha2 - banerjee(mean_lobe(alpha2))  # less its error without spread
+    ),
+    "godot": lambda alpha2, r: (sqrt(alpha2) + min(0.75 * (1 - r * r) / (3 * r - r**3), 0.16)) ** 2,
+    "filament": lambda alpha2, r: (sqrt(alpha2) + min(0.5 * (1 - r * r) / (3 * r - r**3), 0.04)) ** 2,
+    "unreal": unreal,
+}
+
+
+def two_normals(slope: float, roughness: float | tuple[float, float], metallic: float = 0.0) -> np.ndarray:
+    """A row of two texels with slopes +-slope along x: r is the cosine of their angle."""
+    stored = np.zeros((1, 2, 8), np.float32)
+    stored[..., 0:3], stored[..., 3], stored[..., 4] = 0.5, metallic, roughness
+    stored[0, :, 5] = np.array([slope, -slope]) / np.hypot(slope, 1)
+    stored[..., 7] = 1 / np.hypot(slope, 1)
+    return stored
+
+
+def bumpy(strength: float, roughness: float = 0.3, size: int = 16) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    normal = np.concatenate([strength * rng.standard_normal((size, size, 2)), np.ones((size, size, 1))], -1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    rest = np.broadcast_to(np.array([0.7, 0.5, 0.3, 1, roughness]), (size, size, 5))
+    return np.concatenate([rest, normal], -1).astype(np.float32)
+
+
+def run(
+    method: str, stored: np.ndarray, target: str = "gltf", kernel: str = "box", source: str = "gltf"
+) -> list[np.ndarray]:
+    return METHODS[method](stored, source, target, kernel, WRAP, lambda _: None).levels
+
+
+def tensor(levels: np.ndarray, model: str) -> np.ndarray:
+    return closed_form.roughness_tensor(levels.astype(np.float64), model)
+
+
+def test_registry_holds_every_rule_under_its_name() -> None:
+    rules = {name for name, method in METHODS.items() if isinstance(method, closed_form.RoughnessRule)}
+    assert rules == set(FORMULAS)
+    assert all(METHODS[name].name == name and METHODS[name].summary for name in rules)
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+@pytest.mark.parametrize("slope", [0.0, 0.05, 0.4, 3.0])
+@pytest.mark.parametrize("roughness", [0.05, 0.3, 0.7, 0.95])
+def test_two_normals_give_what_the_formula_says(method: str, slope: float, roughness: float) -> None:
+    stored = two_normals(slope, roughness)
+    r = 1 / sqrt(1 + slope * slope)
+    expected = min(FORMULAS[method](roughness**4, r), 1)
+    gltf = run(method, stored)[1][0, 0]
+    assert gltf[4] ** 4 == pytest.approx(expected, rel=2e-4)
+    assert gltf == pytest.approx([0.5, 0.5, 0.5, 0, gltf[4], 0, 0, 1], abs=1e-6)
+    anisotropic = run(method, stored, "gltf-anisotropic")[1]
+    assert tensor(anisotropic, "gltf-anisotropic")[0, 0] == pytest.approx([expected, expected, 0], rel=2e-4, abs=1e-9)
+    ggx = run(method, stored, "ggx")[1]
+    assert tensor(ggx, "ggx")[0, 0] == pytest.approx([expected, expected, 0], rel=2e-4, abs=1e-9)
+    assert ggx[0, 0, 0:8] == pytest.approx([0.5, 0.5, 0.5, 0.04, 0.04, 0.04, 0, 0], abs=1e-6)
+
+
+def test_values_worked_out_by_hand() -> None:
+    """Slopes +-3/4: r = 4/5, 1 / kappa = 0.36 / 1.888, v = 1/4; alpha^2 = 1/16 at roughness 1/2."""
+    stored = two_normals(0.75, 0.5)
+    toksvig_alpha2 = (1 / 16 + 15 / 32) / (1 + 15 / 32)
+    assert run("toksvig", stored)[1][0, 0, 4] == pytest.approx(toksvig_alpha2**0.25, rel=1e-5)
+    assert run("godot", stored)[1][0, 0, 4] == pytest.approx(sqrt(0.25 + 0.75 * 0.36 / 1.888), rel=1e-5)
+    assert run("filament", stored)[1][0, 0, 4] == pytest.approx(sqrt(0.25 + 0.04), rel=1e-5)
+    # Toksvig's rule but for the dead zone.
+    assert run("unreal", stored)[1][0, 0, 4] == pytest.approx(toksvig_alpha2**0.25, rel=1e-4)
+    assert run("unreal", two_normals(0.005, 0.1))[1][0, 0, 4] == pytest.approx(0.1, rel=1e-6)  # v = 1.25e-5
+    # A = 31/32 (coth 32 is 1): R = 0.775.
+    by_hand = 2 * (1 - 0.775**2) / (0.775 * (3 - 0.775**2))
+    assert run("vmf", stored)[1][0, 0, 4] ** 4 == pytest.approx(by_hand, abs=1e-3)
+
+
+def test_what_is_averaged_where_roughness_varies() -> None:
+    """Flat texels of roughness 0.2 and 0.8: the mean of alpha^2, of lobes' means, or of what is stored."""
+    stored = two_normals(0, (0.2, 0.8))
+    alpha2 = {method: run(method, stored)[1][0, 0, 4] ** 4 for method in FORMULAS}
+    assert alpha2["toksvig"] == pytest.approx((0.2**4 + 0.8**4) / 2, rel=1e-5)
+    assert mean_lobe(alpha2["vmf"]) == pytest.approx((mean_lobe(0.2**4) + mean_lobe(0.8**4)) / 2, rel=1e-5)
+    for method in ("godot", "filament", "unreal"):
+        assert alpha2[method] == pytest.approx(0.5**4, rel=1e-5)
+
+
+def test_a_broad_lobe_turns_the_mean_of_vmf_less() -> None:
+    normal = run("vmf", two_normals(0.5, (0.1, 0.95)))[1][0, 0, 5:8]
+    weights = np.array([mean_lobe(0.1**4), mean_lobe(0.95**4)])
+    assert normal[0] / normal[2] == pytest.approx(0.5 * (weights[0] - weights[1]) / weights.sum(), rel=1e-4)
+    assert run("toksvig", two_normals(0.5, (0.1, 0.95)))[1][0, 0, 5] == pytest.approx(0, abs=1e-6)
+
+
+CONSTANT = {
+    "gltf": [0.2, 0.4, 0.6, 1, 0.35, 0.6, 0, 0.8],
+    "gltf-anisotropic": [0.2, 0.4, 0.6, 0.5, 0.35, 0, -0.6, 0.8, 0.6, 0.8, 0.7],
+    "ggx": [0.2, 0.4, 0.6, 0.1, 0.2, 0.3, 0.3, -0.2, -3, -5, 0.8],
+}
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+@pytest.mark.parametrize("kernel", FILTERS)
+@pytest.mark.parametrize("model", CONSTANT)
+def test_a_constant_material_comes_out_as_it_went_in(method: str, kernel: str, model: str) -> None:
+    stored = np.broadcast_to(np.array(CONSTANT[model], np.float32), (6, 5, len(CONSTANT[model]))).copy()
+    for level in run(method, stored, model, kernel, model):
+        assert level == pytest.approx(np.broadcast_to(stored[:1, :1], level.shape), abs=2e-5)
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+@pytest.mark.parametrize("roughness", [0.0, 0.02, 0.5, 0.7071, 0.9, 1.0])
+@pytest.mark.parametrize("target", material.MODELS)
+def test_flat_constant_roughness_stays_at_both_ends(method: str, roughness: float, target: str) -> None:
+    stored = two_normals(0, roughness, metallic=1)
+    for level in run(method, stored, target, "gaussian"):
+        expected = material.convert(np.broadcast_to(stored[:1, :1], (*level.shape[:2], 8)), "gltf", target)
+        assert level == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("target", material.MODELS)
+def test_both_axes_of_an_anisotropic_material_follow_the_rule(target: str) -> None:
+    """Axes of alpha 0.09 and 0.49 at 30 degrees, over slopes +-0.4: the formula for each, in the axes they had."""
+    angle, alphas = np.pi / 6, np.array([0.49, 0.09])
+    strength = sqrt((alphas[0] - alphas[1]) / (1 - alphas[1]))
+    rest = np.broadcast_to(np.array([np.cos(angle), np.sin(angle), strength]), (1, 2, 3))
+    stored = np.concatenate([two_normals(0.4, 0.3), rest], -1).astype(np.float32)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    r = 1 / sqrt(1.16)
+    for method, formula in FORMULAS.items():
+        level = run(method, stored, target, source="gltf-anisotropic")[1]
+        if target == "gltf":
+            # One axis in the target: the geometric mean of the two, as in every conversion.
+            assert level[0, 0, 4] ** 4 == pytest.approx(formula(float(alphas.prod()), r), rel=1e-3)
+            continue
+        if method == "vmf":
+            # One weight for both axes: nothing here, where the texels agree in roughness.
+            assert level[0, 0, 6] == pytest.approx(0, abs=1e-6)
+        expected = turn @ np.diag([formula(float(a), r) for a in alphas**2]) @ turn.T
+        s11, s22, s12 = tensor(level, target)[0, 0]
+        assert np.array([[s11, s12], [s12, s22]]) == pytest.approx(expected, abs=2e-4), method
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+def test_opposite_signs_of_the_anisotropy_direction_are_one_material(method: str) -> None:
+    stored = np.concatenate([two_normals(0.2, 0.3), np.zeros((1, 2, 3))], -1).astype(np.float32)
+    stored[..., 8:11] = 0.6, 0.8, 0.7
+    turned = stored.copy()
+    turned[0, 1, 8:10] *= -1
+    one, other = (run(method, s, "gltf-anisotropic", source="gltf-anisotropic")[1] for s in (stored, turned))
+    assert one == pytest.approx(other, abs=1e-6)
+    assert one[0, 0, 10] > 0.3
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+@pytest.mark.parametrize("kernel", ["box", "gaussian"])
+@pytest.mark.parametrize("roughness", [0.0, 0.25, 0.8, 1.0])
+def test_stronger_bumps_are_never_glossier(method: str, kernel: str, roughness: float) -> None:
+    strengths = (0, 0.001, 0.01, 0.05, 0.2, 0.5, 1)
+    stacks = [run(method, bumpy(strength, roughness), kernel=kernel) for strength in strengths]
+    for level in range(5):
+        means = np.array([stack[level][..., 4].mean() for stack in stacks])
+        assert (np.diff(means) >= -1e-6).all()
+        assert means[0] == pytest.approx(roughness, abs=1e-5)
+        widens = level > 0 or kernel == "gaussian" or method == "unreal"
+        if roughness < 1:
+            assert (means[-1] > roughness + 0.01) == widens
+    pairs = np.array([run(method, two_normals(slope, roughness))[1][0, 0, 4] for slope in (*strengths, 5, 100, 1e4)])
+    assert (np.diff(pairs) >= -1e-6).all()
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+@pytest.mark.parametrize("target", material.MODELS)
+@pytest.mark.parametrize("kernel", ["box", "mitchell"])
+def test_extremes_stay_finite_and_in_range(method: str, target: str, kernel: str) -> None:
+    """Opposite normals at the horizon, roughness 0 beside 1, under a kernel with negative lobes."""
+    rng = np.random.default_rng(0)
+    stored = bumpy(1e4)
+    stored[..., 4] = rng.integers(0, 2, (16, 16))
+    stored[:8, :8, 5:8] = np.where(rng.random((8, 8, 1)) < 0.5, 1, -1) * np.array([1, 0, 0])
+    low, high = np.array(material.MODELS[target].limits).T
+    for level in run(method, stored, target, kernel):
+        assert np.isfinite(level).all()
+        assert (level >= low).all()
+        assert (level <= high).all()
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+def test_the_box_leaves_level_0_and_a_pixel_filter_widens_it(method: str) -> None:
+    stored = bumpy(0.3)
+    boxed, filtered = run(method, stored)[0], run(method, stored, kernel="gaussian")[0]
+    changed = [4] if method == "unreal" else []
+    same = [c for c in range(8) if c not in changed]
+    assert boxed[..., same] == pytest.approx(stored[..., same], abs=1e-5)
+    assert filtered[..., 4].min() > 0.3
+    if method == "unreal":
+        blurred = resample(stored[..., 5:8].copy(), (16, 16), "box", WRAP, width=2)
+        r = np.linalg.norm(blurred[3, 4])
+        assert boxed[3, 4, 4] ** 4 == pytest.approx(unreal(0.3**4, float(r)), rel=1e-3)
+
+
+def test_the_blur_of_unreal_weighs_the_neighbours_by_a_quarter() -> None:
+    dot = np.zeros((5, 5, 1), np.float32)
+    dot[2, 2] = 1
+    weights = np.array([0, 0.25, 0.5, 0.25, 0])
+    assert resample(dot, (5, 5), "box", WRAP, width=2)[..., 0] == pytest.approx(np.outer(weights, weights), abs=1e-6)
+
+
+@pytest.mark.parametrize("method", FORMULAS)
+def test_a_tilt_of_the_whole_map_changes_no_roughness(method: str) -> None:
+    """The length of the mean normal does not depend on where it points, down to mirrors."""
+    angle = np.radians(50)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    straight = bumpy(0.01, 0.05)
+    tilted = straight.copy()
+    tilted[..., 5:8] = straight[..., 5:8] @ turn.T
+    for one, other in zip(run(method, straight), run(method, tilted), strict=True):
+        assert other[..., 4] == pytest.approx(one[..., 4], rel=1e-4)
+
+
+def test_lobe_means_invert() -> None:
+    alpha2 = np.concatenate([[0.0], np.geomspace(1e-8, 16, 200)])
+    assert vmf.shortening(alpha2[1:])[60:] == pytest.approx([1 - mean_lobe(a) for a in alpha2[61:]], abs=1e-9)
+    assert vmf.alpha2_of(vmf.shortening(alpha2)) == pytest.approx(alpha2, rel=1e-6)
+    # What Banerjee's approximation loses without spread, and vmf gives back.
+    lost = np.array([a - banerjee(mean_lobe(a)) for a in np.linspace(0.01, 1, 100)])
+    assert 0 < lost.min() < lost.max() < 0.026
+
+
+def test_bands_of_rows_join_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
+    stored = bumpy(0.3)
+    whole = run("toksvig", stored, kernel="gaussian")
+    monkeypatch.setattr(closed_form, "_BAND", 16 * 3)
+    for one, other in zip(whole, run("toksvig", stored, kernel="gaussian"), strict=True):
+        assert np.array_equal(one, other)
