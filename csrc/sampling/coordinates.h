@@ -50,6 +50,9 @@ template <Boundary boundary, class T>
 MIPBAKE_INLINE Tap<T> linear_tap(T coordinate, int size) {
     const T extent = static_cast<T>(size);
     const T magnitude = coordinate < 0 ? -coordinate : coordinate;
+    // At most half a step of a GPU's 8-bit subtexel grid, however far out the coordinate.
+    T error = (magnitude > 1 ? magnitude : T(1)) * extent * Rounding<T>::epsilon;
+    error = error > T(0x1p-9) ? T(0x1p-9) : error;
     T position;
     bool below = false;
     if (boundary == Boundary::wrap) {
@@ -58,20 +61,17 @@ MIPBAKE_INLINE Tap<T> linear_tap(T coordinate, int size) {
         position = (coordinate - 2 * floor_of(coordinate * T(0.5))) * extent - T(0.5);
     } else if (boundary == Boundary::clamp) {
         position = coordinate * extent - T(0.5);
-        below = position < 0;
-        position = below ? T(0) : position;
+        below = position < -error;
+        position = position < 0 ? T(0) : position;
         position = position > extent - 1 ? extent - 1 : position;
     } else if (boundary == Boundary::zero) {
         position = coordinate * extent - T(0.5);
-        below = position < -1;
-        position = below ? T(-1) : position;
+        below = position < -1 - error;
+        position = position < -1 ? T(-1) : position;
         position = position > extent ? extent : position;
     } else {
         position = coordinate * extent - T(0.5);
     }
-    // At most half a step of a GPU's 8-bit subtexel grid, however far out the coordinate.
-    T error = (magnitude > 1 ? magnitude : T(1)) * extent * Rounding<T>::epsilon;
-    error = error > T(0x1p-9) ? T(0x1p-9) : error;
     // The position is at least -1, so that truncation rounds down. Only the comparison of NaN with itself fails.
     const int nearest = static_cast<int>(position == position ? position + T(1.5) : T(1)) - 1;
     T offset = position - static_cast<T>(nearest);
@@ -84,6 +84,7 @@ MIPBAKE_INLINE Tap<T> linear_tap(T coordinate, int size) {
     tap.fraction = before ? offset + 1 : offset;
     if (boundary == Boundary::wrap) {
         tap.first = tap.first < 0 ? tap.first + size : tap.first;
+        tap.first = tap.first >= size ? tap.first - size : tap.first;  // rounded up, where float32 has no halves left
         tap.second = tap.second >= size ? tap.second - size : tap.second;
     } else if (boundary == Boundary::mirror) {
         // From -1 to 2 size; both ends are the first texel.

@@ -298,6 +298,10 @@ def _axis(coordinate: Tensor, size: Tensor, mode: str) -> tuple[list[Tensor], Te
     """
     extent = size.to(coordinate.dtype)
     position = _folded(coordinate, mode) * extent - 0.5
+    # A coordinate within its own rounding error of a texel centre is at the centre, exactly.
+    error = (coordinate.detach().abs().clamp(min=1) * extent * torch.finfo(extent.dtype).eps).clamp(max=2.0**-9)
+    distance = (position - position.round()).detach()
+    position = position - torch.where(distance.abs() <= error, distance, 0)
     below = position < 0
     if mode == "clamp":
         position = position.clamp(min=0)
@@ -305,11 +309,6 @@ def _axis(coordinate: Tensor, size: Tensor, mode: str) -> tuple[list[Tensor], Te
     elif mode == "zero":
         position = position.clamp(min=-2)
         position = torch.where(position > extent, extent, position)
-    # A coordinate within its own rounding error of a texel centre is at the centre, exactly.
-    nearest = position.detach().round()
-    error = (coordinate.detach().abs().clamp(min=1) * extent * torch.finfo(extent.dtype).eps).clamp(max=2.0**-9)
-    distance = (position - nearest).detach()
-    position = position - torch.where(distance.abs() <= error, distance, 0)
     before = position.detach().floor().long()
     after = before + 1
     fraction = (position - before)[..., None]
