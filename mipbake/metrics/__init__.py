@@ -1,6 +1,52 @@
-"""What is measured: light-view pair sets and the error measures over them."""
+"""What is measured: light-view pair sets, error measures over them and over images, and their confidence intervals."""
 
+from mipbake.metrics.flicker import flicker_ratio, flicker_ratio_from_sums, flicker_snr_db, flicker_sums
+from mipbake.metrics.flip import PIXELS_PER_DEGREE, Exposures, hdr_flip, hdr_flip_exposures, ldr_flip
+from mipbake.metrics.images import Measured, srgb_encode
+from mipbake.metrics.intervals import (
+    Interval,
+    bootstrap,
+    flicker_interval,
+    mean_interval,
+    snr_gain_interval,
+    snr_interval,
+)
+from mipbake.metrics.itp import NITS_PER_UNIT, delta_e_itp
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs, pair_set
-from mipbake.metrics.snr import snr_db
+from mipbake.metrics.registry import MEASURES, Measure
+from mipbake.metrics.snr import MAX_SNR_DB, snr_db, snr_from_sums, snr_sums
+from mipbake.metrics.ssim import structural_similarity
+from mipbake.metrics.tonemapped import tonemapped_error
 
-__all__ = ["PAIR_SETS", "LightViewPairs", "pair_set", "snr_db"]
+__all__ = [
+    "MAX_SNR_DB",
+    "MEASURES",
+    "NITS_PER_UNIT",
+    "PAIR_SETS",
+    "PIXELS_PER_DEGREE",
+    "Exposures",
+    "Interval",
+    "LightViewPairs",
+    "Measure",
+    "Measured",
+    "bootstrap",
+    "delta_e_itp",
+    "flicker_interval",
+    "flicker_ratio",
+    "flicker_ratio_from_sums",
+    "flicker_snr_db",
+    "flicker_sums",
+    "hdr_flip",
+    "hdr_flip_exposures",
+    "ldr_flip",
+    "mean_interval",
+    "pair_set",
+    "snr_db",
+    "snr_from_sums",
+    "snr_gain_interval",
+    "snr_interval",
+    "snr_sums",
+    "srgb_encode",
+    "structural_similarity",
+    "tonemapped_error",
+]

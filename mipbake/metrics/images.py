@@ -1,0 +1,135 @@
+"""What the image measures share: their arguments' checks, the sRGB encoding, and a measure with its map."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from mipbake.errors import UsageError
+
+ImageArray = NDArray[np.floating]
+"""(..., 3) colours, float32 or float64; a picture is (H, W, 3), top row first."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measure with the map it is the mean of.
+
+    Args:
+        mean: the figure.
+        per_pixel: one float32 value a pixel, the shape of the images without their colour axis.
+    """
+
+    mean: float
+    per_pixel: NDArray[np.float32]
+
+    def mean_over(self, mask: NDArray[np.bool_]) -> float:
+        """Mean of the map where `mask`, a boolean array of the map's shape, is true: a background dilutes the mean.
+
+        Raises:
+            UsageError: another shape or dtype, or a mask that selects nothing.
+        """
+        mask = np.asarray(mask)
+        if mask.shape != self.per_pixel.shape or mask.dtype != np.bool_:
+            raise UsageError(
+                f"mask is {mask.dtype} of shape {mask.shape}: expected bool of the map's shape {self.per_pixel.shape}"
+            )
+        if not mask.any():
+            raise UsageError("mask selects no pixel: expected at least one to take the mean over")
+        return float(self.per_pixel[mask].mean(dtype=np.float64))
+
+
+def srgb_encode(linear: ImageArray) -> NDArray[np.float64]:
+    """Linear Rec.709 to sRGB-encoded values in [0, 1], any shape, float64: what the display measures take.
+
+    Values are clipped to [0, 1] first, as a display does. IEC 61966-2-1: 12.92 x up to 0.0031308, and above
+    1.055 x^(1/2.4) - 0.055.
+    """
+    clipped = np.clip(np.asarray(linear, np.float64), 0, 1)
+    powered = 1.055 * np.power(np.maximum(clipped, 0.0031308), 1 / 2.4) - 0.055
+    return np.where(clipped <= 0.0031308, 12.92 * clipped, powered)
+
+
+def check_same_shape(**arrays: NDArray[np.generic]) -> None:
+    """UsageError unless all arrays have the first one's shape; keywords are the names that the message uses."""
+    (first, expected), *others = arrays.items()
+    for name, array in others:
+        if array.shape != expected.shape:
+            raise UsageError(
+                f"{name} has shape {array.shape} and {first} {expected.shape}: expected one shape, render both at "
+                "the same resolution"
+            )
+
+
+def radiance_pair(
+    candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
+) -> tuple[ImageArray, ImageArray]:
+    """Both images in `dtype`, checked: (..., 3), one shape, linear radiance, finite and not negative.
+
+    Raises:
+        UsageError: otherwise, saying which image, which value and where.
+    """
+    pair = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
+    check_same_shape(reference=pair[1], candidate=pair[0])
+    for name, image in zip(("candidate", "reference"), pair, strict=True):
+        _refuse(
+            name, image, image < 0, "negative", "expected linear radiance; clip at 0 what a filter's lobes undershot"
+        )
+    return pair
+
+
+def display_pair(
+    candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
+) -> tuple[ImageArray, ImageArray]:
+    """Both images in `dtype`, checked: (..., 3), one shape, sRGB-encoded values in [0, 1].
+
+    Raises:
+        UsageError: otherwise, saying which image, which value and where.
+    """
+    pair = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
+    check_same_shape(reference=pair[1], candidate=pair[0])
+    for name, image in zip(("candidate", "reference"), pair, strict=True):
+        outside = (image < 0) | (image > 1)
+        _refuse(name, image, outside, "outside [0, 1]", "expected sRGB-encoded colours; encode with srgb_encode")
+    return pair
+
+
+def check_picture(image: ImageArray, side: int = 1) -> None:
+    """UsageError unless the image is (H, W, 3) with both sides of `side` pixels or more."""
+    if image.ndim != 3 or min(image.shape[:2]) < side:
+        raise UsageError(f"the images have shape {image.shape}: expected (H, W, 3), at least {side} pixels a side")
+
+
+def optional(module: str, package: str, measure: str) -> ModuleType:
+    """An imported module of the `report` extra; UsageError with the command that installs it where it is missing."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise UsageError(
+            f"{measure} needs the package {package}, which cannot be imported ({error}): install mipbake's extra "
+            '`report`, in a checkout by `python -m pip install -c constraints.txt ".[report]"`'
+        ) from error
+
+
+def _colours(name: str, image: ImageArray, dtype: DTypeLike) -> ImageArray:
+    array = np.asarray(image)
+    if array.dtype.kind != "f":
+        raise UsageError(f"{name} is {array.dtype}: expected a floating-point array of colours")
+    if array.ndim < 1 or array.shape[-1] != 3 or array.size == 0:
+        raise UsageError(f"{name} has shape {array.shape}: expected (..., 3) colours, at least one")
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused below
+        array = np.ascontiguousarray(array, dtype)
+    _refuse(name, array, ~np.isfinite(array), "not finite", "expected finite colours")
+    return array
+
+
+def _refuse(name: str, image: ImageArray, bad: NDArray[np.bool_], what: str, advice: str) -> None:
+    if bad.any():
+        where = tuple(int(i) for i in np.unravel_index(int(bad.argmax()), bad.shape))
+        count = int(bad.sum())
+        values = "1 value that is" if count == 1 else f"{count} values that are"
+        raise UsageError(f"{name} has {values} {what}, the first {image[where]:g} at index {where}: {advice}")

@@ -1,0 +1,71 @@
+"""All measures, with what a report must know of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from mipbake.metrics.flicker import flicker_ratio, flicker_snr_db
+from mipbake.metrics.flip import hdr_flip, ldr_flip
+from mipbake.metrics.images import Measured
+from mipbake.metrics.itp import delta_e_itp
+from mipbake.metrics.snr import snr_db
+from mipbake.metrics.ssim import structural_similarity
+from mipbake.metrics.tonemapped import tonemapped_error
+
+Direction = Literal["higher", "lower", "one"]
+"""Which figure is the better: the higher, the lower, or the one whose logarithm is nearer 0."""
+
+Needs = Literal["estimates", "frames", "linear", "display"]
+"""What a measure compares with the candidate: `estimates`, two independent estimates of the linear reference; `frames`,
+the same with a first axis of frames; `linear`, one linear reference of high dynamic range; `display`, one sRGB-encoded
+reference in [0, 1], the candidate likewise."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measure.
+
+    Args:
+        name: key in MEASURES and in files.
+        title: what a reader is shown.
+        unit: of the figure; empty where it has none.
+        direction: which figure is the better.
+        needs: what it compares with, and so how `function` is called.
+        package: beyond mipbake's own dependencies, what must be installed; None for nothing.
+        function: (candidate, first, second) for `estimates` and `frames`, (candidate, reference) otherwise.
+    """
+
+    name: str
+    title: str
+    unit: str
+    direction: Direction
+    needs: Needs
+    package: str | None
+    function: Callable[..., float | Measured]
+
+    def loss(self, figure: float) -> float:
+        """A number that orders figures, the smallest the best; infinite for nan, and for a ratio of 0."""
+        if math.isnan(figure):
+            return math.inf
+        if self.direction == "one":
+            return abs(math.log(figure)) if figure > 0 else math.inf
+        return -figure if self.direction == "higher" else figure
+
+
+MEASURES: Mapping[str, Measure] = {
+    measure.name: measure
+    for measure in (
+        Measure("snr", "SNR", "dB", "higher", "estimates", None, snr_db),
+        Measure("tonemapped", "Tonemapped error", "", "lower", "linear", None, tonemapped_error),
+        Measure("flip", "FLIP", "", "lower", "display", "flip-evaluator", ldr_flip),
+        Measure("hdr-flip", "HDR-FLIP", "", "lower", "linear", "flip-evaluator", hdr_flip),
+        Measure("delta-e-itp", "Delta E ITP", "JND", "lower", "linear", None, delta_e_itp),
+        Measure("ssim", "SSIM", "", "higher", "display", "scikit-image", structural_similarity),
+        Measure("flicker", "Flicker", "", "one", "frames", None, flicker_ratio),
+        Measure("flicker-snr", "SNR of the change", "dB", "higher", "frames", None, flicker_snr_db),
+    )
+}
+"""Every measure by name, in the order that tables show."""

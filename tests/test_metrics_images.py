@@ -1,0 +1,359 @@
+"""Measures of images: tonemapped error, FLIP, HDR-FLIP, Delta E ITP, SSIM, and the list of all measures."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+from mipbake.metrics import (
+    MEASURES,
+    NITS_PER_UNIT,
+    PIXELS_PER_DEGREE,
+    Exposures,
+    Measured,
+    delta_e_itp,
+    hdr_flip,
+    hdr_flip_exposures,
+    ldr_flip,
+    srgb_encode,
+    structural_similarity,
+    tonemapped_error,
+)
+
+LINEAR = (tonemapped_error, hdr_flip, delta_e_itp)
+DISPLAY = (ldr_flip, structural_similarity)
+
+
+def picture(seed: int = 0, top: float = 1.0) -> NDArray[np.float32]:
+    """Smooth random colours (24, 40, 3) from 0.1 to 0.9 times `top`."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:24, :40] / 40
+    waves = [np.sin(2 * np.pi * (f * x + g * y) + h) for f, g, h in rng.uniform(1, 5, (3, 3))]
+    return (top * (0.5 + 0.4 * np.stack(waves, -1))).astype(np.float32)
+
+
+def flat(*colour: float) -> NDArray[np.float64]:
+    return np.full((16, 20, 3), colour, np.float64)
+
+
+def aces(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Narkowicz's fit, at the 0.6 times exposure that HDR-FLIP uses."""
+    x = 0.6 * x
+    return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+
+
+@pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])
+def test_identical_images_are_perfect(measure) -> None:
+    image = picture()
+    measured = measure(image, image.copy())
+    perfect = 1 if measure is structural_similarity else 0
+    assert measured.mean == pytest.approx(perfect, abs=1e-7)
+    assert measured.per_pixel == pytest.approx(np.full((24, 40), perfect), abs=1e-6)
+    assert measured.per_pixel.dtype == np.float32
+
+
+@pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])
+def test_a_larger_error_is_worse(measure) -> None:
+    rng = np.random.default_rng(1)
+    image, noise = picture(), rng.uniform(-1, 1, (24, 40, 3))
+    perfect = 1 if measure is structural_similarity else 0
+    errors = [abs(measure(image + share * noise, image).mean - perfect) for share in (0.02, 0.05, 0.1)]
+    assert 1.2 * errors[0] < errors[1] and 1.2 * errors[1] < errors[2]
+
+
+def test_srgb_encoding_at_its_ends_and_its_joint() -> None:
+    linear = np.array([-1, 0, 0.0031308, 0.18, 1, 7])
+    assert srgb_encode(linear) == pytest.approx([0, 0, 0.0404499, 0.4613561, 1, 1], abs=1e-6)
+
+
+def test_tonemapped_error_by_hand() -> None:
+    """1 and 3 tonemap to 1/2 and 3/4, which encode to 0.735357 and 0.880825."""
+    candidate, reference = np.ones((2, 3)), np.array([[3.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
+    measured = tonemapped_error(candidate, reference)
+    assert measured.per_pixel == pytest.approx([0.145468 / 3, 0], abs=1e-6)
+    assert measured.mean == pytest.approx(0.145468 / 6, abs=1e-6)
+
+
+def test_tonemapped_error_stays_below_one() -> None:
+    assert 0.99 < tonemapped_error(np.full((2, 3), 1e9), np.zeros((2, 3))).mean <= 1
+
+
+def flat_flip(first: tuple[float, ...], second: tuple[float, ...]) -> float:
+    """FLIP of two flat pictures, by the equations of Andersson et al. 2020: no edges, nothing to filter."""
+    import colour
+
+    def hunt(encoded: tuple[float, ...]) -> NDArray[np.float64]:
+        xyz = colour.sRGB_to_XYZ(np.array(encoded))
+        L, a, b = colour.XYZ_to_Lab(xyz, colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"])
+        return np.array([L, 0.01 * L * a, 0.01 * L * b])
+
+    def hyab(first: tuple[float, ...], second: tuple[float, ...]) -> float:
+        difference = hunt(first) - hunt(second)
+        return float(abs(difference[0]) + np.hypot(*difference[1:]))
+
+    largest = hyab((0, 1, 0), (0, 0, 1)) ** 0.7
+    error, knee = hyab(first, second) ** 0.7, 0.4 * largest
+    return error * 0.95 / knee if error < knee else 0.95 + 0.05 * (error - knee) / (largest - knee)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ((0.5, 0.5, 0.5), (0.52, 0.52, 0.52)),
+        ((0.5, 0.5, 0.5), (0.7, 0.5, 0.3)),
+        ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+        ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        ((0.2, 0.7, 0.1), (0.9, 0.1, 0.4)),
+    ],
+)
+def test_flip_of_flat_colours_follows_the_paper(first: tuple[float, ...], second: tuple[float, ...]) -> None:
+    assert ldr_flip(flat(*first), flat(*second)).mean == pytest.approx(flat_flip(first, second), abs=2e-3)
+
+
+def test_flip_is_one_for_the_largest_difference() -> None:
+    """The scale is set by green against blue, the two corners of the gamut that lie the furthest apart."""
+    assert ldr_flip(flat(0, 1, 0), flat(0, 0, 1)).mean == pytest.approx(1, abs=1e-5)
+
+
+def test_flip_is_symmetric_and_between_zero_and_one() -> None:
+    first, second = picture(0), picture(1)
+    there, back = ldr_flip(first, second), ldr_flip(second, first)
+    assert there.per_pixel == pytest.approx(back.per_pixel, abs=1e-5)
+    assert there.per_pixel.min() >= 0 and there.per_pixel.max() <= 1
+    assert there.mean == pytest.approx(there.per_pixel.mean(), rel=1e-5)
+
+
+def test_flip_sees_edges_that_its_colour_part_does_not() -> None:
+    """A thin grey line is worse than its colour difference alone."""
+    plain, line = flat(0.5, 0.5, 0.5), flat(0.5, 0.5, 0.5)
+    line[:, 10] = 0.7
+    at_line = ldr_flip(line, plain, pixels_per_degree=20).per_pixel[:, 10]
+    assert at_line.min() > flat_flip((0.5,) * 3, (0.7,) * 3)
+
+
+def test_flip_averages_what_the_eye_cannot_resolve() -> None:
+    checks = flat(0.5, 0.5, 0.5) + np.where(np.indices((16, 20)).sum(0) % 2, 0.1, -0.1)[..., None]
+    near, far = (ldr_flip(checks, flat(0.5, 0.5, 0.5), ppd).mean for ppd in (20, PIXELS_PER_DEGREE))
+    assert near > far + 0.02
+
+
+def test_hdr_flip_is_the_worst_of_flip_over_the_exposures() -> None:
+    first, second = (picture(seed, 3).astype(np.float64) for seed in (0, 1))
+    maps = [ldr_flip(*(srgb_encode(aces(image * 2**stop)) for image in (first, second))) for stop in (-2, 0, 2)]
+    worst = np.maximum.reduce([m.per_pixel for m in maps])
+    measured = hdr_flip(first, second, exposures=Exposures(-2, 2, 3))
+    assert measured.per_pixel == pytest.approx(worst, abs=2e-4)
+    assert len({int(m.per_pixel.argmax()) for m in maps}) > 1 and measured.mean > max(m.mean for m in maps)
+
+
+@pytest.mark.parametrize("top", [0.01, 1.0, 50.0])
+def test_exposures_are_the_ones_that_the_package_finds(top: float) -> None:
+    import flip_evaluator
+
+    image = picture(2, top) ** 3
+    _, _, found = flip_evaluator.evaluate(image, image, "HDR", applyMagma=False)
+    ours = hdr_flip_exposures(image)
+    assert (ours.start, ours.stop) == pytest.approx((found["startExposure"], found["stopExposure"]), abs=1e-4)
+    assert ours.count == found["numExposures"]
+
+
+def test_exposures_put_the_brightest_and_the_median_at_85_percent() -> None:
+    image = picture(3, 20).astype(np.float64)
+    luminance = image @ [0.2126, 0.7152, 0.0722]
+    exposures = hdr_flip_exposures(image)
+    assert aces(luminance.max() * 2**exposures.start) == pytest.approx(0.85, abs=1e-3)
+    assert aces(np.median(luminance) * 2**exposures.stop) == pytest.approx(0.85, abs=5e-3)
+
+
+def test_a_black_background_moves_no_exposure() -> None:
+    image = picture(4, 5)
+    padded = np.concatenate([np.zeros((30, 40, 3), np.float32), image])
+    assert hdr_flip_exposures(padded) == hdr_flip_exposures(image)
+    assert hdr_flip(padded * np.float32(1.2), padded).mean > 0
+
+
+@pytest.mark.parametrize("level", [1e-12, 1e-3, 1e6])
+def test_a_flat_reference_has_exposures_however_dark_or_bright(level: float) -> None:
+    exposures = hdr_flip_exposures(flat(level, level, level))
+    assert exposures.start <= exposures.stop and exposures.count == 2
+    assert hdr_flip(flat(level, level, level), flat(level, level, level)).mean == 0
+
+
+def test_a_black_reference_needs_exposures() -> None:
+    black, grey = flat(0, 0, 0), flat(0.5, 0.5, 0.5)
+    with pytest.raises(UsageError, match=r"black everywhere.*exposures="):
+        hdr_flip(grey, black)
+    assert hdr_flip(grey, black, exposures=Exposures(0, 1, 2)).mean > 0.5
+
+
+@pytest.mark.parametrize(("start", "stop", "count"), [(1, 0, 3), (0, 1, 1), (0, float("inf"), 2), (float("nan"), 1, 2)])
+def test_exposures_that_make_no_sense(start: float, stop: float, count: int) -> None:
+    with pytest.raises(UsageError, match="expected finite stops"):
+        Exposures(start, stop, count)
+
+
+@pytest.mark.parametrize("ppd", [0, -1, float("nan"), float("inf")])
+def test_pixels_per_degree_are_positive(ppd: float) -> None:
+    for measure in (ldr_flip, hdr_flip):
+        with pytest.raises(UsageError, match="pixels_per_degree"):
+            measure(picture(), picture(), pixels_per_degree=ppd)
+
+
+def test_delta_e_itp_of_the_published_example() -> None:
+    """colour-science documents 1.42657228 for these two colours in ICtCp."""
+    import colour
+
+    ictcp = np.array([[0.4885468072, -0.04739350675, 0.07475401302], [0.4899203231, -0.04567508203, 0.07361341775]])
+    bt2020 = colour.ICtCp_to_RGB(ictcp, method="ITU-R BT.2100-2 PQ")
+    spaces = colour.RGB_COLOURSPACES
+    bt709 = bt2020 @ colour.matrix_RGB_to_RGB(spaces["ITU-R BT.2020"], spaces["ITU-R BT.709"]).T / NITS_PER_UNIT
+    assert bt709.min() > 0
+    assert delta_e_itp(bt709[:1], bt709[1:]).mean == pytest.approx(1.42657228, abs=1e-4)
+
+
+def pq(nits: float) -> float:
+    """SMPTE ST 2084's inverse EOTF."""
+    y = (nits / 10_000) ** (1305 / 8192)
+    return float(((107 / 128 + 2413 / 128 * y) / (1 + 2392 / 128 * y)) ** (2523 / 32))
+
+
+@pytest.mark.parametrize(("first", "second", "scale"), [(1.0, 1.02, 203.0), (1.0, 1.02, 1000.0), (0.01, 0.5, 80.0)])
+def test_delta_e_itp_of_greys_is_that_of_pq(first: float, second: float, scale: float) -> None:
+    measured = delta_e_itp(flat(*[first] * 3), flat(*[second] * 3), nits_per_unit=scale)
+    assert measured.mean == pytest.approx(720 * (pq(second * scale) - pq(first * scale)), rel=1e-3)
+    assert measured.per_pixel.shape == (16, 20)
+
+
+def test_delta_e_itp_ends_where_pq_ends() -> None:
+    assert delta_e_itp(flat(50, 50, 50), flat(5e6, 5e6, 5e6)).mean == pytest.approx(0, abs=1e-2)
+    with pytest.raises(UsageError, match="nits_per_unit"):
+        delta_e_itp(picture(), picture(), nits_per_unit=0)
+
+
+def test_ssim_is_scikit_images() -> None:
+    from skimage.metrics import structural_similarity as theirs
+
+    first, second = picture(0).astype(np.float64), picture(1).astype(np.float64)
+    expected = theirs(
+        first, second, data_range=1, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
+    measured = structural_similarity(second, first)
+    assert measured.mean == pytest.approx(expected, abs=1e-9)
+    assert measured.per_pixel[5:-5, 5:-5].mean() == pytest.approx(expected, abs=1e-5)
+    assert structural_similarity(first, second).mean == pytest.approx(expected, abs=1e-9)
+
+
+def test_ssim_of_flat_images_is_that_of_their_means() -> None:
+    """Without variance equation 13 leaves (2 a b + C1) / (a^2 + b^2 + C1), C1 = 0.01^2."""
+    expected = (2 * 0.4 * 0.6 + 1e-4) / (0.4**2 + 0.6**2 + 1e-4)
+    assert structural_similarity(flat(0.4, 0.4, 0.4), flat(0.6, 0.6, 0.6)).mean == pytest.approx(expected, abs=1e-6)
+
+
+def test_ssim_needs_room_for_its_window() -> None:
+    with pytest.raises(UsageError, match="at least 11 pixels a side"):
+        structural_similarity(picture()[:10], picture()[:10])
+
+
+def test_a_mask_keeps_the_background_out_of_the_mean() -> None:
+    candidate, reference = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
+    candidate[0, 0] = 1
+    measured = tonemapped_error(candidate, reference)
+    mask = np.zeros((2, 3), bool)
+    mask[0, :2] = True
+    assert measured.mean_over(mask) == pytest.approx(3 * measured.mean, rel=1e-6)
+    for wrong in (mask[:1], mask.astype(np.uint8)):
+        with pytest.raises(UsageError, match="expected bool of the map's shape"):
+            measured.mean_over(wrong)
+    with pytest.raises(UsageError, match="selects no pixel"):
+        measured.mean_over(~np.ones((2, 3), bool))
+
+
+@pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])
+def test_images_that_do_not_fit(measure) -> None:
+    image = picture()
+    with pytest.raises(UsageError, match=r"candidate has shape \(24, 39, 3\) and reference \(24, 40, 3\)"):
+        measure(image[:, 1:], image)
+    with pytest.raises(UsageError, match=r"candidate has shape \(24, 40, 2\): expected \(..., 3\) colours"):
+        measure(image[..., :2], image[..., :2])
+    with pytest.raises(UsageError, match="candidate is uint8: expected a floating-point array"):
+        measure((image * 255).astype(np.uint8), image)
+
+
+@pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_values_that_are_not_finite(measure, value: float) -> None:
+    image, broken = picture(), picture()
+    broken[3, 5, 1] = value
+    with pytest.raises(
+        UsageError, match=r"reference has 1 value that is not finite, the first .* at index \(3, 5, 1\)"
+    ):
+        measure(image, broken)
+
+
+@pytest.mark.parametrize("measure", LINEAR)
+def test_negative_radiance(measure) -> None:
+    image, broken = picture(), picture()
+    broken[2, :2, 0] = -0.25
+    with pytest.raises(
+        UsageError, match=r"candidate has 2 values that are negative, the first -0.25 at index \(2, 0, 0\)"
+    ):
+        measure(broken, image)
+
+
+@pytest.mark.parametrize("measure", DISPLAY)
+def test_display_values_beyond_white(measure) -> None:
+    with pytest.raises(UsageError, match=r"candidate has .* outside \[0, 1\].*srgb_encode"):
+        measure(picture(top=2), picture())
+
+
+@pytest.mark.parametrize("measure", [hdr_flip, *DISPLAY])
+def test_pictures_have_two_sides(measure) -> None:
+    with pytest.raises(UsageError, match=r"expected \(H, W, 3\)"):
+        measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
+
+
+def test_arguments_are_left_as_they_are() -> None:
+    first, second = picture(0), picture(1)
+    for image in (first, second):
+        image.flags.writeable = False
+    for measure in (*LINEAR, *DISPLAY):
+        figure = measure(first, second)
+        assert measure(first[:, ::-1][:, ::-1], np.asfortranarray(second)).mean == pytest.approx(figure.mean, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("module", "measure", "package"),
+    [("flip_evaluator", ldr_flip, "flip-evaluator"), ("skimage.metrics", structural_similarity, "scikit-image")],
+)
+def test_a_missing_package_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, module: str, measure, package: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UsageError, match=rf"needs the package {package}.*\.\[report\]"):
+        measure(picture(), picture())
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_the_list_of_measures_calls_each_as_it_says(name: str) -> None:
+    measure = MEASURES[name]
+    reference = picture(0)
+    if measure.needs in ("estimates", "frames"):
+        reference = np.stack([reference, picture(1)])
+    right = reference.copy()
+    wrong = 0.5 * reference + 0.01
+    given = 2 if measure.needs in ("estimates", "frames") else 1
+    figures = []
+    for candidate in (right, wrong):
+        figure = measure.function(candidate, *[reference] * given)
+        figures.append(figure.mean if isinstance(figure, Measured) else figure)
+    assert measure.loss(figures[0]) < measure.loss(figures[1]) < measure.loss(float("nan"))
+    assert measure.name == name and measure.title
+
+
+def test_too_much_and_too_little_flicker_are_as_bad() -> None:
+    loss = MEASURES["flicker"].loss
+    assert loss(2.0) == pytest.approx(loss(0.5)) and loss(1.0) == 0 < loss(1.1) < loss(0.0)
