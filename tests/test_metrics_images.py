@@ -316,7 +316,7 @@ def test_pictures_have_two_sides(measure) -> None:
         measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
 
 
-def test_arguments_are_left_as_they_are() -> None:
+def test_read_only_and_strided_images_give_the_same() -> None:
     first, second = picture(0), picture(1)
     for image in (first, second):
         image.flags.writeable = False
