@@ -99,9 +99,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     samples = settings.supersampling
 
     @torch.no_grad()
-    def reference(seen: View) -> Tensor:
+    def reference(seen: View) -> tuple[Tensor, Tensor]:
+        """The mean over what each pixel shows of the planet, and how much that is, 0 to 1."""
         color, there = render(target, mesh, seen, "linear-mipmap-linear", samples)
-        return filtered_down(color * there, samples) / filtered_down(there, samples).clamp(min=1e-6)
+        share = filtered_down(there, samples)
+        return filtered_down(color * there, samples) / share.clamp(min=1e-6), share
 
     learned = {name: torch.full_like(target, 0.5, requires_grad=True) for name in VARIANTS}
     optimiser = torch.optim.Adam(learned.values(), betas=(0.9, 0.99))
@@ -113,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 curves[name].append((iteration, report.psnr(texture, target)))
         distance = settings.nearest + (settings.farthest - settings.nearest) * torch.rand((), generator=generator)
         seen = view(mesh, float(distance), settings.resolution, generator)
-        wanted = reference(seen)
+        wanted, _ = reference(seen)
         loss = torch.zeros((), device=settings.device)
         for name, texture in learned.items():
             color, there = render(texture, mesh, seen, VARIANTS[name])
@@ -132,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for distance in (1.9, 8.0):
         seen = view(mesh, distance, settings.resolution, generator)
         images = [torch.mul(*render(texture, mesh, seen, VARIANTS[name])) for name, texture in learned.items()]
-        rows.append([report.upright(image[0]) for image in (reference(seen), *images)])
+        rows.append([report.upright(image[0]) for image in (torch.mul(*reference(seen)), *images)])
     width = rows[0][0].shape[1]
     rows[1:] = [[report.enlarged(image, width) for image in row] for row in rows[1:]]
     log.save(report.mosaic([*rows, [report.chart(curves, 3 * width + 8, 220)]]))

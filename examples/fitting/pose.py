@@ -39,7 +39,7 @@ PAPER = {"noise": 48.62, "two phases": 22.49, "symmetry": 2.61}
 class Settings:
     trials: int = 100
     resolution: int = 32
-    iterations: int = 10_000
+    iterations: int = 4000
     first_noise: float = 1.0
     last_noise: float = 0.003
     first_rate: float = 3e-2
@@ -48,7 +48,7 @@ class Settings:
     device: str = "cpu"
 
 
-FULL = Settings(resolution=256)
+FULL = Settings(resolution=256, iterations=10_000)
 
 
 class Cube:
