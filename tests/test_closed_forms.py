@@ -36,7 +36,9 @@ def unreal(alpha2: float, r: float) -> float:
 # alpha^2 of a level whose texels agree in roughness, as the methods' sources write it.
 FORMULAS: dict[str, Callable[[float, float], float]] = {
     "toksvig": toksvig,
-    "vmf": lambda alpha2, r: banerjee(mean_lobe(alpha2) * r),
+    "vmf": lambda alpha2, r: (
+        banerjee(mean_lobe(alpha2) * r) + alpha2 - banerjee(mean_lobe(alpha2))  # less its error without spread
+    ),
     "godot": lambda alpha2, r: (sqrt(alpha2) + min(0.75 * (1 - r * r) / (3 * r - r**3), 0.16)) ** 2,
     "filament": lambda alpha2, r: (sqrt(alpha2) + min(0.5 * (1 - r * r) / (3 * r - r**3), 0.04)) ** 2,
     "unreal": unreal,
@@ -113,7 +115,7 @@ def test_what_is_averaged_where_roughness_varies() -> None:
     stored = two_normals(0, (0.2, 0.8))
     alpha2 = {method: run(method, stored)[1][0, 0, 4] ** 4 for method in FORMULAS}
     assert alpha2["toksvig"] == pytest.approx((0.2**4 + 0.8**4) / 2, rel=1e-5)
-    assert alpha2["vmf"] == pytest.approx(banerjee((mean_lobe(0.2**4) + mean_lobe(0.8**4)) / 2), rel=1e-5)
+    assert mean_lobe(alpha2["vmf"]) == pytest.approx((mean_lobe(0.2**4) + mean_lobe(0.8**4)) / 2, rel=1e-5)
     for method in ("godot", "filament", "unreal"):
         assert alpha2[method] == pytest.approx(0.5**4, rel=1e-5)
 
@@ -196,13 +198,13 @@ def test_stronger_bumps_are_never_glossier(method: str, kernel: str, roughness: 
         if method == "unreal" and roughness == 1:  # the one rule that takes from the roughest
             continue
         assert (np.diff(means) >= -1e-6).all()
-        assert means[0] == pytest.approx(roughness, abs=0.008 if method == "vmf" else 1e-5)
+        assert means[0] == pytest.approx(roughness, abs=1e-5)
         widens = level > 0 or kernel == "gaussian" or method == "unreal"
         if roughness < 1:
             assert (means[-1] > roughness + 0.01) == widens
-    pairs = np.array([run(method, two_normals(slope, roughness))[1][0, 0, 4] for slope in (*strengths, 5, 100, 1e4)])
-    if method == "unreal" and roughness >= 0.8:
+    if method == "unreal" and roughness == 1:
         return
+    pairs = np.array([run(method, two_normals(slope, roughness))[1][0, 0, 4] for slope in (*strengths, 5, 100, 1e4)])
     assert (np.diff(pairs) >= -1e-6).all()
 
 
@@ -259,7 +261,7 @@ def test_lobe_means_invert() -> None:
     alpha2 = np.concatenate([[0.0], np.geomspace(1e-8, 16, 200)])
     assert vmf.shortening(alpha2[1:])[60:] == pytest.approx([1 - mean_lobe(a) for a in alpha2[61:]], abs=1e-9)
     assert vmf.alpha2_of(vmf.shortening(alpha2)) == pytest.approx(alpha2, rel=1e-6)
-    # What Banerjee's approximation loses without spread.
+    # What Banerjee's approximation loses without spread, and vmf gives back.
     lost = np.array([a - banerjee(mean_lobe(a)) for a in np.linspace(0.01, 1, 100)])
     assert 0 < lost.min() < lost.max() < 0.026
 

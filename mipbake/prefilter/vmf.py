@@ -5,8 +5,8 @@ After Han, Sun, Ramamoorthi and Grinspun 2007, "Frequency domain normal map filt
 about n has the mean A n with A = coth(2 / alpha^2) - alpha^2 / 2. The mean of A n over a footprint, of length R, is
 that of its lobe: alpha'^2 = 2 (1 - R^2) / (R (3 - R^2)), after Banerjee et al. 2005.
 
-That last step is an approximate inverse: without any spread it returns an alpha^2 too small by up to 0.026, so rough
-materials become slightly glossier on every level, level 0 included where the averaging kernel changes it.
+That last step is an approximate inverse: without any spread it returns an alpha^2 too small by up to 0.026. What it
+gets wrong on the level's mean lobe alone is added back, so that what does not spread does not change.
 
 Where S is anisotropic, A is a tensor with the axes of S; the mean tensor's eigenvalues, times the length of the mean
 normal weighted by A's mean eigenvalue, are R along the two axes.
@@ -48,7 +48,8 @@ def _approximate(shortened: Array, variance: Array) -> Array:
 
 
 def _widened(alpha2: Array, variance: Array) -> Array:
-    return _approximate(shortening(alpha2), variance)
+    lobe = shortening(alpha2)
+    return _approximate(lobe, variance) + (alpha2 - _approximate(lobe, np.zeros_like(lobe)))
 
 
 VMF = RoughnessRule(
