@@ -137,8 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 curves[name] = result["convergence of the successful"]
             of_those = result["mean error of the successful"]
             log.add(
-                f"{name}: {result['successful']} of {settings.runs} runs within {settings.success:g} of the truth; mean "
-                f"error {'none' if of_those is None else f'{of_those:.5f}'} of those, {result['mean error']:.5f} of all",
+                f"{name}: {result['successful']} of {settings.runs} runs within {settings.success:g} of the truth, "
+                f"mean error {of_those and round(of_those, 5)} of those, {result['mean error']:.5f} of all",
                 **{name: result},
             )
             if continuous:
