@@ -22,6 +22,7 @@ MODULES = ("camera", "meshes", "report", "textures", "cube", "earth", "envphong"
 def load(monkeypatch):
     """Imports a module of the examples as its script would, and forgets it afterwards: the names are common ones."""
     threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as the scripts do
     monkeypatch.syspath_prepend(str(FITTING))
     for name in MODULES:
         monkeypatch.delitem(sys.modules, name, raising=False)
