@@ -28,13 +28,22 @@ struct StridedArray3 {
     std::int64_t strides[3];
 };
 
+// Unit vectors of float or double, (batch, pair, texel, 3), with their strides in elements.
+struct StridedDirections {
+    const void* data;
+    std::int64_t strides[3];  // of batch, pair and component; 0 where it broadcasts
+    std::int64_t texel = 0;   // of texel; 0 where all texels share
+};
+
 struct ShadeArgs {
     int model;               // index of the model
     bool is_double;          // all arrays are double, else float
     std::int64_t B, K, N;    // batch, light-view pairs, texels
     StridedArray3 material;  // (B, N, C) stored channels
-    StridedArray3 light;     // (B, K, 3) unit vectors
-    StridedArray3 view;      // (B, K, 3)
+    StridedDirections light, view;
+
+    // Whether texels have directions of their own.
+    bool per_texel() const { return light.texel != 0 || view.texel != 0; }
 };
 
 // f(theta, l, v), cosine included, into `radiance`: (B, K, N, 3), contiguous.
@@ -42,7 +51,7 @@ void shade_cpu(const ShadeArgs& args, void* radiance);
 
 // The gradient of the sum of grad_radiance * f by the material, into `grad_material`. grad_radiance is (B, K, N, 3) and
 // grad_material (B, N, C), both contiguous. `duals` asks for forward-mode differentiation even where the model has an
-// adjoint of its own; the two agree to rounding.
+// adjoint of its own; the two agree to rounding. It is for directions that all texels share.
 void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_material, bool duals);
 
 // The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the device. They throw

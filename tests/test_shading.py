@@ -115,6 +115,41 @@ def test_shapes_with_and_without_a_batch_axis() -> None:
     assert shade("ggx", stored, light[:, :0], view[:, :0]).shape == (3, 0, 4, 3)
 
 
+def per_texel(model: str, B: int, K: int, N: int) -> list[Any]:
+    rng = np.random.default_rng(5)
+    return [a.astype(np.float32) for a in (material(rng, model, B, N), *pairs(rng, B, K, N))]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, RELATIVE), (np.float64, 1e-8)])
+def test_directions_of_each_texel_agree_with_the_twin(model: str, dtype: Any, tolerance: float) -> None:
+    case = [a.astype(dtype) for a in per_texel(model, 2, 9, 171)]
+    expected = twin(model, *case)
+    assert (expected > 0).mean() > 0.1
+    assert relative_error(shade(model, *case), expected) < tolerance
+    stored, light, view = case  # one view for all lights, repeated without a copy
+    one_view = np.broadcast_to(view[:, :1], view.shape)
+    assert (
+        relative_error(shade(model, stored, light, one_view), twin(model, stored, light, one_view.copy())) < tolerance
+    )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_directions_of_each_texel_give_the_bits_of_one_texel_at_a_time(model: str) -> None:
+    stored, light, view = per_texel(model, 2, 5, 83)
+    whole = shade(model, stored, light, view)
+    for n in (0, 15, 64, 82):
+        assert np.array_equal(
+            shade(model, stored[:, n : n + 1], light[:, :, n], view[:, :, n])[:, :, 0], whole[:, :, n]
+        )
+    mixed = shade(model, stored, light, view[:1, :, 3])
+    assert np.array_equal(mixed[1, :, 82], shade(model, stored[1, 82:], light[1, :, 82], view[0, :, 3])[:, 0])
+    planar = np.ascontiguousarray(light.transpose(3, 0, 1, 2)).transpose(1, 2, 3, 0)
+    assert np.array_equal(shade(model, stored, planar, view[:, :, ::-1][:, :, ::-1]), whole)
+    repeated = shade(model, stored, light[:, :, :1], view[:, :, :1])
+    assert np.array_equal(repeated, shade(model, stored, light[:, :, 0], view[:, :, 0]))
+
+
 def test_any_strides_are_read_in_place() -> None:
     stored, light, view = inputs("gltf", 2, 6, 9)
     expected = shade("gltf", stored, light, view)
@@ -177,6 +212,8 @@ def test_finite_input_never_gives_nan(model: str, dtype: Any) -> None:
         ({"light": [["a", "b", "c"]]}, "light is <U1: expected real numbers"),
         ({"light": [[1.0], [1.0, 2.0]]}, "light is not an array of numbers"),
         ({"view": np.zeros((6, 3), np.float32)}, r"view has shape \(6, 3\) where light has \(5, 3\)"),
+        ({"light": np.zeros((1, 5, 3, 3))}, r"light has shape \(1, 5, 3, 3\) where the material has 4 texels"),
+        ({"view": np.zeros((1, 6, 4, 3))}, r"view has shape \(1, 6, 4, 3\) where light has \(5, 3\)"),
         ({"view": np.zeros((2, 5, 3)), "material": np.zeros((3, 4, 11))}, "batch sizes.*material has 3, view has 2"),
     ],
 )

@@ -65,6 +65,23 @@ def test_gradients_are_those_of_the_twin_in_float64(model: str, dtype: torch.dty
     assert ((got - expected).abs() / scale).max() < tolerance
 
 
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_directions_of_each_texel_have_the_gradients_of_one_texel_at_a_time(model: str, dtype: torch.dtype) -> None:
+    rng = np.random.default_rng(6)
+    light, view = (torch.from_numpy(a).to(dtype) for a in pairs(rng, 2, 7, 35))
+    stored, *_ = tensors(model, 2, 1, 35, dtype)
+    weights = torch.randn(2, 7, 35, 3, generator=torch.Generator().manual_seed(1))
+    got = gradient(ops.shade, model, [stored, light, view], weights)
+    for n in (0, 17, 34):
+        one = stored[:, n : n + 1].detach().requires_grad_()
+        expected = gradient(ops.shade, model, [one, light[:, :, n], view[:, :, n]], weights[:, :, n : n + 1])
+        assert torch.equal(got[:, n : n + 1], expected)
+    assert (got != 0).any(-1).double().mean() > 0.5
+    mixed = ops.shade(model, stored.detach()[0], light, view[:1, :, 4])
+    assert torch.equal(mixed, torch.from_numpy(shade_numpy(model, stored.detach()[0], light, view[:1, :, 4])))
+
+
 def absolute_sum(model: str, stored: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """The twin, its gradient by the material replaced by the sum over the pairs of the terms' magnitudes."""
     return _AbsoluteSum.apply(stored, light, view, model)  # type: ignore[no-any-return]
@@ -270,6 +287,21 @@ def test_the_gpu_agrees_with_the_twin(model: str) -> None:
     gpu = gradient(ops.shade, model, on_gpu, weights.cuda()).cpu()
     assert ((cpu - gpu).abs() <= 1e-4 * (cpu.abs() + cpu.abs().mean((0, 1)))).all()
     assert torch.equal(gpu, gradient(ops.shade, model, on_gpu, weights.cuda()).cpu())
+
+
+@needs_cuda
+@pytest.mark.parametrize("model", MODELS)
+def test_the_gpu_agrees_with_the_cpu_on_directions_of_each_texel(model: str) -> None:
+    rng = np.random.default_rng(6)
+    light, view = (torch.from_numpy(a).float() for a in pairs(rng, 2, 70, 77))
+    arguments = [tensors(model, 2, 1, 77, torch.float32)[0], light, view[:1, :, :1]]
+    on_gpu = [a.detach().cuda().requires_grad_(a.requires_grad) for a in arguments]
+    expected, got = ops.shade(model, *arguments).detach(), ops.shade(model, *on_gpu).detach().cpu()
+    torch.testing.assert_close(got, expected, rtol=1e-5, atol=0)
+    weights = torch.randn(2, 70, 77, 3, generator=torch.Generator().manual_seed(1))
+    cpu = gradient(ops.shade, model, arguments, weights)
+    gpu = gradient(ops.shade, model, on_gpu, weights.cuda()).cpu()
+    assert ((cpu - gpu).abs() <= 1e-4 * (cpu.abs() + cpu.abs().mean((0, 1)))).all()
 
 
 @needs_cuda

@@ -19,6 +19,12 @@ namespace {
 using Input = nb::ndarray<nb::ro>;
 using Output = nb::ndarray<>;
 
+// (B, K, 3), or (B, K, N, 3) where texels have directions of their own.
+mipbake::StridedDirections directions(const Input& a) {
+    if (a.ndim() == 3) return {a.data(), {a.stride(0), a.stride(1), a.stride(2)}};
+    return {a.data(), {a.stride(0), a.stride(1), a.stride(3)}, a.stride(2)};
+}
+
 mipbake::StridedArray3 strided(const Input& a) { return {a.data(), {a.stride(0), a.stride(1), a.stride(2)}}; }
 
 template <class Array>
@@ -42,19 +48,25 @@ mipbake::ShadeArgs arguments(const std::string& model, const Input& material, co
         if (model != info.name) continue;
         const bool is_double = material.dtype() == nb::dtype<double>();
         if (!is_double && material.dtype() != nb::dtype<float>()) throw nb::value_error("expected float32 or float64");
-        if (material.ndim() != 3 || light.ndim() != 3) throw nb::value_error("expected arrays of 3 axes");
+        if (material.ndim() != 3) throw nb::value_error("expected a material of 3 axes");
+        if (light.ndim() != 3 && light.ndim() != 4) throw nb::value_error("expected lights of 3 or 4 axes");
         const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
         require(material, material, "material", {B, N, static_cast<std::size_t>(info.channels)}, false);
-        require(light, material, "light", {B, K, 3}, false);
-        require(view, material, "view", {B, K, 3}, false);
+        for (const auto& [name, array] : {std::pair("light", &light), std::pair("view", &view)}) {
+            if (light.ndim() == 3) {
+                require(*array, material, name, {B, K, 3}, false);
+            } else {
+                require(*array, material, name, {B, K, N, 3}, false);
+            }
+        }
         return {i,
                 is_double,
                 static_cast<std::int64_t>(B),
                 static_cast<std::int64_t>(K),
                 static_cast<std::int64_t>(N),
                 strided(material),
-                strided(light),
-                strided(view)};
+                directions(light),
+                directions(view)};
     }
     throw nb::value_error("no such model");
 }
@@ -91,7 +103,7 @@ void shade_backward(const std::string& model, const Input& material, const Input
     void* const out = grad_material.data();
     const bool gpu = on_gpu(material);
     const int device = material.device_id();
-    if (gpu && duals) throw nb::value_error("duals are for the CPU");
+    if (duals && (gpu || args.per_texel())) throw nb::value_error("duals are for the CPU and for shared directions");
     const nb::gil_scoped_release release;
     if (gpu) {
         mipbake::shade_backward_cuda(args, in, out, device, stream);
@@ -116,8 +128,11 @@ void bind_shading(nb::module_& m) {
         "(name, stored channels) of every material model.");
     m.def("shade", &shade, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
           nb::arg("radiance"), nb::arg("stream") = 0,
-          "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) into radiance (B, K, N, 3).");
-    m.def("shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
-          nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,
-          "Writes the gradient by the material into grad_material (B, N, C), from grad_radiance (B, K, N, 3).");
+          "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) or both (B, K, N, 3) into radiance "
+          "(B, K, N, 3).");
+    m.def(
+        "shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
+        nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,
+        "Writes the gradient by the material into grad_material (B, N, C), from grad_radiance (B, K, N, 3); arguments "
+        "as for shade.");
 }

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 #include <utility>
 
 #include "core/real.h"
@@ -195,6 +196,31 @@ struct Narrow<Packet<float, N>> {
     }
     static MIPBAKE_INLINE Packet<float, N> from(const Packet<float, N>& same) { return same; }
 };
+
+template <class W, class T, int N>
+MIPBAKE_INLINE W widen(const Packet<T, N>& x) {
+    if constexpr (std::is_same_v<typename W::Scalar, T>) {
+        return x;
+    } else {
+        W out;
+#if defined(__AVX512DQ__)
+        for (int i = 0; i < x.registers; ++i) {
+            out.r[2 * i] = _mm512_cvtps_pd(_mm512_castps512_ps256(x.r[i]));
+            out.r[2 * i + 1] = _mm512_cvtps_pd(_mm512_extractf32x8_ps(x.r[i], 1));
+        }
+#elif defined(__AVX2__)
+        for (int i = 0; i < x.registers; ++i) {
+            out.r[2 * i] = _mm256_cvtps_pd(_mm256_castps256_ps128(x.r[i]));
+            out.r[2 * i + 1] = _mm256_cvtps_pd(_mm256_extractf128_ps(x.r[i], 1));
+        }
+#else
+        T lanes[N];
+        x.store(lanes);
+        for (int i = 0; i < W::registers; ++i) out.r[i] = register_widen(lanes + i * Register<double>::lanes);
+#endif
+        return out;
+    }
+}
 
 template <class P, class T, int N>
 MIPBAKE_INLINE auto narrow_mask(const Mask<T, N>& mask) {

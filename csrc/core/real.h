@@ -33,6 +33,12 @@ MIPBAKE_INLINE T narrow(const W& wide) {
     return Narrow<T>::from(wide);
 }
 
+// widen<W>(x): the way back. packet.h has that of packets.
+template <class W, class T, std::enable_if_t<std::is_arithmetic_v<T>, int> = 0>
+MIPBAKE_INLINE W widen(T x) {
+    return static_cast<W>(x);
+}
+
 // A mask of the wide type as one of the narrow type T.
 template <class T>
 MIPBAKE_INLINE bool narrow_mask(bool mask) {

@@ -21,11 +21,13 @@ namespace {
 // What a work item should hold, in evaluations: long against the cost of handing it out, short against the whole.
 constexpr std::int64_t kEvaluationsPerItem = 16384;
 
-// The pairs of every batch element, or of one where all share it. Computed here, once, because every texel needs them.
+// The pairs of every batch element, or of one where all share it. Computed here, once, because every texel needs them;
+// none where texels have directions of their own.
 class Pairs {
   public:
     explicit Pairs(const ShadeArgs& args) : bytes_(MIPBAKE_DISPATCH(shade_pair_bytes)(args.is_double)), K_(args.K) {
         shared_ = args.light.strides[0] == 0 && args.view.strides[0] == 0;
+        if (args.per_texel()) return;
         const std::int64_t count = (shared_ ? 1 : args.B) * K_;
         storage_.resize(static_cast<std::size_t>(count * bytes_));
         const auto make = MIPBAKE_DISPATCH(shade_make_pairs);
@@ -38,7 +40,9 @@ class Pairs {
         });
     }
 
-    const void* of(std::int64_t b) const { return storage_.data() + (shared_ ? 0 : b) * K_ * bytes_; }
+    const void* of(std::int64_t b) const {
+        return storage_.empty() ? nullptr : storage_.data() + (shared_ ? 0 : b) * K_ * bytes_;
+    }
 
   private:
     std::int64_t bytes_, K_;

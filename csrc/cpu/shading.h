@@ -16,7 +16,7 @@ struct ShadeTile {
 constexpr int kTexelBlock = 64;
 
 // `pairs` points to those of the tile's batch element: Pair<S>[K], shade_pair_bytes each, laid out alike in every
-// instruction set.
+// instruction set. It is not read where texels have directions of their own.
 MIPBAKE_FOR_EACH_ISA(std::int64_t shade_pair_bytes(bool is_double);
                      void shade_make_pairs(const ShadeArgs&, std::int64_t b, std::int64_t k0, std::int64_t k1,
                                            void* pairs);

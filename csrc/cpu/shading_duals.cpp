@@ -8,9 +8,9 @@ void shade_backward_duals_tile(const ShadeArgs& args, const ShadeTile& tile, con
                                const void* grad_radiance, void* grad_material) {
     specialise(args, [&](auto model, auto scalar) {
         using S = decltype(scalar);
-        Kernel<decltype(model), S>::backward_duals(args, tile, static_cast<const Pair<S>*>(pairs),
-                                                   static_cast<const S*>(grad_radiance),
-                                                   static_cast<S*>(grad_material));
+        using K = Kernel<decltype(model), S>;
+        K::backward_duals(args, tile, typename K::SharedPairs{static_cast<const Pair<S>*>(pairs)},
+                          static_cast<const S*>(grad_radiance), static_cast<S*>(grad_material));
     });
 }
 

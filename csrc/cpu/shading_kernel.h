@@ -2,6 +2,8 @@
 // light-view pairs. For the files that are compiled into kernels, and no other.
 #pragma once
 
+#include <algorithm>
+
 #include "core/dual.h"
 #include "core/packet.h"
 #include "cpu/shading.h"
@@ -10,8 +12,8 @@
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
-template <class S>
-const S* row(const StridedArray3& a, std::int64_t i, std::int64_t j) {
+template <class S, class Array>
+const S* row(const Array& a, std::int64_t i, std::int64_t j) {
     return static_cast<const S*>(a.data) + i * a.strides[0] + j * a.strides[1];
 }
 
@@ -64,7 +66,38 @@ struct Kernel {
             MIPBAKE_PREFETCH_AT(reinterpret_cast<const char*>(data) + i, for_writing);
     }
 
-    static void forward(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs, S* radiance) {
+    // Where the pair of a packet of texels comes from: one of all texels, worked out beforehand,
+    struct SharedPairs {
+        const Pair<S>* pairs;
+        MIPBAKE_INLINE const Pair<S>& operator()(std::int64_t k, std::int64_t) const { return pairs[k]; }
+    };
+    // or that of each texel, worked out on the way. Lanes past the tile repeat its last texel.
+    struct TexelPairs {
+        const ShadeArgs& args;
+        const ShadeTile& tile;
+        MIPBAKE_INLINE Pair<S, W, T> operator()(std::int64_t k, std::int64_t n) const {
+            return Pair<S, W, T>::of(load(args.light, k, n), load(args.view, k, n));
+        }
+
+      private:
+        MIPBAKE_INLINE Vec3<T> load(const StridedDirections& a, std::int64_t k, std::int64_t n) const {
+            const S* const first = row<S>(a, tile.b, k) + n * a.texel;
+            const std::int64_t c = a.strides[2];
+            if (a.texel == 3 && c == 1 && n + lanes <= tile.n1) {
+                prefetch<0>(first + a.strides[1]);
+                return load_interleaved(first, T());
+            }
+            S triples[3 * lanes];
+            for (int lane = 0; lane < lanes; ++lane) {
+                const S* const v = first + std::min<std::int64_t>(lane, tile.n1 - 1 - n) * a.texel;
+                for (int i = 0; i < 3; ++i) triples[3 * lane + i] = v[i * c];
+            }
+            return load_interleaved(triples, T());
+        }
+    };
+
+    template <class Pairs>
+    static void forward(const ShadeArgs& args, const ShadeTile& tile, const Pairs& pair_of, S* radiance) {
         Surface<W, T> surfaces[packets];
         const int count = static_cast<int>((tile.n1 - tile.n0 + lanes - 1) / lanes);
         for (int i = 0; i < count; ++i) {
@@ -77,7 +110,8 @@ struct Kernel {
             S* const line = radiance + ((tile.b * args.K + k) * args.N + tile.n0) * 3;
             for (int i = 0; i < count; ++i) {
                 prefetch<1>(line + args.N * 3 + i * lanes * 3);
-                const Vec3<T> f = Model::evaluate(surfaces[i], pairs[k]);
+                const auto& pair = pair_of(k, tile.n0 + i * lanes);
+                const Vec3<T> f = Model::evaluate(surfaces[i], pair);
                 if ((i + 1) * lanes <= texels) {
                     store_interleaved(line + i * lanes * 3, f);
                 } else {
@@ -89,7 +123,8 @@ struct Kernel {
         }
     }
 
-    static void backward(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs, const S* grad_radiance,
+    template <class Pairs>
+    static void backward(const ShadeArgs& args, const ShadeTile& tile, const Pairs& pair_of, const S* grad_radiance,
                          S* grad_material) {
         Surface<W, T> surfaces[packets];
         Surface<T, T> adjoints[packets];
@@ -106,7 +141,8 @@ struct Kernel {
             for (int i = 0; i < count; ++i) {
                 prefetch<0>(line + args.N * 3 + i * lanes * 3);
                 const Vec3<T> g = load_gradient(line + i * lanes * 3, texels - i * lanes);
-                Model::evaluate_adjoint(surfaces[i], pairs[k], g, adjoints[i]);
+                const auto& pair = pair_of(k, tile.n0 + i * lanes);
+                Model::evaluate_adjoint(surfaces[i], pair, g, adjoints[i]);
             }
         }
         for (int i = 0; i < count; ++i) {
@@ -118,7 +154,8 @@ struct Kernel {
         }
     }
 
-    static void backward_duals(const ShadeArgs& args, const ShadeTile& tile, const Pair<S>* pairs,
+    template <class Pairs>
+    static void backward_duals(const ShadeArgs& args, const ShadeTile& tile, const Pairs& pair_of,
                                const S* grad_radiance, S* grad_material) {
         using DW = Dual<W, C, T>;
         using DT = Dual<T, C, T>;
@@ -133,7 +170,7 @@ struct Kernel {
             for (std::int64_t k = tile.k0; k < tile.k1; ++k) {
                 const S* const line = grad_radiance + ((tile.b * args.K + k) * args.N + n) * 3;
                 const Vec3<T> g = load_gradient(line, tile.n1 - n);
-                const Vec3<DT> f = Model::evaluate(surface, pairs[k]);
+                const Vec3<DT> f = Model::evaluate(surface, pair_of(k, n));
                 for (int c = 0; c < C; ++c)
                     gradient[c] = gradient[c] + (g.x * f.x.d[c] + g.y * f.y.d[c] + g.z * f.z.d[c]);
             }

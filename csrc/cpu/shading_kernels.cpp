@@ -7,10 +7,10 @@ namespace {
 
 template <class S>
 void make_pairs(const ShadeArgs& args, std::int64_t b, std::int64_t k0, std::int64_t k1, Pair<S>* pairs) {
-    const auto vector = [&](const StridedArray3& a, std::int64_t k) {
+    const auto vector = [&](const StridedDirections& a, std::int64_t k) {
         const S* const v = row<S>(a, b, k);
         const std::int64_t s = a.strides[2];
-        return Vec3<double>{static_cast<double>(v[0]), static_cast<double>(v[s]), static_cast<double>(v[2 * s])};
+        return Vec3<S>{v[0], v[s], v[2 * s]};
     };
     for (std::int64_t k = k0; k < k1; ++k) pairs[k - k0] = Pair<S>::of(vector(args.light, k), vector(args.view, k));
 }
@@ -30,7 +30,13 @@ void shade_make_pairs(const ShadeArgs& args, std::int64_t b, std::int64_t k0, st
 void shade_tile(const ShadeArgs& args, const ShadeTile& tile, const void* pairs, void* radiance) {
     specialise(args, [&](auto model, auto scalar) {
         using S = decltype(scalar);
-        Kernel<decltype(model), S>::forward(args, tile, static_cast<const Pair<S>*>(pairs), static_cast<S*>(radiance));
+        using K = Kernel<decltype(model), S>;
+        auto* const out = static_cast<S*>(radiance);
+        if (args.per_texel()) {
+            K::forward(args, tile, typename K::TexelPairs{args, tile}, out);
+        } else {
+            K::forward(args, tile, typename K::SharedPairs{static_cast<const Pair<S>*>(pairs)}, out);
+        }
     });
 }
 
@@ -39,12 +45,22 @@ void shade_backward_tile(const ShadeArgs& args, const ShadeTile& tile, const voi
     specialise(args, [&](auto model, auto scalar) {
         using S = decltype(scalar);
         using K = Kernel<decltype(model), S>;
-        const auto* const p = static_cast<const Pair<S>*>(pairs);
         const auto* const g = static_cast<const S*>(grad_radiance);
+        auto* const out = static_cast<S*>(grad_material);
+        const typename K::SharedPairs shared{static_cast<const Pair<S>*>(pairs)};
+        const typename K::TexelPairs of_texels{args, tile};
         if constexpr (decltype(model)::has_adjoint) {
-            K::backward(args, tile, p, g, static_cast<S*>(grad_material));
+            if (args.per_texel()) {
+                K::backward(args, tile, of_texels, g, out);
+            } else {
+                K::backward(args, tile, shared, g, out);
+            }
         } else {
-            K::backward_duals(args, tile, p, g, static_cast<S*>(grad_material));
+            if (args.per_texel()) {
+                K::backward_duals(args, tile, of_texels, g, out);
+            } else {
+                K::backward_duals(args, tile, shared, g, out);
+            }
         }
     });
 }

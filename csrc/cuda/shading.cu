@@ -18,18 +18,32 @@ using Index = std::int64_t;
 constexpr int kTexels = 32, kSlices = 8, kPairs = 64;
 constexpr int kThreads = kTexels * kSlices;
 
-__device__ Vec3<double> direction(const StridedArray3& a, Index b, Index k) {
-    const float* const v = static_cast<const float*>(a.data) + b * a.strides[0] + k * a.strides[1];
+__device__ Vec3<float> direction(const StridedDirections& a, Index b, Index k, Index n) {
+    const float* const v = static_cast<const float*>(a.data) + b * a.strides[0] + k * a.strides[1] + n * a.texel;
     return {v[0], v[a.strides[2]], v[2 * a.strides[2]]};
 }
 
-// Pairs [k0, k0 + count) into shared memory, by all threads of the block.
+__device__ Pair<float> pair_of(const ShadeArgs& args, Index b, Index k, Index n) {
+    return Pair<float>::of(direction(args.light, b, k, n), direction(args.view, b, k, n));
+}
+
+// Pairs [k0, k0 + count), those of every texel, into shared memory, by all threads of the block.
 __device__ void load_pairs(const ShadeArgs& args, Index b, Index k0, int count, Pair<float>* pairs) {
     const int i = threadIdx.y * kTexels + threadIdx.x;
-    if (i < count) pairs[i] = Pair<float>::of(direction(args.light, b, k0 + i), direction(args.view, b, k0 + i));
+    if (i < count) pairs[i] = pair_of(args, b, k0 + i, 0);
     __syncthreads();
 }
 static_assert(kPairs <= kThreads, "one thread works out one pair");
+
+// The pair of texel n: its own, or the shared one.
+template <bool per_texel>
+__device__ decltype(auto) choose(const ShadeArgs& args, Index b, Index k, Index n, const Pair<float>& shared) {
+    if constexpr (per_texel) {
+        return pair_of(args, b, k, n);
+    } else {
+        return (shared);
+    }
+}
 
 template <int C>
 __device__ void load_material(const ShadeArgs& args, Index b, Index n, double (&channels)[C]) {
@@ -38,8 +52,9 @@ __device__ void load_material(const ShadeArgs& args, Index b, Index n, double (&
     for (int c = 0; c < C; ++c) channels[c] = texel[c * a.strides[2]];
 }
 
-// Grid: batch elements, times chunks of kPairs pairs, times blocks of kTexels texels.
-template <class Model>
+// Grid: batch elements, times chunks of kPairs pairs, times blocks of kTexels texels. Where texels have directions of
+// their own, each thread works out its pairs.
+template <class Model, bool per_texel>
 __global__ void __launch_bounds__(kThreads) forward_kernel(const __grid_constant__ ShadeArgs args, float* radiance) {
     using Surface = typename Model::template Surface<double, float>;
     __shared__ Surface surfaces[kTexels];
@@ -53,10 +68,15 @@ __global__ void __launch_bounds__(kThreads) forward_kernel(const __grid_constant
         load_material(args, b, n, channels);
         surfaces[threadIdx.x] = Prepare<Model>::template surface<double, float>(channels);
     }
-    load_pairs(args, b, k0, count, pairs);  // its barrier covers the surfaces too
+    if (per_texel) {
+        __syncthreads();
+    } else {
+        load_pairs(args, b, k0, count, pairs);
+    }
     if (n >= args.N) return;
     for (int i = threadIdx.y; i < count; i += kSlices) {
-        const Vec3<float> f = Model::evaluate(surfaces[threadIdx.x], pairs[i]);
+        const auto& pair = choose<per_texel>(args, b, k0 + i, n, pairs[i]);
+        const Vec3<float> f = Model::evaluate(surfaces[threadIdx.x], pair);
         float* const out = radiance + ((b * args.K + k0 + i) * args.N + n) * 3;
         out[0] = f.x;
         out[1] = f.y;
@@ -66,7 +86,7 @@ __global__ void __launch_bounds__(kThreads) forward_kernel(const __grid_constant
 
 // Grid: batch elements, times blocks of texels. Each slice sums its pairs in order, then the slices are summed in
 // order: the same bits every time.
-template <class Model>
+template <class Model, bool per_texel>
 __global__ void __launch_bounds__(kThreads)
     backward_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance, float* grad_material) {
     using Surface = typename Model::template Surface<double, float>;
@@ -89,11 +109,12 @@ __global__ void __launch_bounds__(kThreads)
     Prepare<Model>::zip(adjoint, adjoint, zero);
     for (Index k0 = 0; k0 < args.K; k0 += kPairs) {
         const int count = static_cast<int>(smaller<Index>(kPairs, args.K - k0));
-        __syncthreads();  // the pairs before are done with
-        load_pairs(args, b, k0, count, pairs);
+        __syncthreads();  // the surfaces are there; the pairs before are done with
+        if (!per_texel) load_pairs(args, b, k0, count, pairs);
         for (int i = threadIdx.y; n < args.N && i < count; i += kSlices) {
             const float* const g = grad_radiance + ((b * args.K + k0 + i) * args.N + n) * 3;
-            Model::evaluate_adjoint(surfaces[threadIdx.x], pairs[i], Vec3<float>{g[0], g[1], g[2]}, adjoint);
+            const auto& pair = choose<per_texel>(args, b, k0 + i, n, pairs[i]);
+            Model::evaluate_adjoint(surfaces[threadIdx.x], pair, Vec3<float>{g[0], g[1], g[2]}, adjoint);
         }
     }
     adjoints[threadIdx.y][threadIdx.x] = adjoint;
@@ -122,7 +143,7 @@ __global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, co
     const auto surface = Prepare<Model>::template surface<W, T>(inputs);
     float gradient[C] = {};
     for (Index k = 0; k < args.K; ++k) {
-        const auto pair = Pair<float>::of(direction(args.light, b, k), direction(args.view, b, k));
+        const auto pair = pair_of(args, b, k, n);
         const float* const g = grad_radiance + ((b * args.K + k) * args.N + n) * 3;
         const Vec3<T> f = Model::evaluate(surface, pair);
         for (int c = 0; c < C; ++c) gradient[c] += g[0] * f.x.d[c] + g[1] * f.y.d[c] + g[2] * f.z.d[c];
@@ -149,10 +170,16 @@ void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_
     if (args.B * args.K * args.N == 0) return;
     use_device("shade", device);
     const Index blocks = (args.N + kTexels - 1) / kTexels * ((args.K + kPairs - 1) / kPairs) * args.B;
+    const auto s = reinterpret_cast<cudaStream_t>(stream);
+    auto* const out = static_cast<float*>(radiance);
     Models::visit(args.model, [&](auto model) {
-        forward_kernel<decltype(model)>
-            <<<static_cast<unsigned>(blocks), dim3(kTexels, kSlices), 0, reinterpret_cast<cudaStream_t>(stream)>>>(
-                args, static_cast<float*>(radiance));
+        using Model = decltype(model);
+        const dim3 threads(kTexels, kSlices);
+        if (args.per_texel()) {
+            forward_kernel<Model, true><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, out);
+        } else {
+            forward_kernel<Model, false><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, out);
+        }
     });
     check_cuda("shade", cudaGetLastError());
 }
@@ -169,7 +196,12 @@ void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void*
         using Model = decltype(model);
         if constexpr (Model::has_adjoint) {
             const Index blocks = (args.N + kTexels - 1) / kTexels * args.B;
-            backward_kernel<Model><<<static_cast<unsigned>(blocks), dim3(kTexels, kSlices), 0, s>>>(args, g, out);
+            const dim3 threads(kTexels, kSlices);
+            if (args.per_texel()) {
+                backward_kernel<Model, true><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, g, out);
+            } else {
+                backward_kernel<Model, false><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, g, out);
+            }
         } else {
             const Index blocks = (args.B * args.N + kThreads - 1) / kThreads;
             backward_duals_kernel<Model><<<static_cast<unsigned>(blocks), kThreads, 0, s>>>(args, g, out);

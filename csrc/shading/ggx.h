@@ -13,7 +13,7 @@ struct Ggx : GgxLobe<Ggx> {
 
     template <class S>
     static MIPBAKE_INLINE S diffuse_weight(S) {
-        return 1;
+        return S(1);
     }
 
     template <class R>

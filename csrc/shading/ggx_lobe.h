@@ -71,25 +71,25 @@ struct GgxLobe {
     using Surface = GgxSurface<W, T>;
 
     // f(theta, l, v), 3 channels.
-    template <class W, class T, class S>
-    static MIPBAKE_INLINE Vec3<T> evaluate(const GgxSurface<W, T>& s, const Pair<S>& p) {
+    template <class W, class T, class S, class PW, class PT>
+    static MIPBAKE_INLINE Vec3<T> evaluate(const GgxSurface<W, T>& s, const Pair<S, PW, PT>& p) {
         const Terms<T, S> c = Terms<T, S>::of(s, p);
         const T specular = select(c.lit, c.specular, T(0));
         const T cosine = select(c.lit, c.l_n, T(0)) * Model::diffuse_weight(p.schlick);
-        const S rest = 1 - p.schlick;
+        const PT rest = 1 - p.schlick;
         return {s.diffuse.x * cosine + (s.f0.x * rest + p.schlick) * specular,
                 s.diffuse.y * cosine + (s.f0.y * rest + p.schlick) * specular,
                 s.diffuse.z * cosine + (s.f0.z * rest + p.schlick) * specular};
     }
 
     // Adds to `adjoint` the gradient of g . f(theta, l, v) by the fields of the surface.
-    template <class W, class T, class S>
-    static MIPBAKE_INLINE void evaluate_adjoint(const GgxSurface<W, T>& s, const Pair<S>& p, const Vec3<T>& gradient,
-                                                GgxSurface<T, T>& adjoint) {
+    template <class W, class T, class S, class PW, class PT>
+    static MIPBAKE_INLINE void evaluate_adjoint(const GgxSurface<W, T>& s, const Pair<S, PW, PT>& p,
+                                                const Vec3<T>& gradient, GgxSurface<T, T>& adjoint) {
         const Terms<T, S> c = Terms<T, S>::of(s, p);
         const Vec3<T> g = {select(c.lit, gradient.x, T(0)), select(c.lit, gradient.y, T(0)),
                            select(c.lit, gradient.z, T(0))};
-        const S weight = Model::diffuse_weight(p.schlick), rest = 1 - p.schlick;
+        const PT weight = Model::diffuse_weight(p.schlick), rest = 1 - p.schlick;
 
         // f = diffuse k l_n + (f0 (1 - P) + P) specular
         const T cosine = c.l_n * weight;
@@ -131,15 +131,15 @@ struct GgxLobe {
         T per_cosine;               // D V
         decltype(T(0) > T(0)) lit;
 
-        template <class W>
-        static MIPBAKE_INLINE Terms of(const GgxSurface<W, T>& s, const Pair<S>& p) {
+        template <class W, class PW, class PT>
+        static MIPBAKE_INLINE Terms of(const GgxSurface<W, T>& s, const Pair<S, PW, PT>& p) {
             Terms c;
             const T l_n = narrow<T>(dot(s.n, p.light)), v_n = narrow<T>(dot(s.n, p.view));
             c.lit = both(l_n > T(kHorizon), v_n > T(kHorizon));
             c.l_n = select(c.lit, l_n, T(1));
             c.v_n = select(c.lit, v_n, T(1));
-            c.y1 = narrow<T>(dot(s.w1, p.half));
-            c.y2 = narrow<T>(dot(s.w2, p.half));
+            c.y1 = narrow<T>(dot(s.w1, p.sum)) * p.scale;
+            c.y2 = narrow<T>(dot(s.w2, p.sum)) * p.scale;
             c.y3 = (c.l_n + c.v_n) * p.scale;
             c.q = c.y1 * c.y1 + c.y2 * c.y2 + c.y3 * c.y3;
             c.l_u1 = dot(s.u1, p.l);

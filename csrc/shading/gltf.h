@@ -17,7 +17,7 @@ constexpr double kMaxRoughness = 100;  // no material's: only so that nothing ov
 // F0 = mix(0.04, base, metallic); the diffuse term is left with (1 - metallic) (1 - F_d).
 template <class S>
 MIPBAKE_INLINE S dielectric_transmission(S schlick) {
-    return static_cast<S>(1 - kDielectricF0) * (1 - schlick);
+    return S(1 - kDielectricF0) * (1 - schlick);
 }
 
 template <class R>

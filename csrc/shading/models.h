@@ -9,8 +9,10 @@
 //     template <class W, class T> Surface;           what is prepared per texel; see GgxSurface for what it offers
 //     prepare_colour(const R* c, Surface<R, R>&)     once per texel, from the first colour_channels stored channels
 //     prepare_shape(const R* c, Surface<R, R>&)      once per texel, from the rest
-//     evaluate(Surface<W, T>, Pair<S>) -> Vec3<T>    once per texel and light-view pair: f(theta, l, v), cosine
-//     included evaluate_adjoint(Surface<W, T>, Pair<S>, Vec3<T> gradient, Surface<T, T>& adjoint)
+//     evaluate(Surface<W, T>, Pair<S, ...>) -> Vec3<T>
+//                                                    once per texel and light-view pair: f(theta, l, v), cosine
+//                                                    included
+//     evaluate_adjoint(Surface<W, T>, Pair<S, ...>, Vec3<T> gradient, Surface<T, T>& adjoint)
 //
 // all of them templates that run on numbers, packets and dual numbers; R is double. It is prepared in two halves
 // because dual numbers cost as much as they have inputs. A model with no adjoint of its own is differentiated by

@@ -1,4 +1,4 @@
-// A light-view pair, and what of it does not depend on the texel.
+// A light-view pair, and what of it does not depend on the material.
 #pragma once
 
 #include "core/real.h"
@@ -6,35 +6,31 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
-template <class S>
+// One pair for all texels (plain numbers), or one for each texel of a packet. T has the precision of the lobe, and W is
+// double; S is the plain number of the precision of T.
+template <class S, class W = double, class T = S>
 struct Pair {
-    Vec3<double> light, view;  // unit vectors in tangent space
-    Vec3<double> half;         // normalize(light + view); (0, 0, 0) where light = -view
-    double half_scale;         // 1 / |light + view|; 1 where light = -view
-    Vec3<S> l, v, h;           // the same in the precision of the lobe
-    S scale;                   // half_scale
-    S schlick;                 // (1 - l.h)^5
+    Vec3<W> light, view;  // unit vectors in tangent space
+    Vec3<W> sum;          // light + view
+    Vec3<T> l, v, h;      // light and view in the precision of the lobe; normalize(light + view)
+    T scale;              // 1 / |light + view|; 1 where light = -view
+    T schlick;            // (1 - l.h)^5
 
-    static MIPBAKE_FUNCTION Pair of(const Vec3<double>& light, const Vec3<double>& view) {
+    static MIPBAKE_INLINE Pair of(const Vec3<T>& l, const Vec3<T>& v) {
         Pair p;
-        p.light = light;
-        p.view = view;
-        const Vec3<double> sum = light + view;
-        const double length2 = dot(sum, sum);
-        p.half_scale = length2 > 1e-30 ? 1 / square_root(length2) : 1;
-        p.half = length2 > 1e-30 ? sum * p.half_scale : Vec3<double>{0, 0, 0};
-        const double grazing = larger(1 - dot(light, p.half), 0.0);
-        p.schlick = static_cast<S>(square(square(grazing)) * grazing);
-        p.scale = static_cast<S>(p.half_scale);
-        p.l = cast(p.light);
-        p.v = cast(p.view);
-        p.h = cast(p.half);
+        p.light = {widen<W>(l.x), widen<W>(l.y), widen<W>(l.z)};
+        p.view = {widen<W>(v.x), widen<W>(v.y), widen<W>(v.z)};
+        p.sum = p.light + p.view;
+        p.l = l;
+        p.v = v;
+        const Vec3<T> sum = l + v;
+        const T length2 = dot(sum, sum);
+        const auto usable = length2 > T(1e-30f);
+        p.scale = select(usable, T(1) / square_root(larger(length2, T(1e-30f))), T(1));
+        p.h = sum * p.scale;
+        const T grazing = larger(T(1) - dot(l, p.h), T(0));
+        p.schlick = square(square(grazing)) * grazing;
         return p;
-    }
-
-  private:
-    static MIPBAKE_INLINE Vec3<S> cast(const Vec3<double>& a) {
-        return {static_cast<S>(a.x), static_cast<S>(a.y), static_cast<S>(a.z)};
     }
 };
 

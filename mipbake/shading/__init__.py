@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import UsageError
 from mipbake.material import model_named
-from mipbake.shading._arguments import batch_shape
+from mipbake.shading._arguments import batch_shape, per_texel
 
 __all__ = ["models", "shade"]
 
@@ -41,8 +41,8 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
             anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
             channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, and of ggx's log-roughness tensor
             the mean of the eigenvalues to [-30, 10] and their distance from it to 20.
-        light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; converted to the dtype
-            of the material.
+        light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3), those
+            of each texel, of which an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
         view: the same, from the surface to the viewer.
 
     A batch axis of size 1, or none, repeats for every item of the others.
@@ -68,9 +68,19 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
     B = 1 if batch is None else batch
     out = np.empty((B, K, N, 3), texels.dtype)
     if out.size:
-        batched = [np.broadcast_to(_readable(a), (B, *a.shape[-2:])) for a in (texels, to_light, to_view)]
-        _native.shade(model, batched[0], batched[1], batched[2], out)
+        of_texels = per_texel(to_light.shape, to_view.shape)
+        lights, views = (_expanded(_readable(a), B, N if of_texels else None) for a in (to_light, to_view))
+        _native.shade(model, np.broadcast_to(_readable(texels), (B, *texels.shape[-2:])), lights, views, out)
     return out[0] if batch is None else out
+
+
+def _expanded(directions: NDArray[Any], B: int, N: int | None) -> NDArray[Any]:
+    """(B, K, N, 3), or (B, K, 3) where N is None, of (K, 3), (B or 1, K, 3) or (B or 1, K, N or 1, 3)."""
+    if N is None:
+        shared = directions[:, :, 0] if directions.ndim == 4 else directions
+        return np.broadcast_to(shared, (B, *shared.shape[-2:]))
+    each = directions if directions.ndim == 4 else directions[..., None, :]
+    return np.broadcast_to(each, (B, each.shape[-3], N, 3))
 
 
 def _reals(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -18,20 +18,35 @@ def batch_shape(channels: int, material: Shape, light: Shape, view: Shape) -> tu
             f"the model's {channels} stored channels"
         )
     for name, shape in (("light", light), ("view", view)):
-        if len(shape) not in (2, 3) or shape[-1] != 3:
-            raise UsageError(f"{name} has shape {_text(shape)}: expected (K, 3) or (B, K, 3)")
-    if view[-2] != light[-2]:
+        if len(shape) not in (2, 3, 4) or shape[-1] != 3:
+            raise UsageError(f"{name} has shape {_text(shape)}: expected (K, 3), (B, K, 3) or (B, K, N, 3)")
+        if len(shape) == 4 and shape[2] not in (1, material[-2]):
+            raise UsageError(
+                f"{name} has shape {_text(shape)} where the material has {material[-2]} texels: "
+                f"expected directions for {material[-2]} texels, or for 1 to repeat"
+            )
+    if pair_count(view) != pair_count(light):
         raise UsageError(
             f"view has shape {_text(view)} where light has {_text(light)}: expected the same K, one view for each light"
         )
     given = {
-        name: shape[0] for name, shape in (("material", material), ("light", light), ("view", view)) if len(shape) == 3
+        name: shape[0] for name, shape in (("material", material), ("light", light), ("view", view)) if len(shape) > 2
     }
     sizes = {size for size in given.values() if size != 1}
     if len(sizes) > 1:
         listed = ", ".join(f"{name} has {size}" for name, size in given.items())
         raise UsageError(f"batch sizes do not fit: {listed}; expected each to be 1 or the same number")
-    return (sizes.pop() if sizes else 1) if given else None, light[-2], material[-2]
+    return (sizes.pop() if sizes else 1) if given else None, pair_count(light), material[-2]
+
+
+def pair_count(directions: Shape) -> int:
+    """K of (K, 3), (B, K, 3) or (B, K, N, 3)."""
+    return directions[1] if len(directions) == 4 else directions[-2]
+
+
+def per_texel(light: Shape, view: Shape) -> bool:
+    """Whether texels have directions of their own."""
+    return any(len(shape) == 4 and shape[2] > 1 for shape in (light, view))
 
 
 def _text(shape: Shape) -> str:

@@ -11,7 +11,7 @@ from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.material import model_named
-from mipbake.shading._arguments import batch_shape
+from mipbake.shading._arguments import batch_shape, per_texel
 
 __all__ = ["shade"]
 
@@ -23,7 +23,8 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
         model: "gltf", "gltf-anisotropic" or "ggx".
         material: (N, C) or (B, N, C) stored channels, float32 or float64 (CUDA: float32), any strides, read without a
             copy.
-        light: (K, 3) or (B, K, 3) unit vectors, on the material's device; converted to its dtype.
+        light: (K, 3) or (B, K, 3) unit vectors, or (B, K, N, 3), those of each texel, of which an axis of size 1
+            or stride 0 repeats; on the material's device; converted to its dtype.
         view: the same.
 
     A batch axis of size 1, or none, repeats for every item of the others.
@@ -51,10 +52,22 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
         )
     refuse_tangents(material=material, light=light, view=view)
     light, view = _direction("light", light, material), _direction("view", view, material)
-    batch, K, N = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
+    batch, _, N = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     B = 1 if batch is None else batch
-    out: Tensor = _shade(model, material.expand(B, N, material.shape[-1]), light.expand(B, K, 3), view.expand(B, K, 3))
+    each = N if per_texel(light.shape, view.shape) else None
+    out: Tensor = _shade(
+        model, material.expand(B, N, material.shape[-1]), _expanded(light, B, each), _expanded(view, B, each)
+    )
     return out[0] if batch is None else out
+
+
+def _expanded(directions: Tensor, B: int, N: int | None) -> Tensor:
+    """(B, K, N, 3), or (B, K, 3) where N is None, of (K, 3), (B or 1, K, 3) or (B or 1, K, N or 1, 3)."""
+    if N is None:
+        shared = directions[:, :, 0] if directions.ndim == 4 else directions
+        return shared.expand(B, *shared.shape[-2:])
+    each = directions if directions.ndim == 4 else directions.unsqueeze(-2)
+    return each.expand(B, each.shape[-3], N, 3)
 
 
 def _check_tensor(name: str, tensor: Any) -> None:

@@ -34,8 +34,9 @@ class Surface(NamedTuple):
 def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
     batch, *_ = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
-    surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1, 3)
-    radiance = evaluate(surface, light.unsqueeze(-2), view.unsqueeze(-2))
+    surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1 or N, 3)
+    light, view = (d if d.ndim == 4 else d.unsqueeze(-2) for d in (light, view))
+    radiance = evaluate(surface, light, view)
     return radiance if batch is None or radiance.ndim == 4 else radiance[None]
 
 

@@ -34,7 +34,7 @@ Case random_case(int channels) {
     return c;
 }
 
-Vec3<double> direction(const std::vector<float>& directions, int k) {
+Vec3<float> direction(const std::vector<float>& directions, int k) {
     const std::size_t i = 3 * static_cast<std::size_t>(k);
     return {directions[i], directions[i + 1], directions[i + 2]};
 }
