@@ -1,0 +1,218 @@
+"""What mesh renders are set up from: cameras, meshes, tangents and lighting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake.errors import InputError, UsageError
+from mipbake.render import environment, shapes
+from mipbake.render.camera import Camera, orbit
+from mipbake.render.mesh import Mesh
+from mipbake.render.tangents import smooth_normals, with_tangents
+
+
+def to_pixel(camera: Camera, point: Any, resolution: tuple[int, int], **options: Any) -> Any:
+    """(column, row) from the bottom, in pixels from the corner."""
+    clip = camera.to_clip([point], resolution, **options)[0]
+    return (clip[:2] / clip[3] + 1) / 2 * [resolution[1], resolution[0]]
+
+
+def test_a_camera_sees_its_target_in_the_middle_and_its_field_of_view_to_the_edge() -> None:
+    camera = Camera((0, 0, 5), field_of_view=60)
+    assert to_pixel(camera, (0, 0, 0), (40, 80)) == pytest.approx([40, 20])
+    edge = 5 * np.tan(np.radians(30))
+    assert to_pixel(camera, (0, edge, 0), (40, 80)) == pytest.approx([40, 40])
+    assert to_pixel(camera, (2 * edge, 0, 0), (40, 80)) == pytest.approx([80, 20])
+    near, far = camera.to_clip([(0, 0, 5 - camera.near), (0, 0, 5 - camera.far)], (40, 80))
+    assert near[2] / near[3] == pytest.approx(-1) and far[2] / far[3] == pytest.approx(1)
+
+
+def test_an_offset_moves_the_sampling_point_by_pixels() -> None:
+    camera = orbit(4, 20, 35)
+    point = (0.3, 0.2, -0.4)
+    plain = to_pixel(camera, point, (30, 50))
+    assert to_pixel(camera, point, (30, 50), offset=(0.25, -2)) == pytest.approx(plain - [0.25, -2])
+
+
+@pytest.mark.parametrize("elevation", [-90, -30, 0, 60, 90])
+def test_orbit_keeps_its_distance_and_looks_at_the_target(elevation: float) -> None:
+    camera = orbit(3, 130, elevation, target=(1, 2, 3))
+    assert np.linalg.norm(np.subtract(camera.position, (1, 2, 3))) == pytest.approx(3)
+    assert to_pixel(camera, (1, 2, 3), (64, 64)) == pytest.approx([32, 32])
+    matrix = camera.view_matrix()[:3, :3]
+    assert np.allclose(matrix @ matrix.T, np.eye(3)) and np.linalg.det(matrix) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"position": (0, 0, 0)}, "looks at"),
+        ({"position": (0, 3, 0)}, "along its up direction"),
+        ({"position": (0, 0, np.nan)}, "not finite"),
+        ({"position": (0, 0, 1), "field_of_view": 180}, "field of view"),
+        ({"position": (0, 0, 1), "near": 0}, "near and far"),
+    ],
+)
+def test_what_makes_no_camera_is_named(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        Camera(**values)
+
+
+@pytest.mark.parametrize("mesh", [shapes.plane(), shapes.sphere(24), shapes.material_ball(16)], ids=lambda m: m.name)
+def test_shapes_have_orthonormal_right_handed_frames_that_follow_their_texture(mesh: Mesh) -> None:
+    n, t = mesh.normals, mesh.tangents[:, :3]
+    for vectors in (n, t):
+        assert np.allclose(np.linalg.norm(vectors, axis=-1), 1)
+    assert np.abs((n * t).sum(-1)).max() < 1e-12
+    assert (mesh.tangents[:, 3] == 1).all()
+    p = mesh.positions[mesh.triangles]
+    face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    assert (np.linalg.norm(face, axis=-1) > 1e-9).all()
+    assert ((face[:, None] * n[mesh.triangles]).sum(-1) > 0).all()
+    generated = with_tangents("same", mesh.positions, n, mesh.uv, mesh.triangles)
+    a, b = mesh.tangents[mesh.triangles], generated.tangents[generated.triangles]
+    assert np.array_equal(a[..., 3], b[..., 3])
+    assert (a[..., :3] * b[..., :3]).sum(-1).min() > 0.99
+
+
+def test_the_material_ball_has_no_crowded_texels() -> None:
+    mesh = shapes.material_ball(24)
+    p, t = mesh.positions[mesh.triangles], mesh.uv[mesh.triangles]
+    area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=-1)
+    e, f = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
+    density = np.sqrt(np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]) / area)
+    assert density.max() / density.min() < 2.2
+
+
+def test_mirrored_texture_coordinates_turn_the_handedness_and_split_the_seam() -> None:
+    # Two quads side by side that share an edge; u grows to the middle and falls beyond it.
+    positions = np.array([[x, y, 0.0] for y in (0, 1) for x in (0, 1, 2)])
+    uv = np.array([[u, 1 - y] for y in (0, 1) for u in (0, 1, 0)], np.float64)
+    triangles = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]], np.int32)
+    mesh = with_tangents("mirrored", positions, np.tile([0.0, 0, 1], (6, 1)), uv, triangles)
+    assert len(mesh.positions) == 8  # the two vertices of the middle, twice
+    sides = mesh.tangents[mesh.triangles]
+    assert np.allclose(sides[:2], [1, 0, 0, 1]) and np.allclose(sides[2:], [-1, 0, 0, -1])
+    # The bitangent points towards smaller v: up.
+    b = np.cross(mesh.normals, mesh.tangents[:, :3]) * mesh.tangents[:, 3:]
+    assert np.allclose(b, [0, 1, 0])
+
+
+def test_tangents_weigh_corners_by_their_angle_and_join_equal_vertices() -> None:
+    # A fan of a 90 and a 45 degree triangle around vertex 0 with different directions of u; its corners come twice.
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0], [-1, 1, 0]], np.float64)
+    uv = np.array([[0, 0], [1, 0], [0, -1], [0, 0], [0.5, -1], [-1, -1]], np.float64)
+    triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    mesh = with_tangents("fan", positions, np.tile([0.0, 0, 1], (6, 1)), uv, triangles)
+    alone = with_tangents("one", positions[3:], np.tile([0.0, 0, 1], (3, 1)), uv[3:], triangles[:1])
+    expected = np.array([1.0, 0, 0]) * 90 + alone.tangents[0, :3] * 45
+    expected /= np.linalg.norm(expected)
+    for vertex in (mesh.triangles[0, 0], mesh.triangles[1, 0]):
+        assert np.allclose(mesh.tangents[vertex, :3], expected)
+
+
+def test_triangles_without_area_in_the_texture_still_get_a_frame() -> None:
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float64)
+    normals = smooth_normals(positions, np.array([[0, 1, 2]], np.int32))
+    assert np.allclose(normals, [0, 0, 1])
+    mesh = with_tangents("flat", positions, normals, np.zeros((3, 2)), np.array([[0, 1, 2]], np.int32))
+    assert np.allclose(np.linalg.norm(mesh.tangents[:, :3], axis=-1), 1)
+    assert np.allclose((mesh.tangents[:, :3] * mesh.normals).sum(-1), 0)
+
+
+def test_meshes_that_are_none_are_refused() -> None:
+    p = shapes.plane()
+    with pytest.raises(InputError, match="no triangles"):
+        Mesh("x", p.positions, p.normals, p.uv, p.tangents, p.triangles[:0])
+    with pytest.raises(InputError, match="beyond its 4 vertices"):
+        Mesh("x", p.positions, p.normals, p.uv, p.tangents, p.triangles + 1)
+    with pytest.raises(InputError, match="uv have shape"):
+        Mesh("x", p.positions, p.normals, p.uv[:3], p.tangents, p.triangles)
+    with pytest.raises(InputError, match="normals hold a value that is not finite"):
+        Mesh("x", p.positions, p.normals * np.nan, p.uv, p.tangents, p.triangles)
+
+
+@pytest.mark.parametrize("make", [environment.studio_map, environment.sky_map], ids=lambda f: f.__name__)
+def test_lights_carry_the_energy_of_their_environment_and_get_better_with_their_number(make: Any) -> None:
+    values = make(64)
+    looking = environment.directions_of(64, 128)
+    solid = np.cos(np.arcsin(looking[:, :1, 1])) * (np.pi / 64) ** 2
+    errors = []
+    for count in (16, 64, 256):
+        lighting = environment.from_map("x", values, count, normalised=False)
+        assert lighting.radiance.sum(0) == pytest.approx((values * solid[..., None]).sum((0, 1)), rel=1e-3)
+        assert np.allclose(np.linalg.norm(lighting.direction, axis=-1), 1)
+        errors.append(environment.irradiance_error(lighting, values))
+    assert errors[0] > 1.5 * errors[1] > 1.5**2 * errors[2]
+    assert errors[1] < 0.025
+
+
+def test_a_bright_texel_becomes_a_light_in_its_direction() -> None:
+    values = np.full((16, 32, 3), 1e-6)
+    values[4, 9] = (300, 200, 100)
+    lighting = environment.from_map("spot", values, 8, normalised=False)
+    brightest = lighting.radiance.sum(-1).argmax()
+    assert lighting.direction[brightest] == pytest.approx(environment.directions_of(16, 32)[4, 9], abs=1e-3)
+    # Left of the middle is +x, the upper half +y (OpenEXR).
+    assert (lighting.direction[brightest] > 0).all()
+
+
+@pytest.mark.parametrize("name", ["studio", "sky"])
+def test_named_environments_light_a_white_matte_sphere_to_1_on_average(name: str) -> None:
+    lighting = environment.lighting_named(name)
+    again = environment.lighting_named(name)
+    assert np.array_equal(lighting.direction, again.direction) and np.array_equal(lighting.radiance, again.radiance)
+    rng = np.random.default_rng(0)
+    normals = rng.standard_normal((20000, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    luminance = lighting.irradiance(normals).mean(0) / np.pi @ [0.2126, 0.7152, 0.0722]
+    assert luminance == pytest.approx(1, rel=0.02)
+
+
+def test_an_environment_comes_from_a_file_and_one_with_nan_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    import OpenImageIO
+
+    def write(name: str, values: Any) -> Path:
+        spec = OpenImageIO.ImageSpec(values.shape[1], values.shape[0], values.shape[2], "float")
+        out = OpenImageIO.ImageOutput.create(str(tmp_path / name))
+        out.open(str(tmp_path / name), spec)
+        out.write_image(values.astype(np.float32))
+        out.close()
+        return tmp_path / name
+
+    values = environment.sky_map(32).astype(np.float32)
+    lighting = environment.lighting_named(str(write("sky.exr", values)), 32)
+    assert np.array_equal(lighting.radiance, environment.from_map("sky", values, 32).radiance)
+    bad = values.copy()
+    bad[3, 5, 1] = np.nan
+    with pytest.raises(InputError, match=r"bad.exr holds a value that is not finite at row 3, column 5, channel 1"):
+        environment.from_file(write("bad.exr", bad))
+    bad[3, 5, 1] = -1
+    with pytest.raises(InputError, match=r"negative at row 3, column 5, channel 1"):
+        environment.from_file(write("negative.exr", bad))
+    with pytest.raises(InputError, match="twice as wide as high"):
+        environment.from_file(write("square.exr", values[:, :32]))
+    with pytest.raises(InputError, match="fewer than three channels"):
+        environment.from_file(write("grey.exr", values[..., :1]))
+    (tmp_path / "text.hdr").write_text("nothing")
+    with pytest.raises(InputError, match=r"text\.hdr cannot be read"):
+        environment.from_file(tmp_path / "text.hdr")
+    with pytest.raises(InputError, match="is black"):
+        environment.from_map("night", np.zeros((4, 8, 3)))
+    with pytest.raises(UsageError, match="no lighting is called 'dusk'"):
+        environment.lighting_named("dusk")
+    with pytest.raises(UsageError, match="power of two"):
+        environment.from_map("x", values, 12)
+
+
+def test_lights_given_one_by_one_are_checked() -> None:
+    lighting = environment.directional("two", [[0, 3, 0], [1, 0, 0]], np.ones((2, 3)))
+    assert np.allclose(lighting.irradiance([[0, 1, 0]]), 1)
+    with pytest.raises(UsageError, match=r"\(K, 3\)"):
+        environment.directional("x", [[0, 1, 0]], [[1, 1]])
+    with pytest.raises(UsageError, match="some length"):
+        environment.directional("x", [[0, 0, 0]], [[1, 1, 1]])
