@@ -2,7 +2,8 @@
 
     python benchmarks/quality.py SETS_FOLDER [--json results.json] [--method neural]
 
-Every sub-folder of SETS_FOLDER is one texture set.
+Every sub-folder of SETS_FOLDER is one texture set. Every closed form is measured beside the method, with the box and
+with the pixel filter.
 """
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ import numpy as np
 
 import mipbake
 from mipbake.metrics import PAIR_SETS
+from mipbake.prefilter import METHODS
 from mipbake.validate import BAKED, DEFAULT_LODS, Validation
+
+LEARNED = ("neural", "optimum")
+BASELINES = [(name, kernel) for name in METHODS if name not in LEARNED for kernel in ("box", None)]
 
 
 def measure(folder: Path, method: str, seed: int) -> Validation:
@@ -25,7 +30,7 @@ def measure(folder: Path, method: str, seed: int) -> Validation:
     start = time.perf_counter()
     stack = mipbake.bake(texture_set, method=method)
     baked = time.perf_counter()
-    result = mipbake.validate(texture_set, stack, seed=seed)
+    result = mipbake.validate(texture_set, stack, seed=seed, baselines=BASELINES)
     print(f"{folder.name}: bake {baked - start:.1f} s, validate {time.perf_counter() - baked:.1f} s", flush=True)
     return result
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.errors import UsageError
-from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
+from mipbake.metrics import PAIR_SETS, Interval, LightViewPairs, pair_set, snr_interval, snr_sums
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.render import candidate, random_points, reference
@@ -31,12 +31,17 @@ BAKED = "baked"
 
 @dataclass(frozen=True)
 class Row:
-    """One figure: SNR in dB of a method, on a pair set, at a level of detail."""
+    """One figure: SNR in dB of a method, on a pair set, at a level of detail.
+
+    `low` and `high` bound its 95 % confidence interval over light-view pairs; nan where it has none.
+    """
 
     method: str
     pair_set: str
     lod: float
     snr: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,7 @@ def validate(
     points: int = DEFAULT_POINTS,
     samples: int = DEFAULT_SAMPLES,
     progress: Callable[[str, float], None] = lambda _stage, _share: None,
+    baselines: Sequence[tuple[str, str | None]] = CLOSED_FORMS,
 ) -> Validation:
     """Measures a stack, and the closed forms baked from the same set, against the reference.
 
@@ -106,6 +112,7 @@ def validate(
         seed: fixes points, light-view pairs and samples.
         points: random pixels per lod. samples: reference samples per pixel in each estimate.
         progress: told "validate" and the finished share.
+        baselines: methods to bake beside the stack, each with its averaging kernel, or None for the stack's filter.
 
     Raises:
         UsageError: a negative lod, or fewer than one point or sample.
@@ -126,7 +133,7 @@ def validate(
     kernel = stack.provenance.pixel_filter
 
     candidates = {BAKED: stack.levels}
-    for method, averaging in CLOSED_FORMS:
+    for method, averaging in baselines:
         filtered = averaging or kernel
         label = f"{method} ({filtered})"
         if label not in candidates:
@@ -136,7 +143,7 @@ def validate(
 
     sets = {name: pair_set(name, seed) for name in PAIR_SETS}
     every = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets.values()]) for a in ("light", "view")))
-    figures: dict[tuple[str, str, float], float] = {}
+    figures: dict[tuple[str, str, float], Interval] = {}
     for index, lod in enumerate(measured):
         rng = np.random.default_rng([seed, index])
         uv = random_points(rng, points)
@@ -146,14 +153,17 @@ def validate(
         for label, levels in candidates.items():
             shaded = candidate(levels, stack.model, texture_set.wrap, uv, lod, every)
             for name, part in _parts(sets).items():
-                figures[label, name, lod] = snr_db(shaded[part], first[part], second[part])
+                figures[label, name, lod] = snr_interval(snr_sums(shaded[part], first[part], second[part]))
         progress("validate", (index + 1) / len(measured))
     return Validation(
         name=texture_set.name,
         method=stack.provenance.method,
         model=stack.model,
         pixel_filter=kernel,
-        rows=tuple(Row(*key, figures[key]) for key in itertools.product(candidates, sets, measured)),
+        rows=tuple(
+            Row(*key, figures[key].estimate, figures[key].low, figures[key].high)
+            for key in itertools.product(candidates, sets, measured)
+        ),
         notes=tuple(notes),
         points=points,
         samples=samples,
