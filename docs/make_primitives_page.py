@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "primitives.md"
 MARKED = re.compile(r"(<!-- (docstring|file): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes):$")
+LINE = 120
 ENTRY = re.compile(r"^    (\w[\w, ]*): ")
 
 
@@ -26,8 +27,8 @@ def signature(name: str, thing: object) -> str:
     assert callable(thing)
     found = inspect.signature(thing)
     plain = [p.replace(annotation=inspect.Parameter.empty) for p in found.parameters.values() if p.name != "self"]
-    call = found.replace(parameters=plain, return_annotation=inspect.Signature.empty)
-    return f"{name}{call}"
+    call = str(found.replace(parameters=plain, return_annotation=inspect.Signature.empty)).replace("'", '"')
+    return f"{name}{call}" if len(name + call) <= LINE else f"{name}(\n    {call[1:-1]}\n)"
 
 
 def markdown(docstring: str) -> str:
