@@ -65,7 +65,7 @@ void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void*
 // rast: (batch, height, width, 4) with u, v, z/w, triangle + 1; tri: (triangles, 3). All arrays are C-contiguous.
 template <class T>
 struct InterpolateArgs {
-    const T* attr;  // (batch, vertices, channels), or (vertices, channels) for all items
+    const T* attr;                             // (batch, vertices, channels), or (vertices, channels) for all items
     std::int64_t attr_batch_stride, vertices;  // the stride is 0 where all items share
     int channels;
     const T* rast;
@@ -123,12 +123,12 @@ struct AntialiasGrads {
     T* pos;        // as AntialiasArgs::pos
 };
 
-// For edge e of triangle t (0: v_0 v_1, 1: v_1 v_2, 2: v_2 v_0) the index 3 t' + e' of the next edge that joins the same
-// two vertices, in a cycle through increasing indices. Throws std::invalid_argument where a vertex does not exist.
+// For edge e of triangle t (0: v_0 v_1, 1: v_1 v_2, 2: v_2 v_0) the index 3 t' + e' of the next edge that joins the
+// same two vertices, in a cycle through increasing indices. Throws std::invalid_argument where a vertex does not exist.
 void antialias_topology_cpu(const std::int32_t* tri, std::int64_t triangles, std::int64_t vertices, std::int32_t* next);
 
-// Scratch: two bytes per triangle, for each batch item that has positions of its own. Throws std::invalid_argument where
-// a triangle of rast, or a vertex of tri, does not exist.
+// Scratch: two bytes per triangle, for each batch item that has positions of its own. Throws std::invalid_argument
+// where a triangle of rast, or a vertex of tri, does not exist.
 template <class T>
 void antialias_cpu(const AntialiasArgs<T>& args, T* out);
 template <class T>
@@ -149,16 +149,17 @@ enum class Filter { nearest, linear, linear_mipmap_nearest, linear_mipmap_linear
 // Of one axis. `cube` stands in both, and no other then.
 enum class Boundary { wrap, clamp, mirror, zero, cube };
 
-// One level of a MIP stack: texel (i, j) of face f of batch item b begins at texels + b * batch_stride + f * face_stride
-// + i * row_stride + j * texel_stride, and its channels are consecutive. Strides are in elements; 0 repeats, negative is
-// allowed.
+// One level of a MIP stack: texel (i, j) of face f of batch item b begins at texels + b * batch_stride + f *
+// face_stride
+// + i * row_stride + j * texel_stride, and its channels are consecutive. Strides are in elements; 0 repeats, negative
+// is allowed.
 struct TextureImage {
     const void* texels;
     std::int64_t batch_stride, face_stride, row_stride, texel_stride;
 };
 
-// `points` lookups in each of `batch` items, computed in T (float, or double where texels are stored so). Strides are in
-// elements; 0 repeats one value for every item or lookup.
+// `points` lookups in each of `batch` items, computed in T (float, or double where texels are stored so). Strides are
+// in elements; 0 repeats one value for every item or lookup.
 template <class T>
 struct TextureArgs {
     TextureImage levels[max_levels];  // finest first
@@ -179,19 +180,20 @@ struct TextureArgs {
 // What flows back: each target is overwritten, C-contiguous, or null where it is not wanted.
 template <class T>
 struct TextureGrads {
-    const T* out;                           // (batch, points, channels)
-    T* levels[max_levels];                  // (level_batch, [6,] height, width, channels): all of them or none
-    std::int64_t level_batch[max_levels];   // `batch`, or 1 to sum over the items
-    T* uv;                                  // (batch, points, 2 or 3)
-    T* uv_da;                               // (batch, points, 4 or 6)
-    T* bias;                                // (batch, points)
+    const T* out;                          // (batch, points, channels)
+    T* levels[max_levels];                 // (level_batch, [6,] height, width, channels): all of them or none
+    std::int64_t level_batch[max_levels];  // `batch`, or 1 to sum over the items
+    T* uv;                                 // (batch, points, 2 or 3)
+    T* uv_da;                              // (batch, points, 4 or 6)
+    T* bias;                               // (batch, points)
 };
 
 // out: (batch, points, channels), C-contiguous.
 template <class T>
 void texture_cpu(const TextureArgs<T>& args, T* out);
-// Sums into texels run in the order of the lookups whatever the number of threads: reproducible bit for bit. Where lookups
-// are many, scratch of 4 bytes for each band of rows that a lookup touches (2 to 4, of at most 4 M lookups at a time).
+// Sums into texels run in the order of the lookups whatever the number of threads: reproducible bit for bit. Where
+// lookups are many, scratch of 4 bytes for each band of rows that a lookup touches (2 to 4, of at most 4 M lookups at a
+// time).
 template <class T>
 void texture_backward_cpu(const TextureArgs<T>& args, const TextureGrads<T>& grads);
 

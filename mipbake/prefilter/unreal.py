@@ -25,7 +25,7 @@ _DEAD_ZONE = 4e-5
 
 def _widened(alpha2: Array, variance: Array) -> Array:
     v = np.maximum(excess(variance) - _DEAD_ZONE, 0)
-    return (alpha2 + 2 * v * np.maximum(1 - alpha2, 0)) / np.where(alpha2 < 1, 1 + 2 * v, 1)
+    return np.asarray((alpha2 + 2 * v * np.maximum(1 - alpha2, 0)) / np.where(alpha2 < 1, 1 + 2 * v, 1))
 
 
 UNREAL = RoughnessRule(
