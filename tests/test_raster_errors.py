@@ -73,7 +73,7 @@ RASTERIZE: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "index": ({"tri": changed(TRI, (1, 2), 4)}, f"tri[1] is (1, 2, 4): {INDICES}"),
     "negative index": ({"tri": changed(TRI, (0, 0), -1)}, f"tri[0] is (-1, 1, 2): {INDICES}"),
-    "no vertices": ({"pos": POS[:, :0]}, "tri[0] is (0, 1, 2): expected vertex indices"),
+    "no vertices": ({"pos": POS[:, :0]}, "tri[0] is (0, 1, 2): expected no triangles"),
     "nan": (
         {"pos": changed(POS, (1, 3, 0), np.nan)},
         "pos[1, 3] is (nan, 0.0, 0.0, 1.0): expected finite numbers",

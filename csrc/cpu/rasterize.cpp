@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "cpu/triangle_ids.h"
 
 namespace mipbake {
 namespace {
@@ -77,21 +78,15 @@ void check_positions(const T* pos, bool instanced, Index items, Index vertices) 
 }
 
 void check_indices(const std::int32_t* tri, Index triangles, Index vertices) {
-    First bad;
+    std::atomic<bool> beyond{false};
     const std::uint32_t limit =
         static_cast<std::uint32_t>(std::min<Index>(vertices, std::numeric_limits<std::int32_t>::max()));
     parallel_for(triangles * 3, 3 * kCheckGrain, [&](Index begin, Index end) {
         std::uint32_t largest = 0;  // negative indices are the largest
         for (Index i = begin; i < end; ++i) largest = std::max(largest, static_cast<std::uint32_t>(tri[i]));
-        if (largest < limit) return;
-        for (Index i = begin; i < end; ++i)
-            if (static_cast<std::uint32_t>(tri[i]) >= limit) return bad.report(i / 3);
+        if (largest >= limit) beyond = true;
     });
-    if (!bad.any()) return;
-    const std::int32_t* const t = tri + 3 * bad.get();
-    throw std::invalid_argument("tri[" + std::to_string(bad.get()) + "] is (" + std::to_string(t[0]) + ", " +
-                                std::to_string(t[1]) + ", " + std::to_string(t[2]) +
-                                "): expected vertex indices from 0 to " + std::to_string(vertices - 1));
+    if (beyond) check_triangle_vertices(tri, triangles, vertices);
 }
 
 void check_ranges(const std::int32_t* ranges, Index batch, Index triangles) {
@@ -290,21 +285,13 @@ void rasterize_cpu(const RasterizeArgs<T>& args, std::int64_t scratch) {
 
 template <class T>
 void rasterize_backward_cpu(const RasterizeBackwardArgs<T>& args) {
-    First wrong;
+    std::atomic<bool> wrong{false};
     const auto backward = MIPBAKE_DISPATCH(raster_backward_tile<T>);
     sum_into_vertices<double>({args.batch, args.height, args.width}, args.vertices, args.shared, 4, args.grad_pos,
                               [&](const PixelTile& tile, TileSums<double>& sums) {
-                                  const Index pixel = backward(args, tile, sums);
-                                  if (pixel >= 0) wrong.report(pixel);
+                                  if (backward(args, tile, sums) >= 0) wrong = true;
                               });
-    if (!wrong.any()) return;
-    const Index pixel = wrong.get(), row = pixel / args.width;
-    const T id = args.rast[4 * pixel + 3];
-    std::ostringstream text;
-    text << "rast[" << row / args.height << ", " << row % args.height << ", " << pixel % args.width
-         << "] has triangle_id " << (std::floor(id) == id ? std::to_string(static_cast<Index>(id)) : number(id))
-         << ": expected at most " << args.triangles << ", the number of triangles";
-    throw std::invalid_argument(text.str());
+    if (wrong) check_triangle_ids(args.rast, args.batch, args.height, args.width, args.triangles);
 }
 
 template void check_mesh<float>(const float*, bool, std::int64_t, std::int64_t, const std::int32_t*, std::int64_t,

@@ -30,8 +30,11 @@ void check_triangle_vertices(const std::int32_t* tri, std::int64_t triangles, st
         for (int k = 0; k < 3; ++k) good = good && tri[3 * t + k] >= 0 && tri[3 * t + k] < vertices;
         if (good) continue;
         std::ostringstream text;
-        text << "tri[" << t << "] is (" << tri[3 * t] << ", " << tri[3 * t + 1] << ", " << tri[3 * t + 2]
-             << "): expected vertex indices from 0 to " << vertices - 1;
+        text << "tri[" << t << "] is (" << tri[3 * t] << ", " << tri[3 * t + 1] << ", " << tri[3 * t + 2] << "): ";
+        if (vertices > 0)
+            text << "expected vertex indices from 0 to " << vertices - 1;
+        else
+            text << "expected no triangles, because there are no vertices";
         throw std::invalid_argument(text.str());
     }
 }

@@ -60,7 +60,8 @@ def check_with_torch(
 def _raise_about(tri: Tensor, vertices: int, pos: Tensor | None, rast: Tensor | None) -> None:
     if at := _first(((tri < 0) | (tri >= vertices)).any(1)):
         indices = tuple(tri[at].tolist())
-        raise UsageError(f"tri[{_listed(at)}] is {indices}: expected vertex indices from 0 to {vertices - 1}")
+        fits = f"vertex indices from 0 to {vertices - 1}" if vertices else "no triangles, because there are no vertices"
+        raise UsageError(f"tri[{_listed(at)}] is {indices}: expected {fits}")
     if pos is not None and (at := _first(~torch.isfinite(pos).all(-1))):
         values = ", ".join(map(str, pos[at].tolist()))
         raise UsageError(f"pos[{_listed(at)}] is ({values}): expected finite numbers")
