@@ -1,4 +1,8 @@
-"""Texture-space renders: the supersampled, pixel-filtered reference and the once-per-pixel candidate."""
+"""Renders for validation, in texture space and of meshes: the once-per-pixel candidate and its supersampled reference.
+
+Texture space is here; `mipbake.render.mesh_render` renders meshes (`mesh`, `shapes`, `tangents`) as a `camera` sees
+them under an `environment`.
+"""
 
 from mipbake.render.texture_space import candidate, random_points, reference
 
