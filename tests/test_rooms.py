@@ -17,6 +17,7 @@ ROOMS["mipbake.cli"] = ROOT / "cli"
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
+    r"|mipbake\.prefilter\.texel_descent$"  # gradients by texels; optimum.py imports it when it is called
 )
 
 

@@ -1,0 +1,251 @@
+"""`optimum`: every texel of every level optimised against the reference, the limit of a single-lobe stack.
+
+Closed forms and networks guess texels; this method descends on them. Pixels at random offsets and levels of detail look
+the stack up trilinearly, are shaded once under random light-view pairs, and are compared with the pixel-filtered render
+of level 0 (equation 3 of Kemppinen et al. 2023): levels are coupled as they are in an engine. It starts from the best
+closed form of each level and keeps what held-out pairs confirm.
+
+Plain descent is not safe: a few very bright pairs drive single texels to mirrors, and the noise of one-sample targets
+makes a random walk of fine levels. So:
+
+- targets are means of many samples, half of the pairs lie near the mirror direction;
+- a render counts by the inverse of the start's own error, estimated from samples independent of its target, so that a
+  decibel counts the same on easy and hard levels and no bright pair rules;
+- texels move in natural units (texel_descent.py), and steps shrink when held-out pairs stop improving;
+- in the end each level takes the share of its change that held-out pairs like best, and none where they are worse off.
+
+Large sets are worked on in blocks: the coarse levels as a whole, then the fine ones window by window, with everything
+else held at its latest values. Pixels up to a texel beyond a window take part in it, so the texels on both sides of a
+border are fitted to the same renders, and the shares of the end hold for whole levels: there is no seam to see.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.material import model_named
+from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region, typical
+from mipbake.prefilter.pixel_filter import Wrap, filter_named
+
+STARTS = ("linear", "lean", "toksvig", "vmf")
+"""Closed forms to start from, each with the box and with the pixel filter as its averaging kernel."""
+
+_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of a level's change that may be kept
+_WORSE = 10.0  # weight of a logarithm lost against one gained, when shares are chosen
+_DECIBEL = 10 / math.log(10)
+
+DEFAULT_BUDGET = Budget()
+
+
+@dataclass(frozen=True)
+class Refined:
+    """An optimised stack and what held-out pairs say about it.
+
+    Args:
+        levels: (H_L, W_L, C) float32 valid stored channels.
+        lods: (M,) measured levels of detail, from 0 to the last level in steps of 1/2.
+        before, after: (S, M) SNR in dB of the start and of the result, the mean over held-out sets of 64 pairs, one row
+            for each kind of set (mipbake.metrics.pairs.PAIR_SETS).
+        shares: of each level's change, how much was kept, from 0 to 1.
+        rounds: that were worked, in all blocks.
+        seconds: that it took.
+    """
+
+    levels: list[Image]
+    lods: NDArray[np.float64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    shares: tuple[float, ...]
+    rounds: int
+    seconds: float = field(compare=False)
+
+
+class Optimum:
+    """The per-material optimum of a single-lobe stack, from the best closed form of each level."""
+
+    name = "optimum"
+    summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
+
+    def __init__(self, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> None:
+        self.budget, self.seed = budget, seed
+
+    def __call__(
+        self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter."""
+        problem = Problem(stored, source, target, pixel_filter, wrap)
+        start = best_closed_form(problem, self.budget, self.seed)
+        return PrefilterResult(refine(problem, start, self.budget, self.seed, progress).levels)
+
+
+def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> list[Image]:
+    """Each level from the closed form (STARTS, both averaging kernels) that held-out pairs like best at that level.
+
+    The measure is the mean of the SNR on all pair sets.
+    """
+    from mipbake.prefilter import METHODS
+
+    whole = Region(0, 1, 0, 1, range(len(problem.sizes)))
+    held_out = HeldOut(problem, whole, [float(level) for level in whole.levels], budget, [seed, 1], 2)
+    best: list[Image] = []
+    scores: list[float] = []
+    for kernel in dict.fromkeys((problem.pixel_filter, "box")):
+        for name in STARTS:
+            arguments = (problem.stored, problem.source, problem.target, kernel, problem.wrap, lambda _: None)
+            levels = METHODS[name](*arguments).levels
+            score = [float(typical(held_out.log_errors(levels, level)).mean()) for level in whole.levels]
+            if not best:
+                best, scores = levels, score
+            for level in whole.levels:
+                if score[level] < scores[level] - 1e-3:  # no mixture of methods that measure the same
+                    best[level], scores[level] = levels[level], score[level]
+    return material.align_directions(best) if problem.target == "gltf-anisotropic" else best
+
+
+def refine(
+    problem: Problem,
+    start: Sequence[Image],
+    budget: Budget = DEFAULT_BUDGET,
+    seed: int = 0,
+    progress: Progress = lambda _: None,
+) -> Refined:
+    """Optimises all texels of all levels, and keeps of it what held-out pairs confirm.
+
+    Args:
+        problem: the source and what the stack is for.
+        start: (H_L, W_L, C) valid stored channels of model `problem.target`, every level to 1 x 1. Not changed.
+        budget: how long.
+        seed: of all that is drawn. The result is the same for a seed, unless the budget ends by time.
+        progress: told the finished share.
+
+    Raises:
+        UsageError: a start that is no complete stack of the target model, or an unknown pixel filter.
+    """
+    from mipbake.prefilter.texel_descent import descend
+
+    began = time.monotonic()
+    filter_named(problem.pixel_filter)
+    _check_stack(problem, start)
+    last = len(problem.sizes) - 1
+    lods = np.arange(2 * last + 1) / 2
+    whole = Region(0, 1, 0, 1, range(last + 1))
+    judge = HeldOut(problem, whole, [float(lod) for lod in lods], budget, [seed, 2])
+    before = np.stack([-_DECIBEL * judge.log_errors(start, index) for index in range(len(lods))], 1)
+    open_at = before.min((0, 2)) < _SOLVED_DB
+    moving = [bool(open_at[max(0, 2 * level - 1) : 2 * level + 2].any()) for level in range(last + 1)]
+    levels = [np.array(level, np.float32) for level in start]
+    blocks = [block for block in _blocks(problem, budget.window) if any(moving[level] for level in block.levels)]
+    rounds = 0
+    for index, block in enumerate(blocks):
+        deadline = math.inf
+        if budget.seconds is not None:
+            now = time.monotonic()
+            deadline = now + max(0.0, began + budget.seconds - now) / (len(blocks) - index)
+        rounds += descend(
+            problem,
+            levels,
+            block,
+            moving,
+            budget,
+            np.random.default_rng([seed, 3, index]),
+            deadline,
+            lambda share, done=index: progress((done + share) / len(blocks)),  # type: ignore[misc]
+        )
+    shares = _shares(judge, start, levels, problem.target)
+    kept = _blended(start, levels, shares, problem.target)
+    after = np.stack([-_DECIBEL * judge.log_errors(kept, index) for index in range(len(lods))], 1)
+    progress(1.0)
+    return Refined(
+        kept, lods, before[..., :-1].mean(-1), after[..., :-1].mean(-1), tuple(shares), rounds, time.monotonic() - began
+    )
+
+
+def _check_stack(problem: Problem, start: Sequence[Image]) -> None:
+    channels = model_named(problem.target).channels
+    expected = [(*size, channels) for size in problem.sizes]
+    got = [np.shape(level) for level in start]
+    if got != expected:
+        raise UsageError(f"start has levels of shapes {got}: expected {expected}, every level of {problem.target}")
+    if not all(np.isfinite(level).all() for level in start):
+        raise UsageError("start holds values that are not finite: expected valid stored channels")
+
+
+def _blocks(problem: Problem, window: int) -> list[Region]:
+    """The coarse levels as a whole, then windows of the fine ones that are larger than a window."""
+    sizes = problem.sizes
+    fine = sum(max(size) > window for size in sizes)
+    blocks = [Region(0, 1, 0, 1, range(fine, len(sizes)))]
+    if fine:
+        rows, columns = (-(-n // window) for n in sizes[0])
+        top, left = np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1)
+        blocks += [
+            Region(float(top[i]), float(top[i + 1]), float(left[j]), float(left[j + 1]), range(fine))
+            for i in range(rows)
+            for j in range(columns)
+        ]
+    return blocks
+
+
+def _blended(start: Sequence[Image], end: Sequence[Image], shares: Sequence[float], model: str) -> list[Image]:
+    """start + share (end - start), level by level; exact at both ends."""
+
+    def one(first: Image, second: Image, share: float) -> Image:
+        if share in (0.0, 1.0):
+            return np.array(second if share else first, np.float32)
+        return material.regularise(first + np.float32(share) * (second - first), model)
+
+    return [one(*each) for each in zip(start, end, shares, strict=True)]
+
+
+def _shares(judge: HeldOut, start: Sequence[Image], end: Sequence[Image], model: str) -> list[float]:
+    """Of each level's change the share to keep, so that no lod and no pair set is worse off than at the start.
+
+    Levels are settled one after the other, twice: a lod between two levels sees both. Where the mean over sets of pairs
+    is then still worse by more than its standard error, the levels around keep less.
+    """
+    last = len(start) - 1
+    near = [range(max(0, 2 * level - 1), min(2 * last, 2 * level + 1) + 1) for level in range(last + 1)]
+    initial = [judge.log_errors(start, index) for index in range(2 * last + 1)]
+    changed = [level for level in range(last + 1) if not np.array_equal(start[level], end[level])]
+    shares = [float(level in changed) for level in range(last + 1)]
+    current = _blended(start, end, shares, model)
+
+    def set_share(level: int, share: float) -> None:
+        shares[level] = share
+        current[level] = _blended([start[level]], [end[level]], [share], model)[0]
+
+    def excess(index: int) -> NDArray[np.float64]:
+        return judge.log_errors(current, index) - initial[index]
+
+    def cost(level: int, share: float) -> float:
+        set_share(level, share)
+        lost = np.stack([typical(excess(index)) for index in near[level]])
+        return float((lost + _WORSE * np.maximum(lost, 0)).sum())
+
+    for _ in range(2):
+        for level in changed:
+            costs = [cost(level, share) for share in _SHARES]
+            set_share(level, _SHARES[int(np.argmin(costs))])
+    while any(shares):
+        beyond = []
+        for index in range(2 * last + 1):
+            lost = excess(index)
+            noise = lost[:, :-1].std(-1) / math.sqrt(lost.shape[1] - 1)
+            beyond.append(float((typical(lost) - noise).max()))
+        worst = int(np.argmax(beyond))
+        around = [level for level in {worst // 2, -(-worst // 2)} if shares[level]]
+        if beyond[worst] <= 1e-6 or not around:
+            break
+        for level in around:
+            set_share(level, _SHARES[_SHARES.index(shares[level]) + 1])
+    return shares
