@@ -1,0 +1,228 @@
+// GLSL of the viewer. The formulas, their names and their guards are those of docs/conventions.md.
+
+const MAX_LIGHTS = 64;
+
+const VERTEX_SHADER = `#version 300 es
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec3 tangent;
+layout(location = 3) in vec2 uv;
+uniform mat4 uClip;
+uniform vec2 uTiling, uShift;  // whole textures off, where it repeats: small coordinates are precise ones
+out vec3 vPosition;
+out vec3 vNormal;
+out vec3 vTangent;
+out vec2 vUv;
+void main() {
+    vPosition = position;
+    vNormal = normal;
+    vTangent = tangent;
+    vUv = uv * uTiling - uShift;
+    gl_Position = uClip * vec4(position, 1.0);
+}`;
+
+// What each material model makes of its stored channels, as the maps are packed by the page's author.
+const SURFACE_OF_MODEL = {
+    'gltf': `
+    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod);
+    return metallicRoughness(first, second);`,
+    'gltf-anisotropic': `
+    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod), third = textureLod(uMap2, uv, lod);
+    Surface s = metallicRoughness(first, second);
+    vec2 d = third.xy * uSigned.x + uSigned.y;
+    float len = length(d), alpha = pow2(max(second.w, 0.045));
+    d = len > 1e-6 ? d / len : vec2(1, 0);
+    float along = pow2(mix(alpha, 1.0, pow2(third.z))), across = pow2(alpha);
+    s.tensor = vec3(along * d.x * d.x + across * d.y * d.y, along * d.y * d.y + across * d.x * d.x,
+                    (along - across) * d.x * d.y);
+    return s;`,
+    'ggx': `
+    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod), third = textureLod(uMap2, uv, lod);
+    Surface s;
+    vec2 xy = vec2(first.w, second.w);
+    xy /= max(length(xy), 1.0);
+    s.normal = vec3(xy, sqrt(max(1.0 - dot(xy, xy), 0.0)));
+    s.albedo = first.rgb;
+    s.f0 = second.rgb;
+    s.dielectric = 0.0;
+    float m = clamp(0.5 * (third.x + third.y), -30.0, 10.0), d = 0.5 * (third.x - third.y), c = third.z;
+    float q = min(sqrt(d * d + c * c), 20.0);
+    float sinhc = q > 0.01 ? sinh(q) / q : 1.0 + q * q / 6.0;
+    s.tensor = exp(m) * vec3(cosh(q) + sinhc * d, cosh(q) - sinhc * d, sinhc * c);
+    return s;`,
+};
+
+// One program per model. uSamples = 0 looks up once per pixel, as a game would; otherwise the pixel filter is
+// integrated over that many bilinear lookups of level 0, and blended with the passes before.
+const fragmentShader = (model) => `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+in vec3 vPosition;
+in vec3 vNormal;
+in vec3 vTangent;
+in vec2 vUv;
+uniform sampler2D uMap0, uMap1, uMap2, uFilter, uPrevious;
+uniform vec2 uSigned;  // factor and offset that undo the storage of signed values
+uniform float uLastLevel;
+uniform vec3 uEye;
+uniform int uLights;
+uniform vec3 uDirection[${MAX_LIGHTS}], uRadiance[${MAX_LIGHTS}];
+uniform float uWiden;  // added to both eigenvalues of the roughness tensor
+uniform int uShow, uSamples;
+uniform vec2 uStart;
+uniform float uBlend;
+out vec4 outColor;
+
+const float PI = 3.14159265358979;
+struct Surface { vec3 albedo, f0, normal, tensor; float dielectric; };  // tensor: S11, S22, S12
+
+float pow2(float x) { return x * x; }
+
+Surface metallicRoughness(vec4 base, vec4 rest) {
+    Surface s;
+    vec3 n = rest.xyz * uSigned.x + uSigned.y;
+    float len = length(n);
+    s.normal = len > 1e-6 ? n / len : vec3(0, 0, 1);
+    s.albedo = base.rgb * (1.0 - base.a);
+    s.f0 = mix(vec3(0.04), base.rgb, base.a);
+    s.dielectric = 1.0;
+    s.tensor = vec3(vec2(pow2(pow2(max(rest.w, 0.045)))), 0);
+    return s;
+}
+
+Surface surfaceAt(vec2 uv, float lod) {${SURFACE_OF_MODEL[model]}
+}
+
+// Components of w along t = normalize(x - (x.n) n), b = n x t, and n.
+vec3 inFrame(vec3 w, vec3 n) {
+    float p = n.y * n.y + n.z * n.z;
+    float side = n.x > 0.0 ? -1.0 : 1.0;
+    vec3 b = p > 1e-16 ? vec3(0, n.z, -n.y) * inversesqrt(p) : vec3(0, -side * n.x, 0);
+    vec3 t = p > 1e-16 ? cross(b, n) : vec3(0, 0, side);
+    return vec3(dot(w, t), dot(w, b), dot(w, n));
+}
+
+float form(vec3 tensor, vec3 w) {
+    return tensor.x * w.x * w.x + 2.0 * tensor.z * w.x * w.y + tensor.y * w.y * w.y;
+}
+
+// f(theta, l, v), the cosine included: zero where n.l <= 0 or n.v <= 0.
+vec3 shade(Surface s, vec3 light, vec3 view) {
+    vec3 l = inFrame(light, s.normal), v = inFrame(view, s.normal);
+    if (l.z <= 1e-9 || v.z <= 1e-9) return vec3(0);
+    vec3 halfway = normalize(light + view);
+    vec3 h = inFrame(halfway, s.normal), S = s.tensor;
+    float det = S.x * S.y - S.z * S.z;
+    float q = (S.y * h.x * h.x - 2.0 * S.z * h.x * h.y + S.x * h.y * h.y) / det + h.z * h.z;
+    float D = 1.0 / (PI * sqrt(det) * q * q);
+    float V = 0.5 / (l.z * sqrt(v.z * v.z + form(S, v)) + v.z * sqrt(l.z * l.z + form(S, l)));
+    float schlick = pow(max(1.0 - dot(light, halfway), 0.0), 5.0);
+    vec3 F = s.f0 + (1.0 - s.f0) * schlick;
+    float diffuse = s.dielectric > 0.5 ? 0.96 * (1.0 - schlick) : 1.0;
+    return (s.albedo * diffuse / PI + D * V * F) * l.z;
+}
+
+vec3 appearance(vec2 uv, float lod, mat3 frame, vec3 view) {
+    Surface s = surfaceAt(uv, lod);
+    if (uShow == 1) return s.albedo;
+    if (uShow == 2) return s.f0;
+    if (uShow == 3) return 0.5 * s.normal + 0.5;
+    if (uShow == 4) return vec3(pow(s.tensor.x * s.tensor.y - s.tensor.z * s.tensor.z, 0.125));
+    if (uShow == 5) return vec3(lod / max(uLastLevel, 1.0));
+    s.tensor.xy += uWiden;
+    vec3 total = vec3(0);
+    for (int k = 0; k < uLights; ++k) total += uRadiance[k] * shade(s, uDirection[k] * frame, view);
+    return total;
+}
+
+// PCG3D's mixing (Jarzynski and Olano 2020): an independent shift of the sample sequence for every pixel.
+vec2 shiftOfPixel() {
+    uvec3 v = uvec3(gl_FragCoord.xy, 17) * 1664525u + 1013904223u;
+    v.x += v.y * v.z; v.y += v.z * v.x; v.z += v.x * v.y;
+    v ^= v >> 16u;
+    v.x += v.y * v.z; v.y += v.z * v.x;
+    return vec2(v.xy >> 8u) / 16777216.0;
+}
+
+void main() {
+    vec3 n = normalize(vNormal);
+    vec3 t = normalize(vTangent - dot(vTangent, n) * n);
+    mat3 frame = mat3(t, cross(n, t), n);  // every mesh here has a right-handed frame
+    vec3 view = normalize(uEye - vPosition) * frame;
+    // uv / w and 1 / w are linear on the screen, so that their differences are exact where those of uv are not.
+    float w = gl_FragCoord.w;
+    vec2 dx = (dFdx(vUv * w) - vUv * dFdx(w)) / w, dy = (dFdy(vUv * w) - vUv * dFdy(w)) / w;
+    // The level of detail: the longer axis of the pixel's footprint, in texels of level 0.
+    vec2 size = vec2(textureSize(uMap0, 0));
+    float a = dot(dx * size, dx * size), b = dot(dx * size, dy * size), c = dot(dy * size, dy * size);
+    float lod = 0.5 * log2(0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b));
+    if (uSamples == 0) {
+        outColor = vec4(appearance(vUv, clamp(lod, 0.0, uLastLevel), frame, view), 1);
+        return;
+    }
+    vec2 shift = shiftOfPixel() + uStart;
+    vec3 sum = vec3(0);
+    float weights = 0.0;
+    int table = textureSize(uFilter, 0).x;
+    for (int i = 0; i < uSamples; ++i) {
+        // The additive recurrence of the plastic number, low in discrepancy in two dimensions (Roberts 2018).
+        vec2 u = fract(shift + float(i) * vec2(0.7548776662466927, 0.5698402909980532));
+        ivec2 bin = min(ivec2(u * float(table)), table - 1);
+        vec2 x = texelFetch(uFilter, ivec2(bin.x, 0), 0).xy, y = texelFetch(uFilter, ivec2(bin.y, 0), 0).xy;
+        float weight = x.y * y.y;
+        sum += weight * appearance(vUv + dx * x.x + dy * y.x, 0.0, frame, view);
+        weights += weight;
+    }
+    // Alpha keeps the mean weight, by which the screen divides: filters with negative lobes have weights of both signs.
+    vec4 before = uBlend < 1.0 ? texelFetch(uPrevious, ivec2(gl_FragCoord.xy), 0) : vec4(0);
+    outColor = mix(before, vec4(sum, weights) / float(uSamples), uBlend);
+}`;
+
+const SCREEN_VERTEX_SHADER = `#version 300 es
+void main() {
+    gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
+}`;
+
+// Linear radiance of both sides to the screen: x / (1 + x) and the sRGB curve, as the tonemapped error measures.
+const SCREEN_FRAGMENT_SHADER = `#version 300 es
+precision highp float;
+precision highp sampler2D;
+uniform sampler2D uA, uB;
+uniform int uMode;  // 0: A left of the divider and B right of it; 1: difference
+uniform bool uTonemap;
+uniform float uDivider, uExposure, uGain;
+uniform vec3 uBackground;
+out vec4 outColor;
+
+vec3 encode(vec3 x) {
+    return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, x));
+}
+
+vec3 displayed(vec3 radiance) {
+    vec3 x = max(radiance, 0.0);
+    x = uTonemap ? min(x * uExposure, 1e6) : x;
+    return encode(uTonemap ? x / (1.0 + x) : min(x, 1.0));
+}
+
+vec3 heat(float x) {  // dark to light through violet and orange: readable without colour vision, too
+    const vec3 steps[5] = vec3[5](vec3(0.02, 0.02, 0.05), vec3(0.30, 0.07, 0.43), vec3(0.73, 0.22, 0.33),
+                                  vec3(0.97, 0.56, 0.10), vec3(0.99, 0.97, 0.75));
+    float place = clamp(x, 0.0, 1.0) * 4.0;
+    int i = min(int(place), 3);
+    return mix(steps[i], steps[i + 1], place - float(i));
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 a = texelFetch(uA, pixel, 0), b = texelFetch(uB, pixel, 0);
+    bool left = gl_FragCoord.x < uDivider, covered = (left ? a.a : b.a) != 0.0;
+    a.rgb /= a.a != 0.0 ? a.a : 1.0;
+    b.rgb /= b.a != 0.0 ? b.a : 1.0;
+    vec3 color = displayed(left ? a.rgb : b.rgb);
+    if (uMode == 1) {
+        vec3 difference = abs(displayed(a.rgb) - displayed(b.rgb));
+        color = heat(uGain * dot(difference, vec3(1.0 / 3.0)));
+    }
+    outColor = vec4(covered ? color : uBackground, 1);
+}`;
