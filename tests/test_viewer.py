@@ -495,7 +495,8 @@ def test_paper_shows_the_still_and_no_controls(open_page: Any) -> None:
     page = open_page(viewer_page("t", {"a": stack_of(material("gltf", 8, 8), "gltf")}))
     changed(page)
     page.emulate_media(media="print")
-    assert page.locator("canvas").is_visible() and not page.locator(".mv-panel").is_visible()
+    assert page.locator("canvas").is_visible()
+    assert not page.locator(".mv-panel").is_visible() and not page.locator(".mv-bar").is_visible()
     lit = page.evaluate("() => document.querySelector('canvas').toDataURL().length")
     assert lit > 5000
 
