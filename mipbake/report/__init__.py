@@ -1,0 +1,1 @@
+"""Pages that show what was measured. `viewer` is the interactive view of stacks."""
