@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdio>
+#include <stdexcept>
+#include <string>
 
 inline int& failures() {
     static int count = 0;
@@ -17,3 +19,14 @@ inline int& failures() {
     } while (false)
 
 inline int report() { return failures() == 0 ? 0 : 1; }
+
+// What a call throws as std::invalid_argument; empty where it does not.
+template <class F>
+std::string complaint(F&& f) {
+    try {
+        f();
+    } catch (const std::invalid_argument& error) {
+        return error.what();
+    }
+    return "";
+}

@@ -222,30 +222,20 @@ void test_threads() {
     mipbake::set_num_threads(before);
 }
 
-template <class F>
-std::string message_of(F&& f) {
-    try {
-        f();
-    } catch (const std::invalid_argument& error) {
-        return error.what();
-    }
-    return "";
-}
-
 void test_errors() {
     Scene s = random_scene();
     s.rast[4 * (45 * (37 + 5) + 7) + 3] = 6;
-    CHECK(message_of([&] { antialias(s); }) ==
+    CHECK(complaint([&] { antialias(s); }) ==
           "rast[1, 5, 7] has triangle_id 6: expected at most 5, the number of triangles");
     for (const double bad : {-1.0, std::numeric_limits<double>::quiet_NaN()}) {
         s.rast[4 * (45 * (37 + 5) + 7) + 3] = bad;
-        CHECK(message_of([&] { antialias(s); }).find("rast[1, 5, 7] has triangle_id") == 0);
+        CHECK(complaint([&] { antialias(s); }).find("rast[1, 5, 7] has triangle_id") == 0);
     }
     s = random_scene();
     s.tri[4] = 7;
     const std::string expected = "tri[1] is (0, 7, 1): expected vertex indices from 0 to 6";
-    CHECK(message_of([&] { antialias(s); }) == expected);
-    CHECK(message_of([&] { join(s); }) == expected);
+    CHECK(complaint([&] { antialias(s); }) == expected);
+    CHECK(complaint([&] { join(s); }) == expected);
 }
 
 }  // namespace
