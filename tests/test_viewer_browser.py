@@ -1,0 +1,376 @@
+"""The interactive view in headless Chromium: its pixels against the library's lookups and shading, and its controls."""
+
+from __future__ import annotations
+
+import base64
+import math
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from mipbake import sampling, shading
+from mipbake.material import MODELS
+from mipbake.prefilter.pixel_filter import filter_named, level_sizes
+from mipbake.report.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
+from mipbake.stack import MipStack
+
+from .viewer_scenes import PROVENANCE, material, stack_of
+
+CHROMIUM_FLAGS = [
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+FIELD_OF_VIEW = math.radians(40)
+VIEW = {"shape": "plane", "mode": "one", "lights": 0, "lightAzimuth": 20, "lightHeight": 15, "azimuth": 33, "pixels": 4}
+
+
+class Shot(NamedTuple):
+    """One side as the browser shaded it: (H, W, 3) linear radiance and (H, W) coverage, bottom row first."""
+
+    radiance: np.ndarray
+    covered: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("Chromium is not installed")
+    with playwright.sync_playwright() as play:
+        started = play.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Any]:
+    """Opens a page from disk, as users do; fails on anything that the browser complains about."""
+    complaints: list[str] = []
+    context = browser.new_context(viewport={"width": 330, "height": 700})
+    with tempfile.TemporaryDirectory() as folder:
+
+        def opened(html: str) -> Any:
+            path = Path(folder) / "page.html"
+            path.write_text(html, encoding="utf-8")
+            page = context.new_page()
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on("request", lambda r: complaints.append(r.url) if not r.url.startswith(("file:", "blob:")) else None)
+            page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+            page.goto(path.as_uri())
+            return page
+
+        yield opened
+    context.close()
+    assert complaints == []
+
+
+def changed(page: Any, **view: Any) -> None:
+    page.evaluate("view => document.querySelector('.mipbake-viewer').viewer.set(view)", view)
+
+
+def shot(page: Any, side: int = 0, **view: Any) -> Shot:
+    changed(page, **view)
+    (width, height), data = page.evaluate(
+        """side => {
+            const { renderer } = document.querySelector('.mipbake-viewer').viewer;
+            const bytes = new Uint8Array(renderer.read(side).buffer);
+            let text = '';
+            for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+            return [renderer.size, btoa(text)];
+        }""",
+        side,
+    )
+    values = np.frombuffer(base64.b64decode(data), np.float32).reshape(height, width, 4)
+    return Shot(values[..., :3].astype(np.float64), values[..., 3] > 0.5)
+
+
+class Plane(NamedTuple):
+    """The floor as pixels see it: texture coordinates, their derivatives, and directions to the eye in the frame."""
+
+    uv: np.ndarray
+    uv_da: np.ndarray
+    view: np.ndarray
+    hit: np.ndarray
+
+
+def plane_seen(size: tuple[int, int], view: dict[str, Any], aspect: float, offset: Any = (0.0, 0.0)) -> Plane:
+    """Rays through the pixels (centres plus offset) of an orbiting camera, met with the floor, in float64."""
+    height, width = size
+    azimuth, elevation = math.radians(view["azimuth"]), math.radians(view["elevation"])
+    back = np.array(
+        [math.cos(elevation) * math.sin(azimuth), math.sin(elevation), math.cos(elevation) * math.cos(azimuth)]
+    )
+    right = np.array([math.cos(azimuth), 0, -math.sin(azimuth)])
+    up, eye = np.cross(back, right), view["distance"] * back
+    slope = math.tan(FIELD_OF_VIEW / 2)
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    x, y = x + offset[0], y + offset[1]
+    step_x, step_y = 2 / width * slope * width / height * right, 2 / height * slope * up
+    ray = (x - width / 2)[..., None] * step_x + (y - height / 2)[..., None] * step_y - back
+    with np.errstate(divide="ignore", over="ignore"):
+        along = -eye[1] / ray[..., 1:2]
+    place = eye + along * ray
+    inside = (along[..., 0] > 0) & (np.abs(place[..., 0]) < 16) & (np.abs(place[..., 2]) < 16)
+    repeats = 16 * view.get("tiling", 1) / 32 * np.array([1.0, aspect])  # of the texture, per unit of length
+    derivatives = [along * (s - ray * s[1] / ray[..., 1:2]) for s in (step_x, step_y)]
+    du, dv = ([d[..., axis] * repeats[i] for d in derivatives] for i, axis in ((0, 0), (1, 2)))
+    to_eye = -ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+    frame = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # tangent, bitangent (against v), normal
+    return Plane((place[..., [0, 2]] + 16) * repeats, np.stack([*du, *dv], -1), to_eye @ frame.T, inside)
+
+
+def lights_seen(view: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (K, 3) in the floor's frame, and radiance (K, 3), of the light set as the view turns it."""
+    lights = DEFAULT_LIGHTS[view["lights"]]
+    a, h = math.radians(view["lightAzimuth"]), math.radians(view["lightHeight"])
+    lift = np.array([[1, 0, 0], [0, math.cos(h), math.sin(h)], [0, -math.sin(h), math.cos(h)]])
+    turn = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
+    world = lights.directions @ (turn @ lift).T
+    return world @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T, lights.radiance
+
+
+def shaded(model: str, texels: np.ndarray, seen: np.ndarray, view: dict[str, Any]) -> np.ndarray:
+    """(P, S, 3): S texels (P, S, C) of each of P pixels, under every light, towards (P, 3)."""
+    directions, radiance = lights_seen(view)
+    towards = np.repeat(seen[:, None], len(directions), 1)
+    f = shading.shade(model, texels.astype(np.float64), directions[None], towards)  # (P, K, S, 3)
+    return np.einsum("pksc,kc->psc", f, radiance)
+
+
+def candidate(stack: MipStack, size: tuple[int, int], view: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """What the library says that the floor looks like, one trilinear lookup for each pixel; and where the floor is."""
+    plane = plane_seen(size, view, stack.size[1] / stack.size[0])
+    finest, *coarser = (level[None].astype(np.float64) for level in stack.levels)
+    texels = sampling.texture(
+        finest,
+        plane.uv[None],
+        plane.uv_da[None],
+        mip=coarser,
+        filter_mode="linear-mipmap-linear",
+        boundary_mode=stack.wrap,
+    )[0]
+    image = shaded(stack.model, texels.reshape(-1, 1, texels.shape[-1]), plane.view.reshape(-1, 3), view)
+    return image.reshape(*size, 3), plane.hit
+
+
+def decibels(image: np.ndarray, expected: np.ndarray) -> float:
+    return float(10 * np.log10(np.square(expected).sum() / np.square(image - expected).sum()))
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("size", [(64, 64), (48, 80)])
+def test_level_colours_are_exact_at_every_level_of_detail(open_page: Any, size: tuple[int, int], half: bool) -> None:
+    rng = np.random.default_rng(1)
+    levels = []
+    for height, width in level_sizes(*size):
+        # Linear values that 8-bit sRGB, and half floats, hold to rounding.
+        srgb = rng.integers(20, 255, 3) / 255
+        level = np.zeros((height, width, 8), np.float32)
+        level[..., 0:3] = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        level[..., 4], level[..., 7] = 0.5, 1
+        levels.append(level)
+    page = open_page(
+        viewer_page("levels", {"a": MipStack("a", "gltf", levels, {}, ("wrap", "wrap"), PROVENANCE)}, half=half)
+    )
+    rows = shot(page, shape="plane", mode="one", show=1, azimuth=0, elevation=90, distance=4, pixels=4).radiance.shape[
+        0
+    ]
+    for index, level in enumerate(levels):
+        # Seen straight down, a pixel is this large, so that this many repeats give the level of detail `index`.
+        pixel = 2 * math.tan(FIELD_OF_VIEW / 2) * 4 / rows
+        tiling = 2**index / (pixel * size[1]) / (16 / 32)
+        image = shot(page, tiling=tiling)
+        assert image.covered.all()
+        np.testing.assert_allclose(image.radiance, np.broadcast_to(level[0, 0, :3], image.radiance.shape), atol=1.5e-3)
+        shown = page.evaluate(
+            """() => {
+                const canvas = document.querySelector('.mipbake-viewer canvas'), pixel = new Uint8Array(4);
+                canvas.getContext('webgl2').readPixels(40, 30, 1, 1, 6408, 5121, pixel);
+                return [...pixel];
+            }"""
+        )
+        linear = level[0, 0, :3].astype(np.float64)
+        wanted = np.rint(255 * (1.055 * linear ** (1 / 2.4) - 0.055))
+        assert np.abs(np.array(shown[:3]) - wanted).max() <= 1  # log2 of a software GL is right to 4e-4
+
+
+@pytest.mark.parametrize("lights", range(len(DEFAULT_LIGHTS)))
+@pytest.mark.parametrize("model", MODELS)
+def test_the_floor_agrees_with_the_library(open_page: Any, model: str, lights: int) -> None:
+    stack = stack_of(material(model), model)
+    page = open_page(viewer_page("floor", {"a": stack}, half=True))
+    # Not grazing: where n.v changes its sign, f jumps, and rounding decides whole pixels.
+    for pose in ({"elevation": 35, "distance": 2.0}, {"elevation": 35, "distance": 12.0, "tiling": 4}):
+        view = {**VIEW, "lights": lights, **pose}
+        image = shot(page, **view)
+        expected, hit = candidate(stack, image.covered.shape, view)
+        assert (hit != image.covered).mean() < 0.001
+        both = hit & image.covered
+        found = decibels(image.radiance[both], expected[both])
+        assert found > 35
+
+
+@pytest.mark.parametrize("pixel_filter", ["gaussian", "mitchell"])
+def test_the_reference_is_the_pixel_filtered_source(open_page: Any, pixel_filter: str) -> None:
+    """Against rays through importance-sampled places in each pixel, in float64, which bend the footprint as they do."""
+    source, rng = material("gltf"), np.random.default_rng(2)
+    stack = stack_of(source, "gltf")
+    page = open_page(viewer_page("r", {"a": stack}, Source(source, "gltf"), pixel_filter=pixel_filter, half=True))
+    view = {**VIEW, "mode": "split", "lights": 1, "elevation": 50, "distance": 8.0, "tiling": 1.5, "pixels": 8}
+    image = shot(page, 1, **view)  # with one stack, B is the reference
+    size = image.covered.shape
+    centre = plane_seen(size, view, 4 / 3)
+    expected, kernel, samples = np.zeros((*size, 3)), filter_named(pixel_filter), 600
+    total, shift = np.zeros((*size, 1)), rng.random((2, *size))
+    for index in range(samples):
+        # The sequence of Roberts 2018 under a shift of each pixel's own.
+        step = index * np.array([0.7548776662466927, 0.5698402909980532])
+        offset, weight = kernel.offsets((shift + step[:, None, None]) % 1)
+        plane = plane_seen(size, view, 4 / 3, offset)
+        texels = sampling.texture(source[None].astype(np.float64), plane.uv[None], filter_mode="linear")[0]
+        towards = centre.view.reshape(-1, 3)  # directions are those of the pixel (docs/conventions.md)
+        f = shaded("gltf", texels.reshape(-1, 1, 8), towards, view).reshape(*size, 3)
+        expected += weight.prod(0)[..., None] * f
+        total += weight.prod(0)[..., None]
+    both = image.covered & centre.hit
+    assert both.mean() > 0.9
+    expected = (expected / total)[both]
+    once, _ = candidate(stack, size, view)
+    assert decibels(image.radiance[both], expected) > 30  # both are estimates
+    assert decibels(once[both], expected) < 25
+    assert "SNR of a in this view" in page.inner_text(".mv-status")
+
+
+@pytest.mark.parametrize("shape", ["plane", "sphere", "ball"])
+def test_equal_stacks_do_not_differ_and_frames_are_right_handed(open_page: Any, shape: str) -> None:
+    """A texture whose normals lean up in the picture is brighter under light from above, whatever carries it."""
+    leaning = []
+    for tilt in (0.5, -0.5):
+        level = np.zeros((1, 1, 8), np.float32)
+        level[..., 0:3], level[..., 4] = 0.5, 0.9
+        level[..., 5:8] = [0, tilt, math.sqrt(1 - tilt * tilt)]
+        leaning.append(MipStack("a", "gltf", [level], {}, ("wrap", "wrap"), PROVENANCE))
+    page = open_page(viewer_page("t", {"up": leaning[0], "up too": leaning[0], "down": leaning[1]}))
+    # From the front: on the ball's side and the sphere's front face, up in the picture is up in the world.
+    pose = {"azimuth": 0, "elevation": 0 if shape != "plane" else 40, "lights": 1, "lightHeight": 70, "lightAzimuth": 0}
+    if shape == "plane":  # here up in the picture points away from the viewer
+        pose |= {"lightAzimuth": 180, "lightHeight": 40}
+    up = shot(page, 0, shape=shape, mode="split", a=0, b=1, distance=5, pixels=2, **pose)
+    down = shot(page, 1, b=2)
+    rows, columns = up.covered.shape
+    middle = np.s_[rows // 2 - 1 : rows // 2 + 1, columns // 2 - 3 : columns // 2 + 3]
+    assert up.covered[middle].all()
+    assert (up.radiance[middle] > 1.2 * down.radiance[middle]).all()
+    changed(page, b=1, mode="difference")
+    colours = page.evaluate(
+        """() => {
+            const canvas = document.querySelector('.mipbake-viewer canvas'), { width, height } = canvas;
+            const pixels = new Uint8Array(4 * width * height);
+            canvas.getContext('webgl2').readPixels(0, 0, width, height, 6408, 5121, pixels);
+            const middle = 4 * (width * (height >> 1) + (width >> 1));
+            return [...pixels.subarray(middle, middle + 3)];
+        }"""
+    )
+    assert max(colours) < 60  # the dark end of the heat map
+
+
+def state(page: Any) -> Any:
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return page.evaluate("() => document.querySelector('.mipbake-viewer').viewer.view")
+
+
+def test_mouse_keys_and_fields_move_the_view(open_page: Any) -> None:
+    stack = stack_of(material("gltf", 16, 16), "gltf")
+    page = open_page(viewer_page("t", {"one": stack, "two": stack}, Source(stack.levels[0], "gltf")))
+    canvas, before = page.locator("canvas"), state(page)
+    assert (before["a"], before["b"], before["mode"]) == (0, 1, "split")
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 50, y + 20)
+    page.mouse.up()
+    after = state(page)
+    assert after["azimuth"] == pytest.approx(before["azimuth"] - 20) and after["elevation"] > before["elevation"]
+    page.mouse.wheel(0, 200)
+    assert state(page)["distance"] > after["distance"]
+    handle = page.locator(".mv-divider").bounding_box()
+    page.mouse.move(handle["x"] + 22, y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.75 * box["width"], y)
+    page.mouse.up()
+    assert state(page)["divider"] == pytest.approx(0.75, abs=0.01)
+    page.locator(".mv-divider").press("ArrowLeft")
+    assert state(page)["divider"] == pytest.approx(0.73, abs=0.01)
+    for key, field, value in (
+        ("3", "shape", "ball"),
+        ("d", "mode", "difference"),
+        ("r", "b", 2),
+        ("r", "b", 1),
+        (" ", "turning", True),
+    ):
+        canvas.press(key)
+        assert state(page)[field] == value
+    canvas.press(" ")
+    page.get_by_label("Shape").select_option("sphere")
+    page.get_by_label("Exposure").fill("1.5")
+    assert state(page)["shape"] == "sphere" and state(page)["exposure"] == 1.5
+    page.get_by_text("Reset the view").click()
+    assert state(page)["distance"] == 3.4
+
+
+def test_turning_moves_on_and_gathers_nothing(open_page: Any) -> None:
+    stack = stack_of(material("gltf", 16, 16), "gltf")
+    page = open_page(viewer_page("t", {"one": stack}, Source(stack.levels[0], "gltf")))
+    page.evaluate("() => { document.querySelector('.mipbake-viewer').viewer.change({ turning: true, pixels: 8 }); }")
+    page.wait_for_function("() => document.querySelector('.mipbake-viewer').viewer.view.azimuth > 0.5", timeout=20000)
+    assert "while it turns" in page.inner_text(".mv-status")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_without_scrolling_sideways(open_page: Any, scheme: str) -> None:
+    page = open_page(
+        viewer_page("A title_that_is_long_enough_to_need_two_lines", {"a": stack_of(material("gltf", 8, 8), "gltf")})
+    )
+    page.emulate_media(color_scheme=scheme)
+    changed(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+    ink, ground = page.evaluate(
+        "() => [getComputedStyle(document.body).color, getComputedStyle(document.body).backgroundColor]"
+        ".map((c) => c.match(/[0-9]+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0))"
+    )
+    assert (ink > ground + 300) if scheme == "dark" else (ground > ink + 300)
+
+
+def test_paper_shows_the_still_and_no_controls(open_page: Any) -> None:
+    page = open_page(viewer_page("t", {"a": stack_of(material("gltf", 8, 8), "gltf")}))
+    changed(page)
+    page.emulate_media(media="print")
+    assert page.locator("canvas").is_visible()
+    assert not page.locator(".mv-panel").is_visible() and not page.locator(".mv-bar").is_visible()
+    lit = page.evaluate("() => document.querySelector('canvas').toDataURL().length")
+    assert lit > 5000
+
+
+def test_two_viewers_on_a_page_do_not_meet(open_page: Any) -> None:
+    stack = stack_of(material("gltf", 8, 8), "gltf")
+    page = open_page(
+        "<!DOCTYPE html><title>t</title>" + viewer_fragment({"x": stack}) + viewer_fragment({"y": stack, "z": stack})
+    )
+    names = (
+        "() => [...document.querySelectorAll('.mipbake-viewer')].map((root) => root.viewer.choices.map((c) => c.name))"
+    )
+    assert page.evaluate(names) == [["x"], ["y", "z"]]
+    assert page.evaluate("() => ['Viewer', 'Renderer', 'SHAPES'].filter((name) => name in window)") == []
