@@ -11,7 +11,7 @@ import mipbake
 from mipbake import MipbakeError, UsageError
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.cli import options
-from mipbake.cli.options import DEFAULTS, one_of
+from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
@@ -27,8 +27,10 @@ _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.ite
 _FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
 
 
+@options.reads_sets
 def bake(
-    context: typer.Context,
+    session: Session,
+    load: LoadOptions,
     folders: Annotated[
         list[Path], typer.Argument(metavar="FOLDER", help="Texture sets, one a folder.", show_default=False)
     ],
@@ -49,23 +51,11 @@ def bake(
         typer.Option("--filter", metavar=one_of(FILTERS), help="Pixel filter of the renderer that shows the stack."),
     ] = DEFAULT_FILTER,
     format: Annotated[str, typer.Option(metavar=one_of(FORMATS), help=f"{_FORMATS}.")] = DEFAULT_FORMAT,
-    maps: options.Maps = None,
-    colour_space: options.ColourSpace = DEFAULTS.colour_space,
-    normal_convention: options.Convention = DEFAULTS.normal_convention,
-    normal_length: options.Length = DEFAULTS.normal_length,
-    gloss: options.Gloss = DEFAULTS.roughness_is_gloss,
-    wrap_u: options.WrapU = DEFAULTS.wrap[0],
-    wrap_v: options.WrapV = DEFAULTS.wrap[1],
-    quiet: options.Quiet = False,
-    json: options.Json = False,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
     A set that cannot be baked is reported and the others are baked all the same.
     """
-    session: Session = context.obj
-    session.configure(quiet, json)
-    load = options.load_options(maps, colour_space, normal_convention, normal_length, gloss, wrap_u, wrap_v)
     # Everything that is wrong for every set is said before the first is read.
     method_named(method)
     filter_named(pixel_filter)

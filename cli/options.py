@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+import inspect
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
 from mipbake import UsageError
+from mipbake.cli.session import Session
 from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
 
 DEFAULTS = LoadOptions()
@@ -21,71 +24,100 @@ def one_of(names: Iterable[str]) -> str:
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A texture set.", show_default=False)]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
-
-Maps = Annotated[
-    Optional[list[str]],  # noqa: UP045
-    typer.Option(
-        "--map",
-        metavar="ROLE=SOURCE",
-        help="Fill a role yourself; repeat for more. SOURCE is a file of the folder (FILE, or FILE:G for one channel), "
-        f"a number from 0 to 1, or none. Roles: {', '.join(ROLES)}.",
-        show_default="by file name",
-    ),
-]
-ColourSpace = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option(
-        metavar="NAME",
-        help="Colour space of base colour and emissive: a name of colour-science, with 'linear ' before it for its "
-        "linear values.",
-        show_default="sRGB in 8 and 16 bit files, linear Rec.709 in float files",
-    ),
-]
-Convention = Annotated[
-    Optional[str],  # noqa: UP045
-    typer.Option(
-        "--normal-convention",
-        metavar=one_of(NORMAL_CONVENTIONS),
-        help="Whether green points up (opengl) or down (directx).",
-        show_default="by file name, else by the curl of the normals",
-    ),
-]
-Length = Annotated[
-    str,
-    typer.Option(
-        "--normal-length",
-        metavar=one_of(NORMAL_LENGTHS),
-        help="What becomes of normals shorter than one: renormalised, or also turned into roughness.",
-    ),
-]
-Gloss = Annotated[
-    Optional[bool],  # noqa: UP045
-    typer.Option("--gloss/--no-gloss", help="Whether the roughness map is inverted.", show_default="by file name"),
-]
-WrapU = Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.")]
-WrapV = Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.")]
 
 
-def load_options(
-    maps: list[str] | None,
-    colour_space: str | None,
-    convention: str | None,
-    length: str,
-    gloss: bool | None,
-    wrap_u: str,
-    wrap_v: str,
+def _reading(
+    maps: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--map",
+            metavar="ROLE=SOURCE",
+            help="Fill a role yourself; repeat for more. SOURCE is a file of the folder (FILE, or FILE:G for one "
+            f"channel), a number from 0 to 1, or none. Roles: {', '.join(ROLES)}.",
+            show_default="by file name",
+        ),
+    ] = None,
+    colour_space: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="NAME",
+            help="Colour space of base colour and emissive: a name of colour-science, with 'linear ' before it for its "
+            "linear values.",
+            show_default="sRGB in 8 and 16 bit files, linear Rec.709 in float files",
+        ),
+    ] = DEFAULTS.colour_space,
+    normal_convention: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(NORMAL_CONVENTIONS),
+            help="Whether green points up (opengl) or down (directx).",
+            show_default="by file name, else by the curl of the normals",
+        ),
+    ] = DEFAULTS.normal_convention,
+    normal_length: Annotated[
+        str,
+        typer.Option(
+            metavar=one_of(NORMAL_LENGTHS),
+            help="What becomes of normals shorter than one: renormalised, or also turned into roughness.",
+        ),
+    ] = DEFAULTS.normal_length,
+    gloss: Annotated[
+        Optional[bool],  # noqa: UP045
+        typer.Option("--gloss/--no-gloss", help="Whether the roughness map is inverted.", show_default="by file name"),
+    ] = DEFAULTS.roughness_is_gloss,
+    wrap_u: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.")] = DEFAULTS.wrap[0],
+    wrap_v: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.")] = DEFAULTS.wrap[1],
 ) -> LoadOptions:
     """The library's options from the command line's; UsageError for what cannot be."""
     return LoadOptions(
         maps=dict(_role_and_source(text) for text in maps or []),
         colour_space=colour_space,
-        normal_convention=convention,
-        normal_length=length,
+        normal_convention=normal_convention,
+        normal_length=normal_length,
         roughness_is_gloss=gloss,
         wrap=(wrap_u, wrap_v),
     )
+
+
+def _talking(
+    context: typer.Context,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
+    ] = False,
+) -> Session:
+    session: Session = context.obj
+    session.configure(quiet, json)
+    return session
+
+
+def reads_sets(command: Callable[..., None]) -> Callable[..., None]:
+    """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
+
+    They come after the function's own: those of how a set is read, and of what is printed.
+    """
+    shared: dict[str, Callable[..., Any]] = {"load": _reading, "session": _talking}
+    own = [p for name, p in _parameters(command).items() if name not in shared]
+    others = {name: _parameters(of) for name, of in shared.items()}
+
+    @functools.wraps(command)
+    def run(**given: Any) -> None:
+        parts = {name: shared[name](**{key: given.pop(key) for key in others[name]}) for name in reversed(shared)}
+        command(**given, **parts)
+
+    parameters = [*own, *(p for part in others.values() for p in part.values())]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    return run
+
+
+def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """With their annotations evaluated, by name: what typer reads."""
+    hints = get_type_hints(function, include_extras=True)
+    return {
+        name: p.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, p in inspect.signature(function).parameters.items()
+    }
 
 
 def _role_and_source(text: str) -> tuple[str, str | float | None]:

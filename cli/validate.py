@@ -10,17 +10,20 @@ import typer
 import mipbake
 from mipbake import UsageError, Validation
 from mipbake.cli import options
-from mipbake.cli.options import DEFAULTS, parse_lods, spoken_lods
+from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import table
+from mipbake.io.options import LoadOptions
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
+@options.reads_sets
 def validate(
-    context: typer.Context,
+    session: Session,
+    load: LoadOptions,
     folder: options.Folder,
     stack: Annotated[
         Path, typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False)
@@ -33,23 +36,11 @@ def validate(
     samples: Annotated[
         int, typer.Option(help="Samples per pixel in each of two estimates of the reference; 1 or more.")
     ] = DEFAULT_SAMPLES,
-    maps: options.Maps = None,
-    colour_space: options.ColourSpace = DEFAULTS.colour_space,
-    normal_convention: options.Convention = DEFAULTS.normal_convention,
-    normal_length: options.Length = DEFAULTS.normal_length,
-    gloss: options.Gloss = DEFAULTS.roughness_is_gloss,
-    wrap_u: options.WrapU = DEFAULTS.wrap[0],
-    wrap_v: options.WrapV = DEFAULTS.wrap[1],
-    quiet: options.Quiet = False,
-    json: options.Json = False,
 ) -> None:
     """Measure a stack against the reference of its source: SNR in dB by level of detail, higher is better.
 
     Pass the reading options that it was baked with.
     """
-    session: Session = context.obj
-    session.configure(quiet, json)
-    load = options.load_options(maps, colour_space, normal_convention, normal_length, gloss, wrap_u, wrap_v)
     chosen = parse_lods(lods)
     if seed < 0:
         raise UsageError(f"--seed is {seed}: expected 0 or more")
