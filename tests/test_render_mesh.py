@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_a_constant_material_on_a_plane_equals_the_closed_form() -> None:
     assert np.abs(frame.image - expected).max() < 2e-5 * expected.max()
 
     again = reference(mesh, camera, LIGHTS, levels[0], "gltf", WRAP, (height, width), "gaussian",
-                      np.random.default_rng(0), frame)  # fmt: skip
+                      np.random.default_rng(0), [frame])  # fmt: skip
     assert again.interior.all()
     # The filter's mean of a smooth function: off by its curvature over a pixel alone.
     assert np.abs(again.image - expected).max() < 2e-3 * expected.max()
@@ -108,7 +109,7 @@ def test_a_plane_seen_head_on_equals_the_renders_in_texture_space(pixel_filter: 
     assert np.abs(frame.image.reshape(1, -1, 3) - expected).max() < 2e-3 * expected.max()
 
     got = reference(mesh, camera, light, level, "gltf", WRAP, (size, size), pixel_filter, np.random.default_rng(1),
-                    frame, max_passes=2048)  # fmt: skip
+                    [frame], max_passes=2048)  # fmt: skip
     truth = texture_space.reference(
         level, "gltf", WRAP, uv, lod, pixel_filter, pairs, 16384, np.random.default_rng(2)
     ).reshape(size, size, 3)
@@ -148,10 +149,10 @@ def baseline(*arguments: Any) -> Frame:
 def test_the_error_estimate_is_honest_against_a_long_run() -> None:
     arguments = scene()
     frame = baseline(*arguments)
-    long = reference(*arguments, "gaussian", np.random.default_rng(9), frame, min_passes=4096, max_passes=4096)
+    long = reference(*arguments, "gaussian", np.random.default_rng(9), [frame], min_passes=4096, max_passes=4096)
     true_error = np.sqrt(np.mean((frame.image - long.image)[long.interior] ** 2))
     for seed in range(3):
-        got = reference(*arguments, "gaussian", np.random.default_rng(seed), frame, min_passes=64, max_passes=64)
+        got = reference(*arguments, "gaussian", np.random.default_rng(seed), [frame], min_passes=64, max_passes=64)
         both = got.interior & long.interior
         noise = np.sqrt(np.mean((got.image - long.image)[both] ** 2))
         assert 0.6 < got.standard_error / noise < 1.7
@@ -163,21 +164,37 @@ def test_passes_go_on_until_the_target_is_met_or_the_cap() -> None:
     arguments = scene()
     frame = baseline(*arguments)
     heard: list[tuple[int, float]] = []
-    got = reference(*arguments, "gaussian", np.random.default_rng(0), frame, min_passes=4,
+    got = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], min_passes=4,
                     progress=lambda passes, ratio: heard.append((passes, ratio)))  # fmt: skip
     assert got.converged and got.standard_error <= 0.1 * got.candidate_error
     assert heard[0][0] == 4 and heard[-1][0] == got.passes > 4
     assert heard[-1][1] <= 1 < heard[-2][1]
-    capped = reference(*arguments, "gaussian", np.random.default_rng(0), frame, target=1e-4, min_passes=4, max_passes=8)
+    capped = reference(
+        *arguments, "gaussian", np.random.default_rng(0), [frame], target=1e-4, min_passes=4, max_passes=8
+    )
     assert not capped.converged and capped.passes == 8
-    same = reference(*arguments, "gaussian", np.random.default_rng(0), frame, min_passes=4)
+    same = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], min_passes=4)
     assert np.array_equal(got.first, same.first) and np.array_equal(got.second, same.second)
     assert not np.array_equal(got.first, got.second)
     assert not got.interior.all() and got.interior.sum() < frame.coverage.sum()
-    with pytest.raises(UsageError, match="the candidate is 40 x 40 pixels"):
-        reference(*arguments[:-1], (20, 40), "gaussian", np.random.default_rng(0), frame)
+    with pytest.raises(UsageError, match="a candidate is 40 x 40 pixels"):
+        reference(*arguments[:-1], (20, 40), "gaussian", np.random.default_rng(0), [frame])
+    with pytest.raises(UsageError, match="without candidates"):
+        reference(*arguments, "gaussian", np.random.default_rng(0), [])
     with pytest.raises(UsageError, match="even numbers"):
-        reference(*arguments, "gaussian", np.random.default_rng(0), frame, max_passes=7)
+        reference(*arguments, "gaussian", np.random.default_rng(0), [frame], max_passes=7)
+
+
+def test_the_closest_candidate_decides_how_far_passes_go() -> None:
+    arguments = scene()
+    frame = baseline(*arguments)
+    long = reference(*arguments, "gaussian", np.random.default_rng(9), [frame], min_passes=1024, max_passes=1024)
+    close = replace(frame, image=long.image + (frame.image - long.image) / 4)
+    alone = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], target=0.2, min_passes=4)
+    for order in ([frame, close], [close, frame]):
+        got = reference(*arguments, "gaussian", np.random.default_rng(0), order, target=0.2, min_passes=4)
+        assert got.candidate_error == pytest.approx(alone.candidate_error / 4, rel=0.15)
+        assert got.converged and got.standard_error <= 0.2 * got.candidate_error and got.passes > alone.passes
 
 
 def test_the_level_of_detail_of_a_receding_plane_rises_to_the_last_level() -> None:
@@ -206,7 +223,7 @@ def test_nothing_in_view_is_a_black_image() -> None:
     camera = Camera((0, 1, 10), (0, 1, 20))
     frame = candidate(mesh, camera, LIGHTS, constant(), "gltf", WRAP, (8, 8))
     assert not frame.coverage.any() and not frame.image.any()
-    got = reference(mesh, camera, LIGHTS, constant()[0], "gltf", WRAP, (8, 8), "box", np.random.default_rng(0), frame)
+    got = reference(mesh, camera, LIGHTS, constant()[0], "gltf", WRAP, (8, 8), "box", np.random.default_rng(0), [frame])
     assert got.converged and not got.image.any() and not got.interior.any()
 
 

@@ -60,7 +60,8 @@ class Reference:
             does not antialias; what is said of textures is measured inside.
         passes: samples a pixel, both halves together.
         standard_error: estimated root mean square error of `image` over the interior, radiance.
-        candidate_error: estimated root mean square error of the candidate over the interior, radiance.
+        candidate_error: estimated root mean square error over the interior, radiance, of the candidate that comes
+            closest.
         converged: whether standard_error is within the target, or so small that no measure resolves it (80 dB below
             the image); else the cap on passes came first.
     """
@@ -140,7 +141,7 @@ def reference(
     resolution: tuple[int, int],
     pixel_filter: str,
     rng: np.random.Generator,
-    candidate: Frame,
+    candidates: Sequence[Frame],
     target: float = 0.1,
     min_passes: int = 32,
     max_passes: int = 4096,
@@ -150,25 +151,28 @@ def reference(
 
     A pass renders the whole image with one sub-pixel offset, importance-sampled from the filter. Either half takes its
     offsets from a low-discrepancy sequence under a random shift of its own. Passes go on until the standard error of
-    the mean, estimated from the halves' difference, is at most `target` of the candidate's error, or 10^-4 of the
-    image's root mean square.
+    the mean, estimated from the halves' difference, is at most `target` of the smallest error among the candidates, or
+    10^-4 of the image's root mean square.
 
     Args:
         stored: (H, W, C) stored channels of level 0 of the source.
-        candidate: the render whose error this is to resolve, of the same view.
-        target: standard error over the candidate's error, both root mean squares over the interior.
+        candidates: the renders whose errors this is to resolve, at least one, all of the same view.
+        target: standard error over the smallest of their errors, root mean squares over the interior.
         min_passes, max_passes: passes of both halves together, even numbers from 4 on.
         progress: called after every check with the passes so far and the standard error over the one wanted.
 
     Raises:
-        UsageError: a candidate of another resolution, or numbers of passes that are no such.
+        UsageError: no candidate or one of another resolution, or numbers of passes that are no such.
     """
     height, width = resolution
-    if candidate.image.shape[:2] != (height, width):
-        raise UsageError(
-            f"the candidate is {candidate.image.shape[1]} x {candidate.image.shape[0]} pixels: "
-            f"expected the reference's {width} x {height}"
-        )
+    if not candidates:
+        raise UsageError("a reference without candidates: expected the renders whose errors it is to resolve")
+    for each in candidates:
+        if each.image.shape[:2] != (height, width):
+            raise UsageError(
+                f"a candidate is {each.image.shape[1]} x {each.image.shape[0]} pixels: "
+                f"expected the reference's {width} x {height}"
+            )
     if min_passes % 2 or max_passes % 2 or not 4 <= min_passes <= max_passes:
         raise UsageError(f"passes run from {min_passes} to {max_passes}: expected even numbers from 4 on, in order")
     kernel = filter_named(pixel_filter)
@@ -192,7 +196,7 @@ def reference(
         # and is biased by the square of the sequence's error.
         first, second = (sums / weights[:, None, None, None])[:, ::-1].astype(np.float32)
         interior = seen[::-1] == 2 * done
-        noise, error, signal = _errors(first, second, candidate.image, interior)
+        noise, error, signal = _errors(first, second, [each.image for each in candidates], interior)
         wanted = max(target * error, _RESOLVED * signal)
         converged = noise <= wanted
         progress(2 * done, noise / wanted if wanted > 0 else 0.0)
@@ -215,14 +219,16 @@ def level_of_detail(uv_da: NDArray[np.float64], size: tuple[int, int]) -> NDArra
     return np.asarray(0.5 * np.log2(np.maximum(major2, 1e-300)))
 
 
-def _errors(first: Array, second: Array, image: Array, interior: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Root mean squares over the interior: of the halves' mean's error, of `image`'s without that, and of radiance."""
+def _errors(
+    first: Array, second: Array, images: Sequence[Array], interior: NDArray[np.bool_]
+) -> tuple[float, float, float]:
+    """Root mean squares over the interior: of the halves' mean's error, the smallest of `images`', and of radiance."""
     if not interior.any():
         return 0.0, 0.0, 0.0
-    a, b, p = (each[interior].astype(np.float64) for each in (first, second, image))
+    a, b = (each[interior].astype(np.float64) for each in (first, second))
     noise = float(np.mean((a - b) ** 2)) / 4
-    # The halves' errors are independent, so that they drop out of this product on average.
-    error = float(np.mean((p - a) * (p - b)))
+    # The halves' errors are independent, so that they drop out of these products on average.
+    error = min(float(np.mean((image[interior] - a) * (image[interior] - b))) for image in images)
     return float(np.sqrt(noise)), float(np.sqrt(max(error, 0.0))), float(np.sqrt(np.mean(((a + b) / 2) ** 2)))
 
 
