@@ -1,0 +1,227 @@
+"""The command line, given what it cannot use: one sentence, an exit code, nothing written."""
+
+import os
+import shutil
+import sys
+import zlib
+
+import numpy as np
+import OpenImageIO
+import pytest
+
+import mipbake
+from mipbake.cli.main import main
+from mipbake.io.containers import FORMATS
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.stack import MipStack
+
+from .command_line import bumps, fails, tree, write_png, write_set
+
+PIPELINE = sys.modules["mipbake.bake"]  # the module: mipbake.bake is the function
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_set(tmp_path / "metal")
+
+
+def png(width, height):
+    """A PNG file of that size, with no texels in it."""
+
+    def chunk(kind, data):
+        body = kind + data
+        return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")
+
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 2, 0, 0, 0])
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + body
+
+
+def spoil_missing(folder):
+    shutil.rmtree(folder)
+
+
+def spoil_no_normal(folder):
+    (folder / "normal.png").unlink()
+
+
+def spoil_no_roughness(folder):
+    (folder / "roughness.png").unlink()
+
+
+def spoil_two_candidates(folder):
+    shutil.copy(folder / "roughness.png", folder / "metal_roughness.png")
+
+
+def spoil_truncated(folder):
+    data = (folder / "normal.png").read_bytes()
+    (folder / "normal.png").write_bytes(data[: len(data) // 2])
+
+
+def spoil_text(folder):
+    (folder / "roughness.png").write_text("no image at all")
+
+
+def spoil_not_finite(folder):
+    (folder / "roughness.png").unlink()
+    pixels = np.full((16, 16, 1), 0.5, np.float32)
+    pixels[3, 5], pixels[7, 1] = np.nan, np.inf
+    OpenImageIO.ImageBuf(pixels).write(str(folder / "roughness.exr"))
+
+
+def spoil_zero_sized(folder):
+    (folder / "base_color.png").write_bytes(png(0, 4))
+
+
+def spoil_constant_normal(folder):
+    write_png(folder / "normal.png", np.full((16, 16, 3), 90, np.uint8))
+
+
+def spoil_colour_as_normal(folder):
+    shutil.copy(folder / "base_color.png", folder / "normal.png")
+
+
+def spoil_grey_normal(folder):
+    shutil.copy(folder / "roughness.png", folder / "normal.png")
+
+
+BAD_SETS = {
+    spoil_missing: ["does not exist"],
+    spoil_no_normal: ["normal", "roughness.png"],
+    spoil_no_roughness: ["roughness", "normal.png"],
+    spoil_two_candidates: ["roughness.png", "metal_roughness.png"],
+    spoil_truncated: ["normal.png"],
+    spoil_text: ["roughness.png"],
+    spoil_not_finite: ["roughness.exr", "2 "],
+    spoil_zero_sized: ["base_color.png", "0 x 4"],
+    spoil_constant_normal: ["normal.png"],
+    spoil_colour_as_normal: ["normal.png"],
+    spoil_grey_normal: ["normal.png"],
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_SETS, ids=lambda f: f.__name__)
+def test_bad_sets_exit_3_and_write_nothing(folder, tmp_path, capsys, spoil):
+    spoil(folder)
+    message = fails(capsys, 3, "bake", folder, "-o", tmp_path / "out", "--method", "linear")
+    for part in BAD_SETS[spoil]:
+        assert part in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "valid"),
+    [("--method", METHODS), ("--target", PIPELINE.TARGETS), ("--filter", FILTERS), ("--format", FORMATS)],
+)
+def test_unknown_names_exit_2_and_list_the_valid_ones(folder, tmp_path, capsys, option, valid):
+    message = fails(capsys, 2, "bake", folder, "-o", tmp_path / "out", option, "nonsense")
+    assert "'nonsense'" in message and ", ".join(valid) in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["polish"], "expected one of bake, validate, inspect"),
+        (["bake"], "FOLDER"),
+        (["bake", "x"], "--out"),
+        (["bake", "x", "-o", "y", "--nonsense"], "--nonsense"),
+        (["validate", "x"], "STACK"),
+        (["validate", "x", "y", "--seed", "one"], "--seed"),
+        (["validate", "x", "y", "--seed", "-1"], "--seed"),
+        (["validate", "x", "y", "--lods", "0;1"], "separated by commas"),
+        (["inspect", "x", "--wrap-u", "mirror"], "wrap, clamp"),
+        (["inspect", "x", "--normal-convention", "vulkan"], "opengl, directx"),
+        (["inspect", "x", "--normal-length", "shorten"], "ignore, roughness"),
+        (["bake", "x", "-o", "y", "--target", "ggx", "--format", "png"], "log_roughness"),
+    ],
+)
+def test_usage_errors_exit_2(tmp_path, monkeypatch, capsys, arguments, part):
+    monkeypatch.chdir(tmp_path)
+    assert part in fails(capsys, 2, *arguments)
+    assert tree(tmp_path) == []
+
+
+def test_two_sets_of_one_name_exit_2(tmp_path, capsys):
+    first, second = write_set(tmp_path / "a" / "metal"), write_set(tmp_path / "b" / "metal")
+    message = fails(capsys, 2, "bake", first, second, "-o", tmp_path / "out", "--method", "linear")
+    assert str(first) in message and str(second) in message and not (tmp_path / "out").exists()
+
+
+def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):
+    first, same, other = (write_set(tmp_path / name / "metal") for name in "abc")
+    for name, pixels in bumps(8, 24).items():
+        write_png(other / f"{name}.png", pixels)
+    bake = ["bake", "-o", str(tmp_path / "out"), "--method", "linear", "--quiet"]
+    assert main([*bake, str(first)]) == 0
+    assert main([*bake, str(same), "--filter", "mitchell"]) == 0  # the same files: baked again
+    monkeypatch.setattr(mipbake, "bake", lambda *_: pytest.fail("found only after the bake"))
+    capsys.readouterr()
+    message = fails(capsys, 4, *bake, other)
+    assert str(tmp_path / "out" / "metal") in message and "roughness.png" in message and "remove" in message
+    assert mipbake.open_stack(tmp_path / "out" / "metal").provenance.pixel_filter == "mitchell"
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_a_baked_stack_is_no_texture_set(folder, tmp_path, capsys, fmt):
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", fmt, "-q"]) == 0
+    stack = tmp_path / "out" / "metal"
+    before = {name: (stack / name).read_bytes() for name in tree(stack)}
+    assert "is a baked stack" in fails(capsys, 3, "bake", stack, "-o", tmp_path / "out", "--method", "linear")
+    assert "give its source" in fails(capsys, 3, "inspect", stack)
+    assert {name: (stack / name).read_bytes() for name in tree(stack)} == before
+    (folder / "stack.json").write_text('{"schema": "of something else"}')
+    assert main(["inspect", str(folder), "--quiet"]) == 0
+
+
+def test_unwritable_outputs_exit_4(folder, tmp_path, capsys):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "full" / "metal").mkdir(parents=True)
+    (tmp_path / "full" / "metal" / "mine.txt").write_text("keep")
+    before = tree(tmp_path)
+    for out in ("file", "file/below", "full"):
+        fails(capsys, 4, "bake", folder, "-o", tmp_path / out, "--method", "linear")
+    assert tree(tmp_path) == before
+    if hasattr(os, "geteuid") and os.geteuid() != 0:
+        (tmp_path / "locked").mkdir(mode=0o500)
+        assert "permission" in fails(capsys, 4, "bake", folder, "-o", tmp_path / "locked", "--method", "linear")
+
+
+def test_baking_over_the_sources_exits_4(folder, tmp_path, capsys):
+    before = {name: (folder / name).read_bytes() for name in tree(folder)}
+    assert "not mipbake's" in fails(capsys, 4, "bake", folder, "-o", tmp_path, "--method", "linear")
+    assert {name: (folder / name).read_bytes() for name in tree(folder)} == before
+
+
+def test_validate_of_what_is_no_stack_exits_3(folder, tmp_path, capsys):
+    assert "stack.json" in fails(capsys, 3, "validate", folder, folder)
+    assert "no such folder" in fails(capsys, 3, "validate", folder, tmp_path / "none")
+
+
+def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatch):
+    def breaks(*_arguments, **_options):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(mipbake, "load", breaks)
+    command = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear"]
+    assert "ZeroDivisionError" in fails(capsys, 1, *command)
+    assert main(["--debug", *command]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatch):
+    save = MipStack.save
+
+    def interrupted(self, path, format, progress):
+        def stop(share):
+            if share >= 0.5:
+                assert list(tmp_path.glob("out/.metal*/*.exr"))
+                raise KeyboardInterrupt
+
+        return save(self, path, format, stop)
+
+    monkeypatch.setattr(MipStack, "save", interrupted)
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
