@@ -41,6 +41,11 @@ class Prefilter(Protocol):
     def summary(self) -> str:
         """One line for help texts."""
 
+    @property
+    def averages(self) -> bool:
+        """Whether it is a closed form over averages, which then runs with any kernel in place of the pixel filter, the
+        box of its origin for one; otherwise a method makes levels for the pixel filter itself."""
+
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,7 @@ class RoughnessRule:
     widened: Callable[[Array, Array], Array]
     weight: Callable[[Array], Array] | None = None
     top_blur: float = 1.0
+    averages: ClassVar[bool] = True
 
     def __call__(
         self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress

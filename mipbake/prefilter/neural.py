@@ -18,6 +18,7 @@ class Neural:
 
     name = "neural"
     summary = "a trained network (pixel-filter-aware MIP maps)"
+    averages = False
 
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress

@@ -75,6 +75,7 @@ class Optimum:
 
     name = "optimum"
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
+    averages = False
 
     def __init__(self, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> None:
         self.budget, self.seed = budget, seed

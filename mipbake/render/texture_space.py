@@ -59,20 +59,24 @@ def reference(
     for start in range(0, len(uv), _CHUNK):
         chunk = slice(start, start + _CHUNK)
         offset, sign = kernel.offsets((rng.random((len(uv[chunk]), 2)) + sequence) % 1.0)
-        weight = sign.prod(-1).astype(np.float32) / samples
+        weight = sign.prod(-1).astype(np.float32)
+        part = np.zeros_like(total[:, chunk])
         for first in range(0, samples, at_once):
             some = slice(first, first + at_once)
             where = (uv[chunk] + offset[some] * pixel).reshape(-1, 2)
             texels = _lookup(stored, where, wrap)
             radiance = shading.shade(model, texels, pairs.light, pairs.view)
-            radiance = radiance.reshape(len(total), -1, *total[0, chunk].shape) * weight[some, :, None]
-            total[:, chunk] += radiance.sum(1)
+            radiance = radiance.reshape(len(part), -1, *part.shape[1:])
+            if kernel.signed:  # else every weight is 1: passes over the radiance cost as much as the shading
+                radiance *= weight[some, :, None]
+            part += radiance[:, 0] if radiance.shape[1] == 1 else radiance.sum(1)
         if kernel.signed:
             # Weights of both signs sum to 1 on average only. The pixel's centre as a control variate takes up the rest:
             # still unbiased, and without error on a constant material.
             texels = _lookup(stored, uv[chunk], wrap)
-            rest = (1 - weight.sum(0))[:, None]
-            total[:, chunk] += rest * shading.shade(model, texels, pairs.light, pairs.view)
+            rest = (samples - weight.sum(0))[:, None]
+            part += rest * shading.shade(model, texels, pairs.light, pairs.view)
+        total[:, chunk] = part / samples
     return total
 
 
