@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -323,18 +321,6 @@ def test_read_only_and_strided_images_give_the_same() -> None:
     for measure in (*LINEAR, *DISPLAY):
         figure = measure(first, second)
         assert measure(first[:, ::-1][:, ::-1], np.asfortranarray(second)).mean == pytest.approx(figure.mean, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("module", "measure", "package"),
-    [("flip_evaluator", ldr_flip, "flip-evaluator"), ("skimage.metrics", structural_similarity, "scikit-image")],
-)
-def test_a_missing_package_says_how_to_get_it(
-    monkeypatch: pytest.MonkeyPatch, module: str, measure, package: str
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(UsageError, match=rf"needs the package {package}.*\.\[report\]"):
-        measure(picture(), picture())
 
 
 @pytest.mark.parametrize("name", MEASURES)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake.errors import UsageError
-from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair, optional, radiance_pair
+from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair, radiance_pair
 
 PIXELS_PER_DEGREE = 3840 * math.pi / 180
 """About 67.02, FLIP's own default: a 0.7 m wide display of 3840 pixels seen from 0.7 m."""
@@ -83,7 +83,7 @@ def ldr_flip(candidate: ImageArray, reference: ImageArray, pixels_per_degree: fl
         pixels_per_degree: of visual angle, above 0. The more, the finer the detail that the eye averages.
 
     Raises:
-        UsageError: other shapes or values, no positive pixels_per_degree, or flip-evaluator missing.
+        UsageError: other shapes or values, or no positive pixels_per_degree.
     """
     p, r = display_pair(candidate, reference, np.float32)
     return _evaluate(p, r, "LDR", pixels_per_degree, {})
@@ -121,9 +121,11 @@ def _evaluate(
     check_picture(reference)
     if not 0 < pixels_per_degree < math.inf:
         raise UsageError(f"pixels_per_degree is {pixels_per_degree}: expected a number above 0, for example 67")
-    package = optional("flip_evaluator", "flip-evaluator", "FLIP")
+    import flip_evaluator
+
     given = {"ppd": float(pixels_per_degree), **parameters}
     # The package refuses read-only arrays, and contiguous input passes the checks uncopied.
     writable = (array if array.flags.writeable else array.copy() for array in (reference, candidate))
-    per_pixel = package.evaluate(*writable, kind, applyMagma=False, computeMeanError=False, parameters=given)[0][..., 0]
+    evaluated = flip_evaluator.evaluate(*writable, kind, applyMagma=False, computeMeanError=False, parameters=given)
+    per_pixel = evaluated[0][..., 0]
     return Measured(float(per_pixel.mean(dtype=np.float64)), np.array(per_pixel, np.float32))

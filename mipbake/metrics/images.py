@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -52,6 +50,16 @@ def srgb_encode(linear: ImageArray) -> NDArray[np.float64]:
     clipped = np.clip(np.asarray(linear, np.float64), 0, 1)
     powered = 1.055 * np.power(np.maximum(clipped, 0.0031308), 1 / 2.4) - 0.055
     return np.where(clipped <= 0.0031308, 12.92 * clipped, powered)
+
+
+def displayed(linear: ImageArray) -> NDArray[np.float64]:
+    """What a display shows of linear radiance, any shape, float64 in [0, 1): srgb_encode(x / (1 + x)), x at least 0.
+
+    x / (1 + x) is the global operator of Reinhard et al. 2002, equation 3, by channel. Pictures, FLIP and SSIM of
+    renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black.
+    """
+    x = np.maximum(np.asarray(linear, np.float64), 0)
+    return srgb_encode(x / (1 + x))
 
 
 def check_same_shape(**arrays: NDArray[np.generic]) -> None:
@@ -102,17 +110,6 @@ def check_picture(image: ImageArray, side: int = 1) -> None:
     """UsageError unless the image is (H, W, 3) with both sides of `side` pixels or more."""
     if image.ndim != 3 or min(image.shape[:2]) < side:
         raise UsageError(f"the images have shape {image.shape}: expected (H, W, 3), at least {side} pixels a side")
-
-
-def optional(module: str, package: str, measure: str) -> ModuleType:
-    """An imported module of the `report` extra; UsageError with the command that installs it where it is missing."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise UsageError(
-            f"{measure} needs the package {package}, which cannot be imported ({error}): install mipbake's extra "
-            '`report`, in a checkout by `python -m pip install -c constraints.txt ".[report]"`'
-        ) from error
 
 
 def _colours(name: str, image: ImageArray, dtype: DTypeLike) -> ImageArray:

@@ -34,7 +34,6 @@ class Measure:
         unit: of the figure; empty where it has none.
         direction: which figure is the better.
         needs: what it compares with, and so how `function` is called.
-        package: beyond mipbake's own dependencies, what must be installed; None for nothing.
         function: (candidate, first, second) for `estimates` and `frames`, (candidate, reference) otherwise.
     """
 
@@ -43,7 +42,6 @@ class Measure:
     unit: str
     direction: Direction
     needs: Needs
-    package: str | None
     function: Callable[..., float | Measured]
 
     def loss(self, figure: float) -> float:
@@ -58,14 +56,14 @@ class Measure:
 MEASURES: Mapping[str, Measure] = {
     measure.name: measure
     for measure in (
-        Measure("snr", "SNR", "dB", "higher", "estimates", None, snr_db),
-        Measure("tonemapped", "Tonemapped error", "", "lower", "linear", None, tonemapped_error),
-        Measure("flip", "FLIP", "", "lower", "display", "flip-evaluator", ldr_flip),
-        Measure("hdr-flip", "HDR-FLIP", "", "lower", "linear", "flip-evaluator", hdr_flip),
-        Measure("delta-e-itp", "Delta E ITP", "JND", "lower", "linear", None, delta_e_itp),
-        Measure("ssim", "SSIM", "", "higher", "display", "scikit-image", structural_similarity),
-        Measure("flicker", "Flicker", "", "one", "frames", None, flicker_ratio),
-        Measure("flicker-snr", "SNR of the change", "dB", "higher", "frames", None, flicker_snr_db),
+        Measure("snr", "SNR", "dB", "higher", "estimates", snr_db),
+        Measure("tonemapped", "Tonemapped error", "", "lower", "linear", tonemapped_error),
+        Measure("flip", "FLIP", "", "lower", "display", ldr_flip),
+        Measure("hdr-flip", "HDR-FLIP", "", "lower", "linear", hdr_flip),
+        Measure("delta-e-itp", "Delta E ITP", "JND", "lower", "linear", delta_e_itp),
+        Measure("ssim", "SSIM", "", "higher", "display", structural_similarity),
+        Measure("flicker", "Flicker", "", "one", "frames", flicker_ratio),
+        Measure("flicker-snr", "SNR of the change", "dB", "higher", "frames", flicker_snr_db),
     )
 }
 """Every measure by name, in the order that tables show."""

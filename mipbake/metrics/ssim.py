@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair, optional
+from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair
 
 WINDOW = 11
 """Pixels a side of the Gaussian window; smaller images have no SSIM."""
@@ -21,11 +21,12 @@ def structural_similarity(candidate: ImageArray, reference: ImageArray) -> Measu
         candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1], H and W at least 11.
 
     Raises:
-        UsageError: other shapes or values, or scikit-image missing.
+        UsageError: other shapes or values.
     """
+    from skimage import metrics
+
     p, r = display_pair(candidate, reference)
     check_picture(r, WINDOW)
-    metrics = optional("skimage.metrics", "scikit-image", "SSIM")
     mean, values = metrics.structural_similarity(
         r, p, data_range=1, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, full=True
     )
