@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.pixel_filter import Wrap
+
+if TYPE_CHECKING:
+    from mipbake.models.registry import WeightsInfo
 
 _NETWORK_OF = {"gltf": "gltf", "gltf-anisotropic": "ggx", "ggx": "ggx"}
 """Material model whose network bakes each target; `gltf-anisotropic` is converted from `ggx`, texel by texel."""
@@ -20,15 +25,21 @@ class Neural:
     summary = "a trained network (pixel-filter-aware MIP maps)"
     averages = False
 
+    def weights(self, target: str, pixel_filter: str) -> WeightsInfo:
+        """The weights that bakes of a target use; UsageError where none were released for it and the pixel filter."""
+        from mipbake.models.registry import default_weights
+
+        return default_weights(_NETWORK_OF[target], pixel_filter)
+
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
         from mipbake.models.inference import bake_levels
-        from mipbake.models.registry import default_weights, load_network
+        from mipbake.models.registry import load_network
 
         model = _NETWORK_OF[target]
-        info = default_weights(model, pixel_filter)
+        info = self.weights(target, pixel_filter)
         network = load_network(info)
         channels = np.ascontiguousarray(material.convert(stored, source, model))
         levels = bake_levels(network, channels, wrap, progress=progress)

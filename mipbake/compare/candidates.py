@@ -1,0 +1,209 @@
+"""What is compared: stacks of every method, baked from one set or opened, each with the name that tables call it."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.compare.result import Method
+from mipbake.errors import OutputError, UsageError
+from mipbake.material import model_named
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.stack import Levels, MipStack
+from mipbake.texture_set import TextureSet
+
+BAKED = "baked"
+"""Name of a stack that was opened."""
+
+ORIGIN_KERNEL = "box"
+"""The averaging kernel that closed forms have where they come from: engines and their tools."""
+
+MEMORY_LIMIT = 1 << 30
+"""Bytes of levels that stay in memory; where all levels together need more, they are kept in files."""
+
+_LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
+
+StageProgress = Callable[[str, float], None]
+"""Told the name of the stage and its finished share, from 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A stack that is measured.
+
+    Args:
+        method: what it is.
+        levels: (H_L, W_L, C) float32 stored channels of the model `method.model`, finest first, down to 1 x 1. Those of
+            `bake_all` may lie in files: they are read-only, and end with it.
+    """
+
+    method: Method
+    levels: Sequence[NDArray[np.float32]]
+
+    @property
+    def name(self) -> str:
+        """What tables and files call it."""
+        return self.method.name
+
+
+def closed_forms(pixel_filter: str) -> tuple[tuple[str, str], ...]:
+    """Method and averaging kernel of every closed form: each with the box of its origin, and with the pixel filter."""
+    kernels = tuple(dict.fromkeys((ORIGIN_KERNEL, pixel_filter)))
+    return tuple((name, kernel) for name, method in METHODS.items() if method.averages for kernel in kernels)
+
+
+def label(method: str, kernel: str) -> str:
+    """What a method is called: `neural`; a closed form with its averaging kernel, `linear (box)`."""
+    return f"{method} ({kernel})" if METHODS[method].averages else method
+
+
+def labels(pixel_filter: str) -> Mapping[str, tuple[str, str]]:
+    """Label to method and kernel of everything that can be baked for a pixel filter, methods that learn first."""
+    learned = [(name, pixel_filter) for name, method in METHODS.items() if not method.averages]
+    return {label(*each): each for each in (*learned, *closed_forms(pixel_filter))}
+
+
+def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]]:
+    """Label to method and kernel of what was asked for, in that order, each once.
+
+    Args:
+        names: labels (`lean (box)`), or methods (`lean`), which stand for all of their forms.
+        pixel_filter: that the stacks are for.
+
+    Raises:
+        UsageError: a name that is neither.
+    """
+    known = labels(pixel_filter)
+    wanted: dict[str, tuple[str, str]] = {}
+    for name in names:
+        found = {key: value for key, value in known.items() if name in (key, value[0])}
+        if not found:
+            raise UsageError(
+                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or one form of a method: "
+                f"{', '.join(key for key, value in known.items() if key != value[0])}"
+            )
+        wanted |= found
+    return wanted
+
+
+def default_names(model: str, pixel_filter: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a comparison bakes when nobody names methods: neural, where it has weights, and all closed forms.
+
+    Returns:
+        Labels, and notes: sentences that say what had to be left out.
+    """
+    notes: tuple[str, ...] = ()
+    try:
+        Neural().weights(model, pixel_filter)
+    except UsageError as error:
+        notes = (f"{Neural.name} was left out: {error}.",)
+    learned = () if notes else (Neural.name,)
+    return (*learned, *(label(*each) for each in closed_forms(pixel_filter))), notes
+
+
+@contextmanager
+def bake_all(
+    texture_set: TextureSet,
+    model: str,
+    pixel_filter: str,
+    names: Sequence[str],
+    progress: StageProgress = lambda _stage, _share: None,
+    memory_limit: int = MEMORY_LIMIT,
+    folder: Path | None = None,
+) -> Iterator[list[Candidate]]:
+    """The stacks of many methods, each with how long its bake took: `with bake_all(...) as candidates`.
+
+    Where the levels of all candidates together need more than `memory_limit` bytes, they lie in temporary files, mapped
+    into memory and read as they are needed. The files are removed at the end: the candidates are of no use after it.
+
+    Args:
+        texture_set: the source.
+        model: target material model.
+        pixel_filter: that the stacks are for.
+        names: labels or methods, as in `chosen`.
+        progress: told "bake" and the finished share.
+        memory_limit: in bytes.
+        folder: where the temporary files go; None for the system's folder of such.
+
+    Raises:
+        UsageError: an unknown name, model or pixel filter, or a method that does not have them.
+        OutputError: the temporary files cannot be written.
+    """
+    wanted = chosen(names, pixel_filter)
+    source = texture_set.source_model
+    stored = texture_set.material(source)
+    texels = sum(height * width for height, width in level_sizes(*stored.shape[:2]))
+    needed = len(wanted) * texels * model_named(model).channels * np.dtype(np.float32).itemsize
+    with _files(folder) if needed > memory_limit else nullcontext(_as_they_are) as keep:
+        candidates = []
+        for index, (name, (method, kernel)) in enumerate(wanted.items()):
+
+            def tell(share: float, done: int = index) -> None:
+                if done + share < len(wanted):
+                    progress("bake", (done + share) / len(wanted))
+
+            start = time.perf_counter()
+            levels = METHODS[method](stored, source, model, kernel, texture_set.wrap, tell).levels
+            made = Method(name, method, kernel, model, time.perf_counter() - start)
+            candidates.append(Candidate(made, keep(levels)))
+            del levels
+        progress("bake", 1.0)
+        yield candidates
+
+
+def _as_they_are(levels: Levels) -> Levels:
+    return levels
+
+
+@contextmanager
+def _files(folder: Path | None) -> Iterator[Callable[[Levels], Levels]]:
+    """A function that moves levels into files and gives them back mapped into memory, for as long as the context."""
+    try:
+        temporary = tempfile.TemporaryDirectory(prefix="mipbake-", dir=folder, ignore_cleanup_errors=True)
+    except OSError as error:
+        raise OutputError(f"no temporary files in {folder or tempfile.gettempdir()}: {error.strerror}") from error
+    with temporary as name:
+
+        def keep(levels: Levels) -> Levels:
+            return [_mapped(level, Path(name)) if level.nbytes >= _LEAST_FILE else level for level in levels]
+
+        yield keep
+
+
+def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
+    path = folder / f"{len(list(folder.iterdir()))}.npy"
+    try:
+        np.save(path, level)
+        mapped: NDArray[np.float32] = np.load(path, mmap_mode="r")
+    except OSError as error:
+        raise OutputError(
+            f"{path}: {level.nbytes >> 20} MiB of temporary levels cannot be written ({error.strerror}): make room "
+            "there, set TMPDIR to a folder on a larger disk, or compare fewer methods"
+        ) from error
+    return mapped
+
+
+def opened(stack: MipStack, path: Path | None = None) -> Candidate:
+    """A stack that is there, as the candidate `baked`; the path is the folder that it was opened from."""
+    made = stack.provenance
+    return Candidate(Method(BAKED, made.method, made.pixel_filter, stack.model, path=path), stack.levels)
+
+
+def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:
+    """A sentence for readers where a stack was not baked from this texture set, else None."""
+    if stack.provenance.source_hash == texture_set.source_hash:
+        return None
+    sentence = "the stack was not baked from this texture set (source hashes differ): its figures mean little"
+    height, width = stack.size
+    if (width, height) != (texture_set.width, texture_set.height):
+        sentence += f"; it is {width} x {height} and the set {texture_set.width} x {texture_set.height}"
+    return f"{sentence}."
