@@ -1,8 +1,9 @@
 """Makes the example texture sets: `python examples/generate.py [--size 256] [--only NAME] [OUT]`.
 
-Three procedural materials that tile, chosen because averaging their maps changes how they look: bumps smaller than a
-pixel become a flat mirror, crossed brush marks become a blur. Every set is a function of its size alone (seeds are
-fixed), so that a set is the same material at any resolution; tests call `make` for sizes of their own.
+Procedural materials that tile, chosen because averaging their maps changes how they look: bumps smaller than a pixel
+become a flat mirror, crossed brush marks become a blur. The last, `knurled_plate`, is there to fail: its pixels show
+several lobes, which no texel of one lobe does. Every set is a function of its size alone (seeds are fixed), so that a
+set is the same material at any resolution; tests call `make` for sizes of their own.
 
 Directions follow glTF: +X along +u (right), +Y up in the image, so the normal of a height h(u, v), v down, is
 (-dh/du, dh/dv, 1) normalised. Lengths are in units of the texture.
@@ -187,10 +188,62 @@ def glazed_tiles(height: int, width: int) -> dict[str, Image]:
     }
 
 
+def lacquered_leather(height: int, width: int) -> dict[str, Image]:
+    """Oxblood leather under clear lacquer: smooth scales, and creases between them that turn every way."""
+    u, v = texel_centres(height, width)
+    count = 22
+    rng = np.random.default_rng(41)
+    rows, columns = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
+    centre_u = (columns + 0.5 * (rows % 2) + rng.uniform(-0.42, 0.42, rows.shape)) / count
+    centre_v = (rows + 0.5 + rng.uniform(-0.42, 0.42, rows.shape)) / count
+    # Distances to the nearest two centres: where they are the same, two scales meet.
+    nearest, second = np.full((2, height, width), np.inf)
+    for cu, cv in zip(centre_u.ravel(), centre_v.ravel(), strict=True):
+        distance = count * np.hypot((u - cu + 0.5) % 1 - 0.5, (v - cv + 0.5) % 1 - 0.5)
+        second = np.minimum(second, np.maximum(nearest, distance))
+        nearest = np.minimum(nearest, distance)
+    crease = smoothstep(0.30, 0.0, second - nearest + 0.05 * noise(height, width, 42, band(10, 40)))
+    pores, hide = noise(height, width, 43, band(30, 64)), noise(height, width, 44, band(2, 7))
+    dye = np.array([0.105, 0.008, 0.007]) * (1 + 0.06 * hide[..., None])
+    return {
+        "base_color": srgb(mix(dye, 0.45 * dye, crease)),
+        "normal": normal_map(-0.0034 * crease + 0.00016 * pores + 0.0012 * hide),
+        "roughness": np.clip(0.25 + 0.25 * crease + 0.03 * hide + 0.015 * pores, 0.06, 1),
+        "metallic": np.zeros((height, width)),
+    }
+
+
+def knurled_plate(height: int, width: int) -> dict[str, Image]:
+    """A steel plate knurled to small pyramids, their four faces polished, with a smooth disc in the middle.
+
+    After figure 8 of Kemppinen et al. 2023. The faces tilt by 14 degrees and mirror within 2, so a pixel that holds a
+    pyramid shows four lobes, 20 and 28 degrees apart in normals, and little between them: one lobe misses all four or
+    covers what is dark.
+    """
+    u, v = texel_centres(height, width)
+    pyramids, slope = 16, 0.25
+    along, across = (u + v) * pyramids, (u - v) * pyramids
+    valley = 0.5 - np.maximum(np.abs(along % 1 - 0.5), np.abs(across % 1 - 0.5))  # 0 in the grooves, 0.5 at the tips
+    radius = np.hypot(u - 0.5, v - 0.5)
+    disc = smoothstep(0.13, 0.11, radius)
+    rim = np.exp(-np.square((radius - 0.12) / 0.006))
+    relief = valley * slope / (pyramids * np.sqrt(2)) * (1 - disc)
+    polish = noise(height, width, 51, band(2, 12))
+    steel = np.array([0.60, 0.59, 0.57]) * (1 + 0.03 * polish[..., None])
+    return {
+        "base_color": srgb(mix(steel, np.array([0.16, 0.15, 0.14]), 0.8 * rim)),
+        "normal": normal_map(relief),
+        "roughness": np.clip(0.2 + 0.02 * polish + 0.3 * rim, 0.06, 1),
+        "metallic": np.ones((height, width)),
+    }
+
+
 SETS: Mapping[str, Callable[[int, int], dict[str, Image]]] = {
     "hammered_copper": hammered_copper,
     "brushed_steel": brushed_steel,
     "glazed_tiles": glazed_tiles,
+    "lacquered_leather": lacquered_leather,
+    "knurled_plate": knurled_plate,
 }
 
 
