@@ -1,0 +1,198 @@
+"""Three figures of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
+change under a half-pixel shift (figure 6) and apparent BRDF (figure 8)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.pictures import Change
+from mipbake.compare.result import Figure, Image, Plot
+from mipbake.compare.turning import Turning
+from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
+from mipbake.metrics.pairs import cosine_directions
+from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.render import texture_space
+from mipbake.render.environment import Lighting
+
+SLICE_PASSES = 192
+"""Samples a pixel of a temporal slice's reference, both halves together."""
+
+_BRIGHT = 0.75  # linear value after x / (1 + x) that bright parts of a plot are scaled to
+_ABOVE = np.array([0, 0, 1], np.float32)  # the view
+_LIGHTS = 512  # at a time: their radiance at the samples of a pixel stays small
+_RIM = 0.999  # radius of the disc of directions, off the horizon by a little
+
+
+class Slice(NamedTuple):
+    """A temporal slice, and flicker over its frames: view `rotation`, scale `1:1`."""
+
+    plot: Plot
+    figures: tuple[Figure, ...]
+
+
+def temporal_slice(
+    stored: NDArray[np.float32],
+    model: str,
+    wrap: Wrap,
+    candidates: Sequence[Candidate],
+    lighting: Lighting,
+    pixel_filter: str,
+    seed: int,
+    frames: int = 256,
+    height: int = 192,
+    passes: int = SLICE_PASSES,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> Slice:
+    """One column of pixels of each frame of a slow rotation, side by side: time runs to the right.
+
+    A plane turns by 0.1 degrees a frame around its normal, at levels of detail from 0 (the bottom row) to 1 (the top
+    row); only the column is rendered (`Turning`). What is steady in motion draws smooth streaks; what shimmers breaks
+    them up.
+
+    Args:
+        stored: (H, W, C) stored channels of level 0 of the source, of `model`.
+        candidates: of any model, with different names.
+        frames, height: the picture's width and height in pixels.
+        passes: samples a pixel of the reference, an even number from 4 on.
+        progress: told the finished share.
+    """
+    scene = Turning(lighting, stored.shape[:2], frames, height)
+    images = {each.method.name: scene.candidate(each.levels, each.method.model, wrap) for each in candidates}
+    first, second = scene.reference(stored, model, wrap, pixel_filter, passes, np.random.default_rng(seed), progress)
+    by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}
+    halves = first.swapaxes(0, 1), second.swapaxes(0, 1)
+    figures = tuple(
+        Figure(name, measure, "rotation", "1:1", 0.5, function(p, *halves), math.nan, math.nan)
+        for name, p in by_frame.items()
+        for measure, function in (("flicker", flicker_ratio), ("flicker-snr", flicker_snr_db))
+    )
+    caption = (
+        f"The same column of pixels of {frames} frames, side by side, while a plane turns by 0.1 degrees a frame. "
+        "Level of detail 0 at the bottom, 1 at the top. Smooth streaks are steady in motion; grain and breaks in them "
+        f"shimmer. The reference has {passes} samples a pixel."
+    )
+    reference = np.asarray((first + second) / 2, np.float32)
+    return Slice(Plot("temporal-slice", "Temporal slice of a slow rotation", caption, reference, images), figures)
+
+
+def half_pixel_shift(change: Change) -> Plot:
+    """How much every pixel changes when the picture moves by half a pixel: the absolute change, black where there is
+    none, amplified for all images by one factor that the caption tells. A pixel off the interior is black.
+    """
+    inside = change.interior[..., None]
+    factor = _factor(np.abs(change.reference)[change.interior])
+    caption = (
+        "Absolute change of linear radiance when the picture moves by half a pixel, "
+        f"times {factor:g} in all images; black is no change. Brighter than the reference shimmers, darker is blurred. "
+        f"{change.scene.title}."
+    )
+
+    def shown(signed: Image) -> Image:
+        return np.asarray(np.where(inside, np.abs(signed) * factor, 0), np.float32)
+
+    images = {name: shown(image) for name, image in change.images.items()}
+    return Plot("half-pixel-shift", "Change under a shift by half a pixel", caption, shown(change.reference), images)
+
+
+def apparent_brdf(
+    stored: NDArray[np.float32],
+    model: str,
+    wrap: Wrap,
+    candidates: Sequence[Candidate],
+    pixel_filter: str,
+    seed: int,
+    lod: float = 3.0,
+    size: int = 96,
+    samples: int = 8192,
+    at: tuple[float, float] | None = None,
+) -> Plot:
+    """The pixel filter's mean of the BRDF over one pixel, beside the BRDF of the texel that each stack has there.
+
+    Each image is the hemisphere of light directions seen from above (orthographic, x to the right along u, y upwards):
+    the view is straight down, so the mirror direction is the centre, and the rim is the horizon. Values are
+    f = BRDF times cosine, scaled by one factor for all images; what lies off the disc is black.
+
+    Args:
+        stored: (H, W, C) stored channels of level 0 of the source, of `model`.
+        candidates: of any model, the subject first.
+        lod: of the pixel, clamped to the levels of the first candidate.
+        size: of the images, in directions a side.
+        samples: of the reference, over the pixel.
+        at: (u, v) of the pixel; by default the place, on a coarse grid, where the first candidate's lobe differs most
+            from the pixel's, by its signal-to-noise ratio.
+    """
+    lod = min(lod, float(len(candidates[0].levels) - 1))
+    u, v = at if at is not None else _worst(stored, model, wrap, candidates[0], pixel_filter, seed, lod)
+    where = np.array([[u, v]])
+    y, x = np.meshgrid(1 - (2 * np.arange(size) + 1) / size, (2 * np.arange(size) + 1) / size - 1, indexing="ij")
+    on = x * x + y * y < _RIM**2
+    light = np.stack([x[on], y[on], np.sqrt(1 - x[on] ** 2 - y[on] ** 2)], -1).astype(np.float32)
+    pairs = LightViewPairs(light, np.broadcast_to(_ABOVE, light.shape))
+
+    def mean_over(some: LightViewPairs) -> NDArray[np.float32]:
+        rng = np.random.default_rng(seed)  # the same samples of the pixel for every direction
+        return texture_space.reference(stored, model, wrap, where, lod, pixel_filter, some, samples, rng)[:, 0]
+
+    chunks = [slice(start, start + _LIGHTS) for start in range(0, len(light), _LIGHTS)]
+    expected = np.concatenate([mean_over(LightViewPairs(pairs.light[some], pairs.view[some])) for some in chunks])
+    factor = _factor(expected)
+
+    def disc(f: NDArray[np.float32]) -> Image:
+        image = np.zeros((size, size, 3), np.float32)
+        image[on] = f * np.float32(factor)
+        return image
+
+    images = {
+        each.method.name: disc(texture_space.candidate(each.levels, each.method.model, wrap, where, lod, pairs)[:, 0])
+        for each in candidates
+    }
+    height, width = stored.shape[:2]
+    caption = (
+        f"Reflection of one pixel at lod {lod:g} (column {u % 1 * width:.0f}, row {v % 1 * height:.0f} of level 0) by "
+        "direction of the light, seen from straight above: in the middle light comes from above, at the rim from the "
+        f"horizon. The BRDF times the cosine, times {factor:g} in all images. A stack has one lobe a texel; a pixel of "
+        "several lobes is beyond any of them."
+    )
+    return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
+
+
+def _worst(
+    stored: NDArray[np.float32],
+    model: str,
+    wrap: Wrap,
+    subject: Candidate,
+    pixel_filter: str,
+    seed: int,
+    lod: float,
+    side: int = 24,
+    lights: int = 256,
+    samples: int = 64,
+) -> tuple[float, float]:
+    """(u, v) on a grid of `side` x `side` points where the subject's SNR, seen from straight above, is the lowest."""
+    grid = (np.arange(side) + 0.5) / side
+    uv = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+    rng = np.random.default_rng([seed, 1])
+    light = cosine_directions(rng, lights)
+    # Half of them near the mirror direction, where lobes are.
+    light[::2, :2] *= 0.4
+    light[:, 2] = np.sqrt(1 - np.square(light[:, :2]).sum(-1))
+    pairs = LightViewPairs(light.astype(np.float32), np.broadcast_to(_ABOVE, light.shape))
+    r = texture_space.reference(stored, model, wrap, uv, lod, pixel_filter, pairs, samples, rng).astype(np.float64)
+    p = texture_space.candidate(subject.levels, subject.method.model, wrap, uv, lod, pairs)
+    error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
+    u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]
+    return float(u), float(v)
+
+
+def _factor(values: NDArray[np.floating]) -> float:
+    """To two digits, what scales bright values (the 99.5th percentile of their brightest channel) to _BRIGHT."""
+    bright = float(np.percentile(values.max(-1), 99.5)) if values.size else 0.0
+    if bright <= 0:
+        return 1.0
+    return float(f"{_BRIGHT / (1 - _BRIGHT) / bright:.2g}")

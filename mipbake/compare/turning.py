@@ -1,0 +1,156 @@
+"""One column of pixels of a plane that turns slowly, for many frames at once: no other pixel is rendered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import sampling, shading
+from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.render.camera import Camera
+from mipbake.render.environment import Lighting
+from mipbake.render.mesh_render import level_of_detail
+
+Array = NDArray[np.float64]
+
+DEGREES = 0.1
+"""The turn from frame to frame."""
+
+# Rows see the plane at these angles below its horizon. Footprints grow by 1 / sin^2, twofold from bottom to top.
+_TOP = 35.0
+_BOTTOM = math.degrees(math.asin(math.sqrt(2) * math.sin(math.radians(_TOP))))
+
+_CHUNK = 1 << 18  # shaded at a time: their radiance takes 3 MiB
+
+# As in mipbake.render.texture_space: Roberts' additive recurrence.
+_PLASTIC = 1.32471795724474602596
+_RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
+
+
+class Turning:
+    """A plane, y = 0, that turns around +y through the world's origin, which is the middle of the picture.
+
+    The picture is twice as wide as high; the column lies at seven eighths of its width, where the plane moves by about
+    a quarter of a pixel a frame along the column when `height` is 192. In frame 0 u grows along +x, v along +z, and
+    texels are square and so large that the level of detail is 0 at the bottom of the column and about 1 at its top.
+
+    Args:
+        lighting: stays where it is.
+        size: (height, width) of the texture.
+        frames: how many, DEGREES of a turn apart.
+        height: of the column, in pixels.
+    """
+
+    def __init__(self, lighting: Lighting, size: tuple[int, int], frames: int, height: int) -> None:
+        middle = math.radians(_TOP + _BOTTOM) / 2
+        self.resolution = height, 2 * height
+        self.column = 2 * height * 7 // 8
+        self.camera = Camera((0.0, math.sin(middle), math.cos(middle)), field_of_view=_BOTTOM - _TOP)
+        self.angles = np.radians(DEGREES * np.arange(frames))
+        """(frames,) radians, from +z towards +x."""
+        self._size, self._lighting = size, lighting
+        self.texel = 1.0
+        bottom = self._see((0.0, 0.0))[1].reshape(frames, height, 4)[0, -1:]
+        self.texel = float(2 ** level_of_detail(bottom, size)[0])
+        """Side of a texel in the world."""
+
+    def candidate(self, levels: Sequence[NDArray[np.float32]], model: str, wrap: Wrap) -> NDArray[np.float32]:
+        """(height, frames, 3) linear radiance: each pixel's centre, one trilinear lookup of the stack, shaded once."""
+        uv, uv_da, view = self._see((0.0, 0.0))
+        finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
+        texels = sampling.texture(
+            finest,
+            uv[None, None],
+            uv_da[None, None],
+            mip=coarser,
+            filter_mode="linear-mipmap-linear",
+            boundary_mode=wrap,
+        )[0, 0]
+        return np.asarray(self._lit(texels, view, model).swapaxes(0, 1))
+
+    def reference(
+        self,
+        stored: NDArray[np.float32],
+        model: str,
+        wrap: Wrap,
+        pixel_filter: str,
+        passes: int,
+        rng: np.random.Generator,
+        progress: Callable[[float], None] = lambda _share: None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Two independent halves, (height, frames, 3) each, of `passes` samples a pixel together.
+
+        As `mipbake.render.mesh_render.reference`: the pixel filter's mean of level 0, interpolated bilinearly and
+        shaded at each sample; one sub-pixel offset a pass, which all frames share.
+        """
+        kernel = filter_named(pixel_filter)
+        level = np.asarray(stored, np.float32)[None]
+        halves = []
+        for half, shift in enumerate(rng.random((2, 2))):
+            total, weights = np.zeros((len(self.angles), self.resolution[0], 3)), 0.0
+            for index in range(passes // 2):
+                offset, sign = kernel.offsets((shift + index * _RECURRENCE) % 1.0)
+                uv, _, view = self._see((float(offset[0]), float(offset[1])))
+                texels = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
+                weight = float(sign.prod())
+                total += weight * self._lit(texels, view, model)
+                weights += weight
+                progress((half + 2 * (index + 1) / passes) / 2)
+            # As mesh_render divides: a constant stays constant under signed filters too.
+            halves.append(np.asarray(total / weights, np.float32).swapaxes(0, 1))
+        return halves[0], halves[1]
+
+    def _see(self, offset: tuple[float, float]) -> tuple[Array, Array, Array]:
+        """uv (P, 2), its derivatives (P, 4) per pixel, and view vectors (P, 3) in the tangent frame, P frame by frame.
+
+        The ray through the point (X, Y) of the picture, in pixels, has the direction d = d_0 + X d_X + Y d_Y, and
+        meets the plane y = 0 at o - d o_y / d_y.
+        """
+        height, width = self.resolution
+        right, up, back = self.camera.view_matrix()[:3, :3]
+        pixel = 2 * math.tan(math.radians(self.camera.field_of_view) / 2) / height
+        x = (self.column + 0.5 - width / 2 + offset[0]) * pixel
+        y = (height / 2 - np.arange(height) - 0.5 + offset[1]) * pixel
+        origin = np.asarray(self.camera.position)
+        d = x * right + y[:, None] * up - back
+        hit = origin - d * (origin[1] / d[:, 1:2])
+        dx, dy = (
+            -origin[1] * (along * d[:, 1:2] - d * along[1]) / d[:, 1:2] ** 2 for along in (pixel * right, pixel * up)
+        )
+        view = -d / np.linalg.norm(d, axis=-1, keepdims=True)
+        # What turns with the plane, seen from it: (frames, 3, 3) rows t = u, b = -v, n.
+        frame = self._frames()
+        on_plane = frame[:, None, :2] * [[[[1.0], [-1.0]]]]
+        scale = 1 / (self.texel * np.array([self._size[1], self._size[0]]))
+        uv, du, dv = ((on_plane @ p[None, :, :, None])[..., 0] * scale for p in (hit, dx, dy))
+        uv_da = np.stack([du[..., 0], dv[..., 0], du[..., 1], dv[..., 1]], -1)
+        views = (frame[:, None] @ view[None, :, :, None])[..., 0]
+        return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views.reshape(-1, 3)
+
+    def _frames(self) -> Array:
+        c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))
+        t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
+        return np.stack([np.stack(each, -1) for each in (t, b, n)], 1)
+
+    def _lit(self, texels: NDArray[np.float32], view: Array, model: str) -> NDArray[np.float32]:
+        """(frames, height, 3) radiance of all lights together; one frame's lights are the same all over the plane."""
+        frames, height = len(self.angles), self.resolution[0]
+        light = np.einsum("fij,kj->fki", self._frames(), self._lighting.direction).astype(np.float32)
+        radiance = self._lighting.radiance.astype(np.float32)[:, None]
+        material = texels.reshape(frames, height, -1)
+        views = view.reshape(frames, 1, height, 3).astype(np.float32)
+        out = np.empty((frames, height, 3), np.float32)
+        step = max(1, _CHUNK // (len(radiance) * height))
+        for start in range(0, frames, step):
+            some = slice(start, start + step)
+            lights = light[some, :, None]
+            shape = (*lights.shape[:2], height, 3)
+            f = shading.shade(
+                model, material[some], np.broadcast_to(lights, shape), np.broadcast_to(views[some], shape)
+            )
+            f *= radiance
+            out[some] = f.sum(1)
+        return out
