@@ -21,6 +21,9 @@ SCALES: Mapping[str, tuple[float, float]] = {
 }
 """Name and range of levels of detail of every scale; a set with fewer levels has `far` at its last one."""
 
+SNR_GAIN = "snr-gain"
+"""Measure of a figure that is the subject's SNR minus that of the figure's method, over the same light-view pairs."""
+
 
 @dataclass(frozen=True)
 class Method:
@@ -49,7 +52,7 @@ class Figure:
 
     Args:
         method: name of the method.
-        measure: a name in `mipbake.metrics.MEASURES`.
+        measure: a name in `mipbake.metrics.MEASURES`, or SNR_GAIN.
         view: what was looked at: a pair set (`near-mirror`, `hemisphere`) in texture space, or the name of a kind of
             render (`sphere`, `plane`, ...).
         scale: a name in SCALES; empty for a render of all scales and for a point of a curve.
