@@ -21,6 +21,8 @@ from mipbake.stack import MipStack
 
 from .viewer_scenes import PROVENANCE, material, stack_of
 
+pytestmark = pytest.mark.independent
+
 CHROMIUM_FLAGS = [
     "--no-sandbox",
     "--disable-quic",
@@ -44,7 +46,7 @@ class Shot(NamedTuple):
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra `checks`)")
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("Chromium is not installed")
