@@ -142,9 +142,7 @@ def referenced(case: Case) -> np.ndarray:
     material, where = scenes.stored(case.model, case.white), (case.model, scenes.WRAP, scenes.RESOLUTION)
     frame = candidate(*view, [material], *where)
     assert frame.coverage.all()
-    found = reference(
-        *view, material, *where, case.pixel_filter, 0, [frame], min_passes=1024, max_passes=1024
-    )
+    found = reference(*view, material, *where, case.pixel_filter, 0, [frame], min_passes=1024, max_passes=1024)
     return found.image.astype(np.float64)
 
 
