@@ -12,7 +12,7 @@ from mipbake.errors import InputError, UsageError
 from mipbake.render import environment, shapes
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.mesh import Mesh
-from mipbake.render.tangents import smooth_normals, with_tangents
+from mipbake.render.tangents import corner_normals, with_tangents
 
 
 def to_pixel(camera: Camera, point: Any, resolution: tuple[int, int], **options: Any) -> Any:
@@ -117,11 +117,27 @@ def test_tangents_weigh_corners_by_their_angle_and_join_equal_vertices() -> None
 
 def test_triangles_without_area_in_the_texture_still_get_a_frame() -> None:
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float64)
-    normals = smooth_normals(positions, np.array([[0, 1, 2]], np.int32))
-    assert np.allclose(normals, [0, 0, 1])
+    normals = np.tile([0.0, 0, 1], (3, 1))
     mesh = with_tangents("flat", positions, normals, np.zeros((3, 2)), np.array([[0, 1, 2]], np.int32))
     assert np.allclose(np.linalg.norm(mesh.tangents[:, :3], axis=-1), 1)
     assert np.allclose((mesh.tangents[:, :3] * mesh.normals).sum(-1), 0)
+
+
+def test_normals_are_smooth_up_to_the_crease_and_weighted_by_angle() -> None:
+    # Three triangles around the origin: two in one plane, of 90 and 45 degrees there, the third turned by 45 degrees.
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 1, 0], [1, -1, 1]], np.float64)
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1]], np.int32)
+    turned = np.array([0, 1, 1]) / np.sqrt(2)
+    flat = corner_normals(positions, triangles, 0)
+    assert np.allclose(flat[:2], [0, 0, 1]) and np.allclose(flat[2], turned)
+    assert np.allclose(corner_normals(positions, triangles, 44), flat)
+    smooth = corner_normals(positions, triangles, 46)
+    angles = np.pi / 2, np.pi / 4, np.arccos(1 / np.sqrt(3))
+    expected = np.array([0, 0, 1]) * (angles[0] + angles[1]) + turned * angles[2]
+    assert np.allclose(smooth[:, 0], expected / np.linalg.norm(expected))
+    assert np.allclose(smooth[1, 1:], [0, 0, 1])
+    lonely = corner_normals(np.zeros((3, 3)), triangles[:1], 60)
+    assert np.allclose(np.linalg.norm(lonely, axis=-1), 1)
 
 
 def test_meshes_that_are_none_are_refused() -> None:

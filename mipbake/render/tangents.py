@@ -1,9 +1,10 @@
-"""Tangent frames for meshes that bring none, by the rules of MikkTSpace (Mikkelsen 2008), which glTF prescribes.
+"""Normals and tangent frames for meshes that bring none.
 
-As there: a triangle's tangent is the direction in which u grows; each of its corners projects it into the plane of
-the corner's normal, and corners of one place are averaged, weighted by the corners' angles in that plane. Corners are
-of one place where position, normal, uv and handedness are equal, whichever indices they had. Triangles without area in
-the texture take the frame of their neighbours, or else an arbitrary one.
+Frames follow the rules of MikkTSpace (Mikkelsen 2008), which glTF prescribes: a triangle's tangent is the direction in
+which u grows; each of its corners projects it into the plane of the corner's normal, and corners of one place are
+averaged, weighted by the corners' angles in that plane. Corners are of one place where position, normal, uv and
+handedness are equal, whichever indices they had. Triangles without area in the texture take the frame of their
+neighbours, or else an arbitrary one.
 Different from the original: corners of one place are averaged even where their triangles share no edge (two fans that
 touch in one vertex), and triangles without area in the texture join the handedness of the first neighbour.
 """
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from mipbake.render.mesh import Mesh
 
 Array = NDArray[np.float64]
+
+_PAIRS = 1 << 20  # of corners at one position, compared at a time
 
 
 def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triangles: NDArray[np.int32]) -> Mesh:
@@ -52,21 +55,40 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     key_of = np.zeros(len(pair), np.int64)
     key_of[corner] = key.reshape(-1)
     n, found = normals[old], sums[key_of]
-    found = np.where(np.linalg.norm(found, axis=-1, keepdims=True) > 1e-30, found, _any_tangent(n))
+    found = np.where(np.linalg.norm(found, axis=-1, keepdims=True) > 1e-30, found, any_tangent(n))
     tangents = np.concatenate([_unit(_in_plane(found, n)), w[:, None]], -1)
     return Mesh(name, positions[old], n, uv[old], tangents, corner.reshape(-1, 3).astype(np.int32))
 
 
-def smooth_normals(positions: Array, triangles: NDArray[np.int32]) -> Array:
-    """(V, 3): averages of the triangles around each position, weighted by their angles, for meshes without any."""
-    place = _places(positions)
+def corner_normals(positions: Array, triangles: NDArray[np.int32], crease: float) -> Array:
+    """(T, 3, 3) unit normals of corners, for meshes without any.
+
+    A corner's is the mean of the triangles around its position whose planes are turned by at most `crease` degrees from
+    its own, weighted by their angles there. So 0 gives flat triangles, and 180 no edge at all.
+    """
     p = positions[triangles]
     face = _unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
-    sums = np.zeros((place.max() + 1, 3))
-    weighted = face[:, None] * _angles(p, np.zeros_like(p))[..., None]
-    np.add.at(sums, place[triangles].reshape(-1), weighted.reshape(-1, 3))
-    normals = _unit(sums[place])
-    return np.where(normals.any(-1, keepdims=True), normals, [0.0, 1.0, 0.0])
+    weighted = (face[:, None] * _angles(p, np.zeros_like(p))[..., None]).reshape(-1, 3)
+    face = np.repeat(face, 3, 0)
+    place = _places(positions)[triangles].reshape(-1)
+    around = np.argsort(place, kind="stable")
+    first, count = np.searchsorted(place[around], place), np.bincount(place)[place]
+    least = np.cos(np.radians(crease)) - 1e-9
+    normals = np.empty_like(face)
+    for some in np.split(np.arange(len(place)), np.flatnonzero(np.diff(np.cumsum(count) // _PAIRS)) + 1):
+        starts = np.cumsum(count[some]) - count[some]
+        one = np.repeat(some, count[some])
+        other = around[first[one] + np.arange(len(one)) - np.repeat(starts, count[some])]
+        counts = (face[one] * face[other]).sum(-1) >= least
+        normals[some] = np.add.reduceat(weighted[other] * counts[:, None], starts)
+    normals = _unit(normals)
+    return np.where(normals.any(-1, keepdims=True), normals, [0.0, 1.0, 0.0]).reshape(-1, 3, 3)
+
+
+def any_tangent(n: Array) -> Array:
+    """(N, 3) unit vectors, each normal to one of the (N, 3) unit vectors, in no direction in particular."""
+    axis = np.where(np.abs(n[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    return _unit(_in_plane(axis, n))
 
 
 def _places(*arrays: Array) -> NDArray[np.int64]:
@@ -84,11 +106,6 @@ def _angles(p: Array, n: Array) -> Array:
 
 def _in_plane(v: Array, n: Array) -> Array:
     return np.asarray(v - (v * n).sum(-1, keepdims=True) * n)
-
-
-def _any_tangent(n: Array) -> Array:
-    axis = np.where(np.abs(n[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    return _in_plane(axis, n)
 
 
 def _unit(v: Array) -> Array:

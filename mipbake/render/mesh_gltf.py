@@ -1,0 +1,362 @@
+"""glTF 2.0 and GLB, through pygltflib, which knows the format's objects and the binary container."""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+import urllib.parse
+import warnings
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+from mipbake.render.mesh import Mesh, joined
+from mipbake.render.tangents import any_tangent, corner_normals, with_tangents
+
+Array = NDArray[np.float64]
+
+_COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+_COMPRESSED = {
+    "KHR_draco_mesh_compression": "Draco",
+    "EXT_meshopt_compression": "meshopt",
+    "KHR_meshopt_compression": "meshopt",
+}
+_HARMLESS = re.compile(r"KHR_mesh_quantization|[A-Z]+_(materials|texture|lights|xmp|animation)(_\w+)?")
+"""Extensions that a file may require: those that leave positions, normals, tangents and TEXCOORD_0 alone."""
+
+_MALFORMED = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+"""What reading a file as glTF can raise when it is none: values of the wrong type, missing or out of place."""
+
+
+def read_gltf(path: Path, data: bytes) -> Mesh:
+    """The triangles of the default scene (the first, where none is named), in the world.
+
+    Normals that the file lacks are flat, as glTF prescribes. TANGENT is taken as it is, w included; tangents that the
+    file lacks, or brings without normals, are generated (`mipbake.render.tangents`), and vectors of no length replaced.
+    A node that mirrors turns w and the winding. Skins and morph targets are not applied, points and lines passed over;
+    texture coordinates are TEXCOORD_0, without KHR_texture_transform.
+
+    Args:
+        path: where external buffers are looked for, and what messages say.
+        data: the file's contents.
+
+    Raises:
+        InputError: see `mipbake.render.mesh_file.read_mesh`.
+    """
+    try:
+        gltf = _parsed(path, data)
+        _check_extensions(path, gltf)
+        return _Scene(path, gltf).mesh()
+    except _MALFORMED as error:
+        said = " ".join(str(error).split()) if isinstance(error, ValueError) else ""
+        reason = said or "its objects are not as glTF defines them"
+        raise InputError(
+            f"the mesh {path} is broken ({reason}): expected valid glTF 2.0, so check it with the glTF validator and "
+            "export it again"
+        ) from error
+
+
+def _parsed(path: Path, data: bytes) -> Any:
+    from pygltflib import GLTF2
+
+    if path.suffix.lower() == ".gltf":
+        gltf = GLTF2.gltf_from_json(data.decode("utf-8-sig"))
+    else:
+        magic, version, length = struct.unpack_from("<4sII", data.ljust(12, b"\0"))
+        if magic != b"glTF" or version != 2:
+            raise ValueError("its header is not that of a binary glTF 2 file")
+        if length > len(data):
+            raise InputError(
+                f"the mesh {path} is cut off: expected {length} bytes, found {len(data)}, so copy or export it again"
+            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of chunks that extensions define
+            gltf = GLTF2.load_from_bytes(data)
+    if not str(gltf.asset.version).startswith("2."):
+        raise ValueError(f"it is of glTF version {gltf.asset.version}")
+    return gltf
+
+
+def _check_extensions(path: Path, gltf: Any) -> None:
+    for name in gltf.extensionsRequired or []:
+        if name in _COMPRESSED:
+            raise _compressed(path, name)
+        if not _HARMLESS.fullmatch(name):
+            raise InputError(
+                f"the mesh {path} requires the glTF extension {name}, which is not read: expected plain triangles, so "
+                "export it without"
+            )
+
+
+def _compressed(path: Path, extension: str) -> InputError:
+    return InputError(
+        f"the mesh {path} is compressed with {_COMPRESSED[extension]}, which is not read: expected plain glTF, so "
+        "decompress it (`gltf-transform cp IN.glb OUT.glb`) or export it without compression"
+    )
+
+
+class _Scene:
+    """A file's objects, resolved: indices to arrays of numbers, nodes to meshes in the world."""
+
+    def __init__(self, path: Path, gltf: Any) -> None:
+        self.path, self.gltf = path, gltf
+        self.buffer = lru_cache(None)(self._buffer)
+        self.local = lru_cache(None)(self._local)
+
+    def mesh(self) -> Mesh:
+        nodes, found = self.gltf.nodes or [], []
+        waiting = [(index, np.eye(4)) for index in self._roots()]
+        seen = set()
+        while waiting:
+            index, parent = waiting.pop(0)
+            node = _item(nodes, index, "node")
+            if index in seen:
+                raise ValueError(f"node {index} is in the scene twice")
+            seen.add(index)
+            matrix = parent @ _matrix(node)
+            if not np.isfinite(matrix).all():
+                raise ValueError(f"the transform of node {index} is not finite")
+            waiting += [(child, matrix) for child in node.children or []]
+            if node.mesh is not None:
+                # A skinned mesh takes no transform of its node.
+                placed = np.eye(4) if node.skin is not None else matrix
+                found += [_placed(each, placed) for each in self.local(node.mesh) if _has_volume(placed)]
+        if not found:
+            raise InputError(
+                f"the mesh {self.path} has no triangles in its default scene: expected at least one, so export polygons"
+            )
+        return joined(self.path.name, found)
+
+    def _roots(self) -> list[int]:
+        if self.gltf.scenes:
+            return list(_item(self.gltf.scenes, self.gltf.scene or 0, "scene").nodes or [])
+        nodes = self.gltf.nodes or []
+        children = {child for node in nodes for child in node.children or []}
+        return [index for index in range(len(nodes)) if index not in children]
+
+    def _local(self, index: int) -> list[Mesh]:
+        """The primitives of a mesh that are made of triangles, untransformed."""
+        mesh = _item(self.gltf.meshes, index, "mesh")
+        name = f"mesh {index}" + (f" ({mesh.name})" if mesh.name else "")
+        read = (self._primitive(f"primitive {i} of {name}", each) for i, each in enumerate(mesh.primitives))
+        return [each for each in read if each is not None]
+
+    def _primitive(self, where: str, primitive: Any) -> Mesh | None:
+        mode, attributes = primitive.mode, primitive.attributes
+        if (_TRIANGLES if mode is None else mode) not in (_TRIANGLES, _STRIP, _FAN) or attributes.POSITION is None:
+            return None
+        draco = "KHR_draco_mesh_compression"
+        position = _item(self.gltf.accessors, attributes.POSITION, "accessor")
+        if position.bufferView is None and draco in (primitive.extensions or {}):
+            raise _compressed(self.path, draco)
+        positions = self._attribute(where, "POSITION", attributes.POSITION, "VEC3", None)
+        count = len(positions)
+        if primitive.indices is None:
+            corners = np.arange(count)
+        else:
+            corners = self.accessor(primitive.indices, "SCALAR")[:, 0]
+            if corners.dtype.kind != "u" or (len(corners) and corners.max() >= count):
+                raise ValueError(f"the indices of {where} do not lead to its {count} vertices")
+        triangles = _triangles(corners.astype(np.int32), mode)
+        if not len(triangles):
+            return None
+        if attributes.TEXCOORD_0 is None:
+            raise InputError(
+                f"{where} of {self.path} has no texture coordinates: expected the attribute TEXCOORD_0, so unwrap the "
+                "mesh and export it with UVs"
+            )
+        uv = self._attribute(where, "TEXCOORD_0", attributes.TEXCOORD_0, "VEC2", count)
+        if attributes.NORMAL is None:
+            flat = corner_normals(positions, triangles, 0).reshape(-1, 3)
+            corner = triangles.reshape(-1)
+            apart = np.arange(len(corner), dtype=np.int32).reshape(-1, 3)
+            return with_tangents(where, positions[corner], flat, uv[corner], apart)
+        normals = self._attribute(where, "NORMAL", attributes.NORMAL, "VEC3", count)
+        normals = _unit(normals)
+        lost = ~normals.any(-1)
+        if lost.any():
+            smooth = np.zeros_like(normals)
+            smooth[triangles] = corner_normals(positions, triangles, 180)
+            normals[lost] = np.where(smooth.any(-1, keepdims=True), smooth, [0.0, 1.0, 0.0])[lost]
+        if attributes.TANGENT is None:
+            return with_tangents(where, positions, normals, uv, triangles)
+        tangents = self._attribute(where, "TANGENT", attributes.TANGENT, "VEC4", count)
+        if (tangents[:, 3] == 0).any():
+            raise ValueError(f"the handedness of a tangent of {where} is 0")
+        along = _unit(tangents[:, :3])
+        lost = ~along.any(-1)
+        along[lost] = any_tangent(normals[lost])
+        tangents = np.concatenate([along, np.sign(tangents[:, 3:])], -1)
+        return Mesh(where, positions, normals, uv, tangents, triangles)
+
+    def _attribute(self, where: str, name: str, index: int, kind: str, count: int | None) -> Array:
+        values = self.accessor(index, kind).astype(np.float64)
+        if count is not None and len(values) != count:
+            raise ValueError(f"{where} has {len(values)} values of {name} for {count} vertices")
+        wrong = ~np.isfinite(values).all(-1)
+        if wrong.any():
+            raise InputError(
+                f"{where} of {self.path} holds a value that is not finite in {name} at vertex {int(wrong.argmax())}: "
+                "expected numbers, so clean the mesh up and export it again"
+            )
+        return values
+
+    def accessor(self, index: int, kind: str) -> NDArray[Any]:
+        """(count, width): integers as they are, normalised ones as float64, floats as float32."""
+        accessor = _item(self.gltf.accessors, index, "accessor")
+        if accessor.type != kind:
+            raise ValueError(f"accessor {index} is of the type {accessor.type}, expected {kind}")
+        count, dtype, width = _count(accessor.count), _dtype(accessor.componentType), _WIDTHS[kind]
+        if accessor.bufferView is None:
+            values = np.zeros((count, width), dtype)
+        else:
+            values = self._view(accessor.bufferView, accessor.byteOffset, count, width, dtype)
+        if accessor.sparse is not None:
+            sparse = accessor.sparse
+            places, some = sparse.indices, _count(sparse.count)
+            at = self._view(places.bufferView, places.byteOffset, some, 1, _dtype(places.componentType))
+            values = values.copy()
+            values[at[:, 0]] = self._view(sparse.values.bufferView, sparse.values.byteOffset, some, width, dtype)
+        if accessor.normalized and dtype.kind in "iu":
+            return np.maximum(values / float(np.iinfo(dtype).max), -1.0)
+        return values
+
+    def _view(self, index: int, offset: int | None, count: int, width: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """(count, width) values of a buffer view, from `offset` on, as far apart as the view says."""
+        view = _item(self.gltf.bufferViews, index, "buffer view")
+        start, length = _count(view.byteOffset or 0), _count(view.byteLength)
+        size = width * dtype.itemsize
+        stride = _count(view.byteStride or size)
+        needed = _count(offset or 0) + (stride * (count - 1) + size if count else 0)
+        if needed > length:
+            raise ValueError(f"buffer view {index} holds {length} bytes where {needed} are needed")
+        data = self.buffer(view.buffer)
+        if start + length > len(data):
+            raise ValueError(f"buffer view {index} ends at byte {start + length} of the {len(data)} of its buffer")
+        values: NDArray[Any] = np.ndarray((count, width), dtype, data, start + (offset or 0), (stride, dtype.itemsize))
+        return values
+
+    def _buffer(self, index: int) -> bytes:
+        buffer = _item(self.gltf.buffers, index, "buffer")
+        if buffer.uri is None:
+            blob = self.gltf.binary_blob()
+            for extension in _COMPRESSED:
+                if blob is None and extension in (buffer.extensions or {}):
+                    raise _compressed(self.path, extension)
+            if blob is None or index != 0:
+                raise ValueError(f"buffer {index} has no data")
+            name, data = "its binary chunk", bytes(blob)
+        elif buffer.uri.startswith("data:"):
+            head, text = buffer.uri.split(",", 1)
+            name = f"buffer {index}"
+            data = base64.b64decode(text) if head.endswith(";base64") else urllib.parse.unquote_to_bytes(text)
+        else:
+            name, data = self._external(buffer.uri)
+        if len(data) < _count(buffer.byteLength):
+            raise InputError(
+                f"the mesh {self.path} is cut off in {name}: expected {buffer.byteLength} bytes, found {len(data)}, so "
+                "copy or export it again"
+            )
+        return data
+
+    def _external(self, uri: str) -> tuple[str, bytes]:
+        file = self.path.parent / urllib.parse.unquote(uri)
+        try:
+            return str(file), file.read_bytes()
+        except OSError as error:
+            raise InputError(
+                f"the mesh {self.path} keeps its data in {file}, which cannot be read ({error.strerror or error}): "
+                "expected that file beside it, so copy both, or export one .glb file"
+            ) from error
+
+
+def _item(items: Any, index: Any, what: str) -> Any:
+    """items[index]; ValueError where there is none."""
+    if not isinstance(index, int) or not 0 <= index < len(items or []):
+        raise ValueError(f"it refers to {what} {index} of {len(items or [])}")
+    return items[index]
+
+
+def _count(value: Any) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise ValueError(f"it gives a number of bytes or of values as {value}")
+    return value
+
+
+def _dtype(component: Any) -> np.dtype[Any]:
+    if component not in _COMPONENTS:
+        raise ValueError(f"it has components of the type {component}, which is none")
+    return np.dtype(_COMPONENTS[component])
+
+
+def _triangles(corners: NDArray[np.int32], mode: int | None) -> NDArray[np.int32]:
+    """(T, 3), with the winding and the order of glTF 2.0, section 3.7.2.1; corners left over at the end are dropped."""
+    if mode in (_STRIP, _FAN):
+        i = np.arange(max(len(corners) - 2, 0))
+        strip = np.stack([i, i + 1 + i % 2, i + 2 - i % 2], -1)
+        return corners[strip if mode == _STRIP else np.stack([i + 1, i + 2, 0 * i], -1)]
+    return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+
+
+def _matrix(node: Any) -> Array:
+    """(4, 4) from the node's frame to its parent's, for columns."""
+    if node.matrix is not None:
+        return np.asarray(np.array(node.matrix, np.float64).reshape(4, 4).T)
+    matrix = np.eye(4)
+    x, y, z, w = np.array([0, 0, 0, 1] if node.rotation is None else node.rotation, np.float64)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix[:3, :3] = rotation * np.array([1, 1, 1] if node.scale is None else node.scale, np.float64)
+    matrix[:3, 3] = [0, 0, 0] if node.translation is None else node.translation
+    return matrix
+
+
+def _has_volume(matrix: Array) -> bool:
+    """Whether a transform keeps three dimensions; nodes are hidden by a scale of 0."""
+    linear = matrix[:3, :3]
+    return bool(abs(np.linalg.det(linear)) > 1e-15 * np.linalg.norm(linear) ** 3)
+
+
+def _placed(mesh: Mesh, matrix: Array) -> Mesh:
+    """The mesh in the world; unchanged to the last bit where the transform is none."""
+    linear = matrix[:3, :3]
+    if np.array_equal(matrix, np.eye(4)):
+        return mesh
+    side = np.sign(np.linalg.det(linear))
+    normals = mesh.normals @ np.linalg.inv(linear)
+    along = mesh.tangents[:, :3] @ linear.T
+    return Mesh(
+        mesh.name,
+        mesh.positions @ linear.T + matrix[:3, 3],
+        normals / np.linalg.norm(normals, axis=-1, keepdims=True),
+        mesh.uv,
+        np.concatenate([along / np.linalg.norm(along, axis=-1, keepdims=True), mesh.tangents[:, 3:] * side], -1),
+        mesh.triangles if side > 0 else np.ascontiguousarray(mesh.triangles[:, ::-1]),
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    """Unit vectors as they are, within float32's rounding; others scaled, and 0 where there is no direction."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(np.abs(length - 1) < 1e-6, vectors, vectors / np.where(length > 0, length, 1))
