@@ -41,34 +41,41 @@ void require(const Array& a, const Input& like, const char* name, std::initializ
     if (!good) throw nb::value_error((std::string("unexpected shape, strides, dtype or device of ") + name).c_str());
 }
 
+int index_of(const std::string& model) {
+    for (int i = 0; i < mipbake::model_count(); ++i)
+        if (model == mipbake::model_info(i).name) return i;
+    throw nb::value_error("no such model");
+}
+
+bool is_double(const Input& material) {
+    if (material.dtype() == nb::dtype<double>()) return true;
+    if (material.dtype() != nb::dtype<float>()) throw nb::value_error("expected float32 or float64");
+    return false;
+}
+
 // The Python modules check what users pass; these checks keep a mistake of theirs from reading out of bounds.
 mipbake::ShadeArgs arguments(const std::string& model, const Input& material, const Input& light, const Input& view) {
-    for (int i = 0; i < mipbake::model_count(); ++i) {
-        const mipbake::ModelInfo info = mipbake::model_info(i);
-        if (model != info.name) continue;
-        const bool is_double = material.dtype() == nb::dtype<double>();
-        if (!is_double && material.dtype() != nb::dtype<float>()) throw nb::value_error("expected float32 or float64");
-        if (material.ndim() != 3) throw nb::value_error("expected a material of 3 axes");
-        if (light.ndim() != 3 && light.ndim() != 4) throw nb::value_error("expected lights of 3 or 4 axes");
-        const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
-        require(material, material, "material", {B, N, static_cast<std::size_t>(info.channels)}, false);
-        for (const auto& [name, array] : {std::pair("light", &light), std::pair("view", &view)}) {
-            if (light.ndim() == 3) {
-                require(*array, material, name, {B, K, 3}, false);
-            } else {
-                require(*array, material, name, {B, K, N, 3}, false);
-            }
+    const int index = index_of(model);
+    if (material.ndim() != 3) throw nb::value_error("expected a material of 3 axes");
+    if (light.ndim() != 3 && light.ndim() != 4) throw nb::value_error("expected lights of 3 or 4 axes");
+    const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
+    const auto channels = static_cast<std::size_t>(mipbake::model_info(index).channels);
+    require(material, material, "material", {B, N, channels}, false);
+    for (const auto& [name, array] : {std::pair("light", &light), std::pair("view", &view)}) {
+        if (light.ndim() == 3) {
+            require(*array, material, name, {B, K, 3}, false);
+        } else {
+            require(*array, material, name, {B, K, N, 3}, false);
         }
-        return {i,
-                is_double,
-                static_cast<std::int64_t>(B),
-                static_cast<std::int64_t>(K),
-                static_cast<std::int64_t>(N),
-                strided(material),
-                directions(light),
-                directions(view)};
     }
-    throw nb::value_error("no such model");
+    return {index,
+            is_double(material),
+            static_cast<std::int64_t>(B),
+            static_cast<std::int64_t>(K),
+            static_cast<std::int64_t>(N),
+            strided(material),
+            directions(light),
+            directions(view)};
 }
 
 // Whether the arrays are on the GPU; throws where this build has no kernels for the device they are on.
@@ -112,6 +119,34 @@ void shade_backward(const std::string& model, const Input& material, const Input
     }
 }
 
+void shade_lit(const std::string& model, const Input& material, const Input& frame, const Input& view,
+               const Input& light, const Input& radiance, const Output& out) {
+    if (material.ndim() != 2 || light.ndim() != 2) throw nb::value_error("expected materials and lights of 2 axes");
+    if (material.device_type() != nb::device::cpu::value) throw nb::value_error("expected arrays on the CPU");
+    const mipbake::ModelInfo info = mipbake::model_info(index_of(model));
+    const std::size_t N = material.shape(0), K = light.shape(0);
+    require(material, material, "material", {N, static_cast<std::size_t>(info.channels)}, false);
+    require(frame, material, "frame", {N, 3, 3}, false);
+    require(view, material, "view", {N, 3}, false);
+    require(light, material, "light", {K, 3}, true);
+    require(radiance, material, "radiance", {K, 3}, true);
+    require(out, material, "out", {N, 3}, true);
+    const mipbake::ShadeLitArgs args = {index_of(model),
+                                        is_double(material),
+                                        static_cast<std::int64_t>(N),
+                                        static_cast<std::int64_t>(K),
+                                        material.data(),
+                                        {material.stride(0), material.stride(1)},
+                                        strided(frame),
+                                        view.data(),
+                                        {view.stride(0), view.stride(1)},
+                                        light.data(),
+                                        radiance.data()};
+    void* const to = out.data();
+    const nb::gil_scoped_release release;
+    mipbake::shade_lit_cpu(args, to);
+}
+
 }  // namespace
 
 void bind_shading(nb::module_& m) {
@@ -130,6 +165,10 @@ void bind_shading(nb::module_& m) {
           nb::arg("radiance"), nb::arg("stream") = 0,
           "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) or both (B, K, N, 3) into radiance "
           "(B, K, N, 3).");
+    m.def("shade_lit", &shade_lit, nb::arg("model"), nb::arg("material"), nb::arg("frame"), nb::arg("view"),
+          nb::arg("light"), nb::arg("radiance"), nb::arg("out"),
+          "Writes the sum over lights (K, 3) of radiance (K, 3) * f(theta, l, v) of material (N, C) with frame "
+          "(N, 3, 3), view (N, 3) into out (N, 3).");
     m.def(
         "shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
         nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,

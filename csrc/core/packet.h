@@ -186,6 +186,24 @@ MIPBAKE_INLINE Mask<T, N> both(const Mask<T, N>& a, const Mask<T, N>& b) {
     return out;
 }
 
+// Whether any lane is set.
+template <class T, int N>
+MIPBAKE_INLINE bool any(const Mask<T, N>& mask) {
+    auto joined = mask.r[0];
+    for (int i = 1; i < Mask<T, N>::registers; ++i) joined |= mask.r[i];
+#if defined(__AVX512F__)
+    return _mm512_test_epi32_mask(reinterpret_cast<__m512i>(joined), reinterpret_cast<__m512i>(joined)) != 0;
+#elif defined(__AVX2__)
+    return _mm256_movemask_epi8(reinterpret_cast<__m256i>(joined)) != 0;
+#elif defined(__SSE2__)
+    return _mm_movemask_epi8(reinterpret_cast<__m128i>(joined)) != 0;
+#else
+    bool found = false;
+    for (int i = 0; i < Register<T>::lanes; ++i) found = found || joined[i] != 0;
+    return found;
+#endif
+}
+
 template <int N>
 struct Narrow<Packet<float, N>> {
     static MIPBAKE_INLINE Packet<float, N> from(const Packet<double, N>& wide) {
@@ -343,6 +361,8 @@ MIPBAKE_INLINE void store_lanes(T* data, const Packet<T, N>& p) {
 }
 
 #else  // no vector extensions: packets of one lane are plain numbers
+
+MIPBAKE_INLINE bool any(bool mask) { return mask; }
 
 template <class Scalar>
 struct Lanes {

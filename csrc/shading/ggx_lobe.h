@@ -63,12 +63,18 @@ MIPBAKE_FUNCTION void set_axes(GgxSurface<R, R>& s, const Vec3<R>& e1, const R& 
     s.peak = 0.3183098861837907 / (alpha1 * alpha2);
 }
 
+// The surface for one viewer and many lights; see ggx_seen.h.
+template <class Model, class W, class T>
+struct GgxSeen;
+
 // Evaluation and its adjoint, for models whose surface is a GgxSurface. Model::diffuse_weight(P) is k.
 template <class Model>
 struct GgxLobe {
     static constexpr bool has_adjoint = true;
     template <class W, class T>
     using Surface = GgxSurface<W, T>;
+    template <class W, class T>
+    using Seen = GgxSeen<Model, W, T>;
 
     // f(theta, l, v), 3 channels.
     template <class W, class T, class S, class PW, class PT>

@@ -13,6 +13,8 @@
 //                                                    once per texel and light-view pair: f(theta, l, v), cosine
 //                                                    included
 //     evaluate_adjoint(Surface<W, T>, Pair<S, ...>, Vec3<T> gradient, Surface<T, T>& adjoint)
+//     template <class W, class T> Seen;              a surface for one viewer and many lights; see GgxSeen for what it
+//                                                    offers
 //
 // all of them templates that run on numbers, packets and dual numbers; R is double. It is prepared in two halves
 // because dual numbers cost as much as they have inputs. A model with no adjoint of its own is differentiated by
@@ -22,6 +24,7 @@
 #pragma once
 
 #include "shading/ggx.h"
+#include "shading/ggx_seen.h"
 #include "shading/gltf.h"
 #include "shading/gltf_anisotropic.h"
 

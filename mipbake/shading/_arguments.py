@@ -1,4 +1,4 @@
-"""Checks of the arguments of `shade` that its NumPy door, its torch op and its twin share: shapes and names only."""
+"""Checks of the arguments of shading that its NumPy doors, torch op and twins share: shapes and names only."""
 
 from __future__ import annotations
 
@@ -37,6 +37,26 @@ def batch_shape(channels: int, material: Shape, light: Shape, view: Shape) -> tu
         listed = ", ".join(f"{name} has {size}" for name, size in given.items())
         raise UsageError(f"batch sizes do not fit: {listed}; expected each to be 1 or the same number")
     return (sizes.pop() if sizes else 1) if given else None, pair_count(light), material[-2]
+
+
+def check_lit(channels: int, material: Shape, frame: Shape, view: Shape, light: Shape, radiance: Shape) -> None:
+    """UsageError where the shapes of `shade_lit` do not fit; `channels` is what the material model stores."""
+    if len(material) != 2 or material[1] != channels:
+        raise UsageError(
+            f"material has shape {_text(material)}: expected (N, {channels}), the model's {channels} stored channels"
+        )
+    points = material[0]
+    for name, shape, expected in (("frame", frame, (points, 3, 3)), ("view", view, (points, 3))):
+        if shape != expected:
+            raise UsageError(
+                f"{name} has shape {_text(shape)} where the material has {points} points: expected {expected}"
+            )
+    if len(light) != 2 or light[1] != 3:
+        raise UsageError(f"light has shape {_text(light)}: expected (K, 3)")
+    if radiance != light:
+        raise UsageError(
+            f"radiance has shape {_text(radiance)} where light has {_text(light)}: expected one for each light"
+        )
 
 
 def pair_count(directions: Shape) -> int:

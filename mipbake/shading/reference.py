@@ -1,4 +1,4 @@
-"""The plain torch twin of the shading kernels: every model written out as its equations, and nothing native.
+"""The plain torch twins of the shading kernels: every model written out as its equations, and nothing native.
 
 It is the oracle of the tests, in float64, and the yardstick of the benchmark. It is differentiable by autograd, in
 the lights and views too, and runs wherever torch does. Equations: docs/conventions.md, section 2.
@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from mipbake.material import DIELECTRIC_F0, MIN_ROUGHNESS, model_named
-from mipbake.shading._arguments import batch_shape
+from mipbake.shading._arguments import batch_shape, check_lit
 
-__all__ = ["MODELS", "distribution", "shade"]
+__all__ = ["MODELS", "distribution", "shade", "shade_lit"]
 
 
 class Surface(NamedTuple):
@@ -38,6 +38,15 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     light, view = (d if d.ndim == 4 else d.unsqueeze(-2) for d in (light, view))
     radiance = evaluate(surface, light, view)
     return radiance if batch is None or radiance.ndim == 4 else radiance[None]
+
+
+def shade_lit(model: str, material: Tensor, frame: Tensor, view: Tensor, light: Tensor, radiance: Tensor) -> Tensor:
+    """The sum over lights of radiance f(theta, l, v): arguments, shapes and result of `mipbake.shading.shade_lit`."""
+    check_lit(model_named(model).channels, *(tuple(a.shape) for a in (material, frame, view, light, radiance)))
+    local_light = torch.einsum("nij,kj->kni", frame, light)
+    local_view = torch.einsum("nij,nj->ni", frame, view).expand_as(local_light)
+    f = shade(model, material, local_light[None], local_view[None])[0]
+    return torch.einsum("knc,kc->nc", f, radiance)
 
 
 def evaluate(s: Surface, light: Tensor, view: Tensor) -> Tensor:

@@ -93,10 +93,77 @@ void agrees_with_the_kernels(int index) {
     CHECK(worst_duals < 3e-5);
 }
 
+// Points under many lights: the kernels against plain numbers, and those against the sum of single pairs. Frames are
+// the axes of the world in another order, so that both see the same directions without rounding.
+template <class Model>
+void lights_agree_with_the_kernels(int index) {
+    constexpr int C = Model::channels;
+    const Case c = random_case(C);
+    std::vector<float> frames, views, radiance, out(3 * kTexels);
+    for (int n = 0; n < kTexels; ++n) {
+        for (int row = 0; row < 3; ++row)
+            for (int column = 0; column < 3; ++column) frames.push_back(column == (row + n) % 3 ? 1.0f : 0.0f);
+        const Vec3<float> v = direction(c.view, n % kPairs);
+        views.insert(views.end(), {v.x, v.y, v.z});
+    }
+    for (int i = 0; i < 3 * kPairs; ++i) radiance.push_back(0.5f + 0.3f * std::sin(static_cast<float>(i)));
+    shade_lit_cpu({index,
+                   false,
+                   kTexels,
+                   kPairs,
+                   c.material.data(),
+                   {C, 1},
+                   {frames.data(), {9, 3, 1}},
+                   views.data(),
+                   {3, 1},
+                   c.light.data(),
+                   radiance.data()},
+                  out.data());
+
+    double worst = 0, worst_sum = 0;
+    int lit = 0;
+    for (int n = 0; n < kTexels; ++n) {
+        double channels[C];
+        for (int i = 0; i < C; ++i) channels[i] = c.material[static_cast<std::size_t>(n * C + i)];
+        const auto surface = Prepare<Model>::template surface<double, float>(channels);
+        const Axes<float> axes = {direction(frames, 3 * n), direction(frames, 3 * n + 1), direction(frames, 3 * n + 2)};
+        const auto local = [&](const Vec3<float>& w) {
+            return Vec3<float>{dot(axes.t, w), dot(axes.b, w), dot(axes.n, w)};
+        };
+        const auto seen = Model::template Seen<double, float>::of(surface, axes, direction(views, n));
+        Vec3<float> got = {0, 0, 0};
+        double sum[3] = {0, 0, 0};
+        for (int k = 0; k < kPairs; ++k) {
+            const Vec3<float> l = direction(c.light, k), power = direction(radiance, k);
+            const Light<float> light = {{l.x, l.y, l.z}, l, power};
+            const float cosine = seen.cosine(light);
+            if (seen.lit(cosine)) seen.add(light, cosine, got);
+            const Vec3<float> f = Model::evaluate(surface, Pair<float>::of(local(l), local(direction(views, n))));
+            sum[0] += double(power.x) * f.x;
+            sum[1] += double(power.y) * f.y;
+            sum[2] += double(power.z) * f.z;
+        }
+        const float plain[3] = {got.x, got.y, got.z};
+        for (int i = 0; i < 3; ++i) {
+            const double kernel = out[static_cast<std::size_t>(3 * n + i)];
+            worst = std::max(worst, std::abs(kernel - plain[i]) / (plain[i] + 1e-12));
+            worst_sum = std::max(worst_sum, std::abs(kernel - sum[i]) / (sum[i] + 1e-12));
+            lit += plain[i] > 0;
+        }
+    }
+    std::printf("%s under lights: %.1e of plain numbers, %.1e of the sum of pairs\n", Model::name, worst, worst_sum);
+    CHECK(lit > kTexels);
+    CHECK(worst < 3e-6);
+    CHECK(worst_sum < 1e-5);
+}
+
 }  // namespace
 
 int main() {
     for (int i = 0; i < Models::size; ++i)
-        Models::visit(i, [&](auto model) { agrees_with_the_kernels<decltype(model)>(i); });
+        Models::visit(i, [&](auto model) {
+            agrees_with_the_kernels<decltype(model)>(i);
+            lights_agree_with_the_kernels<decltype(model)>(i);
+        });
     return report();
 }
