@@ -46,7 +46,7 @@ def main() -> None:
 
     def reference() -> None:
         mesh_render.reference(
-            *view, level, "gltf", wrap, resolution, "gaussian", np.random.default_rng(0), [frame],
+            *view, level, "gltf", wrap, resolution, "gaussian", 0, [frame],
             min_passes=passes, max_passes=passes,
         )  # fmt: skip
 

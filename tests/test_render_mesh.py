@@ -11,7 +11,7 @@ import torch
 
 from mipbake.errors import UsageError
 from mipbake.metrics.pairs import LightViewPairs
-from mipbake.render import environment, shapes, texture_space
+from mipbake.render import environment, mesh_render, shapes, texture_space, visible
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
@@ -75,7 +75,7 @@ def test_a_constant_material_on_a_plane_equals_the_closed_form() -> None:
     assert np.abs(frame.image - expected).max() < 2e-5 * expected.max()
 
     again = reference(mesh, camera, LIGHTS, levels[0], "gltf", WRAP, (height, width), "gaussian",
-                      np.random.default_rng(0), [frame])  # fmt: skip
+                      0, [frame])  # fmt: skip
     assert again.interior.all()
     # The filter's mean of a smooth function: off by its curvature over a pixel alone.
     assert np.abs(again.image - expected).max() < 2e-3 * expected.max()
@@ -108,7 +108,7 @@ def test_a_plane_seen_head_on_equals_the_renders_in_texture_space(pixel_filter: 
     expected = texture_space.candidate(chain(level), "gltf", WRAP, uv, lod, pairs)
     assert np.abs(frame.image.reshape(1, -1, 3) - expected).max() < 2e-3 * expected.max()
 
-    got = reference(mesh, camera, light, level, "gltf", WRAP, (size, size), pixel_filter, np.random.default_rng(1),
+    got = reference(mesh, camera, light, level, "gltf", WRAP, (size, size), pixel_filter, 1,
                     [frame], max_passes=2048)  # fmt: skip
     truth = texture_space.reference(
         level, "gltf", WRAP, uv, lod, pixel_filter, pairs, 16384, np.random.default_rng(2)
@@ -149,10 +149,10 @@ def baseline(*arguments: Any) -> Frame:
 def test_the_error_estimate_is_honest_against_a_long_run() -> None:
     arguments = scene()
     frame = baseline(*arguments)
-    long = reference(*arguments, "gaussian", np.random.default_rng(9), [frame], min_passes=4096, max_passes=4096)
+    long = reference(*arguments, "gaussian", 9, [frame], min_passes=4096, max_passes=4096)
     true_error = np.sqrt(np.mean((frame.image - long.image)[long.interior] ** 2))
     for seed in range(3):
-        got = reference(*arguments, "gaussian", np.random.default_rng(seed), [frame], min_passes=64, max_passes=64)
+        got = reference(*arguments, "gaussian", seed, [frame], min_passes=64, max_passes=64)
         both = got.interior & long.interior
         noise = np.sqrt(np.mean((got.image - long.image)[both] ** 2))
         assert 0.6 < got.standard_error / noise < 1.7
@@ -164,35 +164,61 @@ def test_passes_go_on_until_the_target_is_met_or_the_cap() -> None:
     arguments = scene()
     frame = baseline(*arguments)
     heard: list[tuple[int, float]] = []
-    got = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], min_passes=4,
+    got = reference(*arguments, "gaussian", 0, [frame], min_passes=4,
                     progress=lambda passes, ratio: heard.append((passes, ratio)))  # fmt: skip
     assert got.converged and got.standard_error <= 0.1 * got.candidate_error
-    assert heard[0][0] == 4 and heard[-1][0] == got.passes > 4
-    assert heard[-1][1] <= 1 < heard[-2][1]
-    capped = reference(
-        *arguments, "gaussian", np.random.default_rng(0), [frame], target=1e-4, min_passes=4, max_passes=8
-    )
+    passes = [each for each, _ in heard]
+    assert 4 in passes and passes == sorted(passes) and passes[-1] == got.passes > 4
+    assert heard[-1][1] <= 1 < dict(heard)[4]
+    assert got.resumed == 0 and got.cache_note == ""
+    capped = reference(*arguments, "gaussian", 0, [frame], target=1e-4, min_passes=4, max_passes=8)
     assert not capped.converged and capped.passes == 8
-    same = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], min_passes=4)
+    same = reference(*arguments, "gaussian", 0, [frame], min_passes=4)
     assert np.array_equal(got.first, same.first) and np.array_equal(got.second, same.second)
     assert not np.array_equal(got.first, got.second)
     assert not got.interior.all() and got.interior.sum() < frame.coverage.sum()
     with pytest.raises(UsageError, match="a candidate is 40 x 40 pixels"):
-        reference(*arguments[:-1], (20, 40), "gaussian", np.random.default_rng(0), [frame])
+        reference(*arguments[:-1], (20, 40), "gaussian", 0, [frame])
     with pytest.raises(UsageError, match="without candidates"):
-        reference(*arguments, "gaussian", np.random.default_rng(0), [])
+        reference(*arguments, "gaussian", 0, [])
+    with pytest.raises(UsageError, match="the seed of a reference is -1: expected an integer"):
+        reference(*arguments, "gaussian", -1, [frame])
     with pytest.raises(UsageError, match="even numbers"):
-        reference(*arguments, "gaussian", np.random.default_rng(0), [frame], max_passes=7)
+        reference(*arguments, "gaussian", 0, [frame], max_passes=7)
+
+
+def test_progress_is_heard_between_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = scene()
+    frame = baseline(*arguments)
+    monkeypatch.setattr(mesh_render, "_HEARD_EVERY", 0.0)
+    heard: list[tuple[int, float]] = []
+    got = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=8,
+                    progress=lambda passes, ratio: heard.append((passes, ratio)))  # fmt: skip
+    first, rest = heard[:8], heard[8:]
+    assert first == [(passes, np.inf) for passes in range(1, 9)]
+    assert rest[0][0] == 8 and np.isfinite(rest[0][1])
+    assert rest[1] == (9, pytest.approx(rest[0][1] * np.sqrt(8 / 9)))
+    assert rest[-1][0] == got.passes and rest[-1][1] <= 1
+
+
+def test_an_image_in_bands_of_rows_is_the_same_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = scene()
+    frame = baseline(*arguments)
+    whole = reference(*arguments, "gaussian", 0, [frame], min_passes=4, max_passes=4)
+    for band in (1, 130, 799):
+        monkeypatch.setattr(visible, "_BAND", band)
+        parts = reference(*arguments, "gaussian", 0, [frame], min_passes=4, max_passes=4)
+        assert np.array_equal(parts.image, whole.image) and np.array_equal(parts.interior, whole.interior)
 
 
 def test_the_closest_candidate_decides_how_far_passes_go() -> None:
     arguments = scene()
     frame = baseline(*arguments)
-    long = reference(*arguments, "gaussian", np.random.default_rng(9), [frame], min_passes=1024, max_passes=1024)
+    long = reference(*arguments, "gaussian", 9, [frame], min_passes=1024, max_passes=1024)
     close = replace(frame, image=long.image + (frame.image - long.image) / 4)
-    alone = reference(*arguments, "gaussian", np.random.default_rng(0), [frame], target=0.2, min_passes=4)
+    alone = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=4)
     for order in ([frame, close], [close, frame]):
-        got = reference(*arguments, "gaussian", np.random.default_rng(0), order, target=0.2, min_passes=4)
+        got = reference(*arguments, "gaussian", 0, order, target=0.2, min_passes=4)
         assert got.candidate_error == pytest.approx(alone.candidate_error / 4, rel=0.15)
         assert got.converged and got.standard_error <= 0.2 * got.candidate_error and got.passes > alone.passes
 
@@ -223,7 +249,7 @@ def test_nothing_in_view_is_a_black_image() -> None:
     camera = Camera((0, 1, 10), (0, 1, 20))
     frame = candidate(mesh, camera, LIGHTS, constant(), "gltf", WRAP, (8, 8))
     assert not frame.coverage.any() and not frame.image.any()
-    got = reference(mesh, camera, LIGHTS, constant()[0], "gltf", WRAP, (8, 8), "box", np.random.default_rng(0), [frame])
+    got = reference(mesh, camera, LIGHTS, constant()[0], "gltf", WRAP, (8, 8), "box", 0, [frame])
     assert got.converged and not got.image.any() and not got.interior.any()
 
 

@@ -1,30 +1,37 @@
 """Renders of a textured mesh: the once-per-pixel candidate and its supersampled, pixel-filtered reference.
 
 Both see the same primitives under the same lights. At every point the tangent frame is that of glTF 2.0: interpolated
-normal and tangent, made orthonormal there, and the bitangent from the handedness; lights and the viewer are turned into
-it, and the material is shaded in it. There are no shadows and no reflections between surfaces; both sides of a triangle
-are drawn, and a side that faces away is black.
+normal and tangent, made orthonormal there, and the bitangent from the handedness; the material is shaded in it. There
+are no shadows and no reflections between surfaces; both sides of a triangle are drawn, and a side that faces away is
+black.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import raster, sampling, shading
+from mipbake import __version__, sampling, shading
 from mipbake.errors import UsageError
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.prefilter.pixel_filter import PixelFilter, Wrap, filter_named
+from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
+from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
 
-_EVALUATIONS = 1 << 17  # shaded at a time: their directions, radiance and weights take 1.5 MiB each
+_FORMAT = 1  # of cached references; to be raised whenever a pass renders anything else
+
+_HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however long a check is away
+_SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose
 
 _RESOLVED = 1e-4  # of the image's root mean square: a standard error that is as good as none
 
@@ -64,6 +71,8 @@ class Reference:
             closest.
         converged: whether standard_error is within the target, or so small that no measure resolves it (80 dB below
             the image); else the cap on passes came first.
+        resumed: how many of the passes came from the cache.
+        cache_note: why the passes could not be cached, in a sentence, where they were to be; else empty.
     """
 
     first: Array
@@ -73,22 +82,13 @@ class Reference:
     standard_error: float
     candidate_error: float
     converged: bool
+    resumed: int = 0
+    cache_note: str = ""
 
     @property
     def image(self) -> Array:
         """(H, W, 3) float32 linear radiance, the mean of the halves."""
         return np.asarray((self.first + self.second) / 2, np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """What covered pixels see, P of them: `where` (H, W) bool from the bottom, and arrays of P."""
-
-    where: NDArray[np.bool_]
-    uv: NDArray[np.float64]
-    uv_da: NDArray[np.float64]
-    frame: Array  # (P, 3, 3): rows t, b, n in the world
-    view: Array  # (P, 3) in the frame
 
 
 def candidate(
@@ -112,7 +112,7 @@ def candidate(
             anisotropic filtering, as engines offer it). They are of the stored channels, shaded once all the same.
         offset: (columns, rows) of pixels, to the right and upwards, from the centre to the point that is shown.
     """
-    points = _visible(mesh, camera, resolution, offset, derivatives=True)
+    points = Surface(mesh, camera, resolution).seen(offset)
     finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
     texels = sampling.texture(
         finest,
@@ -123,12 +123,19 @@ def candidate(
         boundary_mode=wrap,
     )[0, 0]
     height, width = resolution
-    image = np.zeros((height, width, 3), np.float32)
-    image[points.where] = _lit(points, texels, model, lighting)
-    uv, lod = np.zeros((height, width, 2), np.float32), np.zeros((height, width), np.float32)
-    uv[points.where] = points.uv
-    lod[points.where] = level_of_detail(points.uv_da, finest.shape[1:3]).clip(0, len(levels) - 1)
-    return Frame(image[::-1], points.where[::-1], uv[::-1], lod[::-1])
+
+    def image(values: NDArray[Any], dtype: type) -> NDArray[Any]:
+        whole = np.zeros((height * width, *values.shape[1:]), dtype)
+        whole[points.index] = values
+        return whole.reshape(height, width, *values.shape[1:])[::-1]
+
+    lod = level_of_detail(points.uv_da, finest.shape[1:3]).clip(0, len(levels) - 1)
+    return Frame(
+        image(_lit(points, texels, model, lighting), np.float32),
+        image(np.ones(len(texels)), np.bool_),
+        image(points.uv, np.float32),
+        image(lod, np.float32),
+    )
 
 
 def reference(
@@ -140,12 +147,13 @@ def reference(
     wrap: Wrap,
     resolution: tuple[int, int],
     pixel_filter: str,
-    rng: np.random.Generator,
+    seed: int,
     candidates: Sequence[Frame],
     target: float = 0.1,
     min_passes: int = 32,
     max_passes: int = 4096,
     progress: Callable[[int, float], None] = lambda _passes, _ratio: None,
+    cache: Path | None = None,
 ) -> Reference:
     """Supersampled render: the pixel filter's mean of level 0, interpolated bilinearly and shaded at each sample.
 
@@ -154,15 +162,23 @@ def reference(
     the mean, estimated from the halves' difference, is at most `target` of the smallest error among the candidates, or
     10^-4 of the image's root mean square.
 
+    The result depends on the arguments, and on the passes that a cache already holds: no candidate has a say in what a
+    pass renders, so a reference of a number of passes is the same bits however often it was stopped and resumed.
+
     Args:
         stored: (H, W, C) stored channels of level 0 of the source.
+        seed: of the samples, not negative.
         candidates: the renders whose errors this is to resolve, at least one, all of the same view.
         target: standard error over the smallest of their errors, root mean squares over the interior.
         min_passes, max_passes: passes of both halves together, even numbers from 4 on.
-        progress: called after every check with the passes so far and the standard error over the one wanted.
+        progress: called with the passes so far and the standard error over the one wanted, after every check, and four
+            times a second in between (as far as half a pass takes no longer). There the ratio is extrapolated from the
+            last check with the root of the number of passes, and infinite before the first.
+        cache: folder to keep passes in, by content (`mipbake.render.cache`); None keeps none. Passes found there count,
+            also beyond max_passes, and what is rendered more is saved.
 
     Raises:
-        UsageError: no candidate or one of another resolution, or numbers of passes that are no such.
+        UsageError: no candidate or one of another resolution, or numbers of passes or a seed that are no such.
     """
     height, width = resolution
     if not candidates:
@@ -175,35 +191,41 @@ def reference(
             )
     if min_passes % 2 or max_passes % 2 or not 4 <= min_passes <= max_passes:
         raise UsageError(f"passes run from {min_passes} to {max_passes}: expected even numbers from 4 on, in order")
-    kernel = filter_named(pixel_filter)
-    level = np.asarray(stored, np.float32)[None]
-    shifts = rng.random((2, 2))
-    sums, weights = np.zeros((2, height, width, 3)), np.zeros(2)
-    seen = np.zeros((height, width), np.int64)
-    done, until = 0, min_passes // 2
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise UsageError(f"the seed of a reference is {seed!r}: expected an integer that is not negative")
+
+    level = np.ascontiguousarray(stored, np.float32)
+    key = ""
+    if cache is not None:
+        key = _key(mesh, camera, lighting, level, model, wrap, resolution, pixel_filter, seed)
+    state = _State.restored(caches.load(cache, key) if cache is not None else None, resolution, seed)
+    resumed, note = state.done, ""
+    render = _Pass(Surface(mesh, camera, resolution), lighting, level[None], model, wrap, filter_named(pixel_filter))
+    images = [each.image for each in candidates]
+    heard = saved = time.monotonic()
+    ratio, checked, until = np.inf, 1, max(state.done, min_passes // 2)
     while True:
-        for index in range(done, until):
-            for half, shift in enumerate(shifts):
-                offset, sign = kernel.offsets((shift + index * _RECURRENCE) % 1.0)
-                points = _visible(mesh, camera, resolution, (float(offset[0]), float(offset[1])), derivatives=False)
-                texels = sampling.texture(level, points.uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
-                weight = float(sign.prod())
-                sums[half][points.where] += weight * _lit(points, texels, model, lighting).astype(np.float64)
-                weights[half] += weight
-                seen += points.where
-        done = until
-        # Signed filters' weights sum to their count on average only. Dividing by their sum keeps a constant constant,
-        # and is biased by the square of the sequence's error.
-        first, second = (sums / weights[:, None, None, None])[:, ::-1].astype(np.float32)
-        interior = seen[::-1] == 2 * done
-        noise, error, signal = _errors(first, second, [each.image for each in candidates], interior)
+        while state.done < until:
+            for half in range(2):
+                render.add(state, half)
+                if time.monotonic() - heard >= _HEARD_EVERY:
+                    passes = 2 * state.done + half + 1
+                    progress(passes, float(ratio * np.sqrt(2 * checked / passes)))
+                    heard = time.monotonic()
+            state.done += 1
+        first, second, interior = state.result()
+        noise, error, signal = _errors(first, second, images, interior)
         wanted = max(target * error, _RESOLVED * signal)
         converged = noise <= wanted
-        progress(2 * done, noise / wanted if wanted > 0 else 0.0)
-        if converged or 2 * done >= max_passes:
-            return Reference(first, second, interior, 2 * done, noise, error, converged)
+        ratio, checked, heard = noise / wanted if wanted > 0 else 0.0, state.done, time.monotonic()
+        finished = converged or 2 * state.done >= max_passes
+        if cache is not None and state.done > resumed and (finished or heard - saved >= _SAVED_EVERY):
+            note, saved = caches.save(cache, key, state.arrays()), time.monotonic()
+        progress(2 * state.done, ratio)
+        if finished:
+            return Reference(first, second, interior, 2 * state.done, noise, error, converged, 2 * resumed, note)
         # The error falls at least with the root of the number of passes; what seems needed, but no more than double.
-        needed = int(np.ceil(done * min(2.0, max(1.1, (noise / wanted) ** 2))))
+        needed = int(np.ceil(state.done * min(2.0, max(1.1, ratio**2))))
         until = min(needed, max_passes // 2)
 
 
@@ -232,51 +254,115 @@ def _errors(
     return float(np.sqrt(noise)), float(np.sqrt(max(error, 0.0))), float(np.sqrt(np.mean(((a + b) / 2) ** 2)))
 
 
-def _visible(
-    mesh: Mesh, camera: Camera, resolution: tuple[int, int], offset: tuple[float, float], derivatives: bool
-) -> _Points:
-    clip: Any = camera.to_clip(mesh.positions, resolution, offset)[None]
-    triangles: Any = mesh.triangles
-    rast, rast_db = raster.rasterize(None, clip, triangles, resolution)
-    where = rast[0, ..., 3] > 0
-    attributes: Any = np.concatenate([mesh.normals, mesh.tangents, mesh.positions, mesh.uv], -1)
-    if derivatives:
-        image, image_da = raster.interpolate(attributes, rast, triangles, rast_db, diff_attrs=[10, 11])
-    else:
-        image, image_da = raster.interpolate(attributes, rast, triangles)
-    values = image[0][where]
-    n = _unit(values[:, 0:3])
-    t = _unit(values[:, 3:6] - (values[:, 3:6] * n).sum(-1, keepdims=True) * n)
-    b = np.cross(n, t) * np.sign(values[:, 6:7])
-    frame = np.stack([t, b, n], 1)
-    to_eye = _unit(np.asarray(camera.position) - values[:, 7:10])
-    view = np.einsum("pij,pj->pi", frame, to_eye)
-    return _Points(where, values[:, 10:12], image_da[0][where], frame.astype(np.float32), view.astype(np.float32))
+@dataclass(eq=False)
+class _State:
+    """How far a reference is; rows from the bottom, and pairs for the two halves.
+
+    Args:
+        sums: (2, H W, 3) float64 weighted radiance.
+        weights: (2,) float64, theirs.
+        seen: (H W,) int32, how many samples of both halves saw the mesh.
+        shifts: (2, 2) float64 of the sequences of offsets.
+        done: passes of each half.
+    """
+
+    sums: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    seen: NDArray[np.int32]
+    shifts: NDArray[np.float64]
+    done: int
+    resolution: tuple[int, int]
+
+    @staticmethod
+    def restored(arrays: dict[str, NDArray[Any]] | None, resolution: tuple[int, int], seed: int) -> _State:
+        """What `arrays` hold if they are a state of this kind; else that before the first pass."""
+        pixels = resolution[0] * resolution[1]
+        start = _State(
+            np.zeros((2, pixels, 3)), np.zeros(2), np.zeros(pixels, np.int32),
+            np.random.default_rng(seed).random((2, 2)), 0, resolution,
+        )  # fmt: skip
+        if arrays is None:
+            return start
+        for name, fresh in start.arrays().items():
+            if name not in arrays or arrays[name].shape != fresh.shape or arrays[name].dtype != fresh.dtype:
+                return start
+        done = int(arrays["done"])
+        whole = all(np.isfinite(arrays[name]).all() for name in ("sums", "weights"))
+        if not whole or done < 2 or not np.array_equal(arrays["shifts"], start.shifts):
+            return start
+        return _State(arrays["sums"], arrays["weights"], arrays["seen"], start.shifts, done, resolution)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        return {
+            "sums": self.sums,
+            "weights": self.weights,
+            "seen": self.seen,
+            "shifts": self.shifts,
+            "done": np.array(self.done, np.int64),
+        }
+
+    def result(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """The halves, and the interior; rows from the top."""
+        # Signed filters' weights sum to their count on average only. Dividing by their sum keeps a constant constant,
+        # and is biased by the square of the sequence's error.
+        halves = (self.sums / self.weights[:, None, None]).astype(np.float32).reshape(2, *self.resolution, 3)
+        interior = (self.seen == 2 * self.done).reshape(self.resolution)
+        return halves[0, ::-1], halves[1, ::-1], interior[::-1]
 
 
-def _lit(points: _Points, texels: Array, model: str, lighting: Lighting) -> Array:
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    """What every pass renders, but for its offset."""
+
+    surface: Surface
+    lighting: Lighting
+    level: Array  # (1, H, W, C)
+    model: str
+    wrap: Wrap
+    kernel: PixelFilter
+
+    def add(self, state: _State, half: int) -> None:
+        """Adds the next pass of a half to its sums."""
+        offset, sign = self.kernel.offsets((state.shifts[half] + state.done * _RECURRENCE) % 1.0)
+        weight = float(sign.prod())
+        for points in self.surface.bands((float(offset[0]), float(offset[1]))):
+            texels = sampling.texture(self.level, points.uv[None, None], filter_mode="linear", boundary_mode=self.wrap)[
+                0, 0
+            ]
+            lit = _lit(points, texels, self.model, self.lighting)
+            state.sums[half, points.index] += weight * lit.astype(np.float64)
+            state.seen[points.index] += 1
+        state.weights[half] += weight
+
+
+def _lit(points: Points, texels: Array, model: str, lighting: Lighting) -> Array:
     """(P, 3) float32 radiance towards the camera, of all lights together."""
-    x, y, z = lighting.direction.astype(np.float32).T[..., None]
-    out = np.empty((len(texels), 3), np.float32)
-    step = min(max(64, _EVALUATIONS // len(lighting.direction)), max(len(texels), 1))
-    radiance = np.tile(lighting.radiance.astype(np.float32), step)
-    # Plain sums, no matrix products: a BLAS library's threads would wait on those of shading, and these on them.
-    light, part = np.empty_like(radiance), np.empty_like(radiance)
-    for start in range(0, len(texels), step):
-        some = slice(start, start + step)
-        each = points.frame[some].reshape(-1, 3).T
-        used = slice(0, each.shape[1])
-        np.multiply(x, each[0], out=light[:, used])
-        light[:, used] += np.multiply(y, each[1], out=part[:, used])
-        light[:, used] += np.multiply(z, each[2], out=part[:, used])
-        directions = light[:, used].reshape(1, len(light), -1, 3)
-        f = shading.shade(model, texels[some], directions, np.broadcast_to(points.view[some], directions.shape))
-        lit = f.reshape(len(light), -1)
-        lit *= radiance[:, used]
-        out[some] = lit.sum(0).reshape(-1, 3)
-    return out
+    lit: Array = shading.shade_lit(model, texels, points.frame, points.view, lighting.direction, lighting.radiance)
+    return lit
 
 
-def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.asarray(v / np.where(length > 0, length, 1))
+def _key(
+    mesh: Mesh,
+    camera: Camera,
+    lighting: Lighting,
+    level: Array,
+    model: str,
+    wrap: Wrap,
+    resolution: tuple[int, int],
+    pixel_filter: str,
+    seed: int,
+) -> str:
+    """Names by content what the passes of a reference depend on."""
+    return caches.content_key(
+        format=_FORMAT,
+        version=__version__,
+        mesh=(mesh.positions, mesh.normals, mesh.uv, mesh.tangents, mesh.triangles),
+        camera=np.concatenate([np.ravel(np.asarray(field, np.float64)) for field in astuple(camera)]),
+        lighting=(lighting.direction, lighting.radiance),
+        level=level,
+        model=model,
+        wrap=tuple(wrap),
+        resolution=tuple(int(size) for size in resolution),
+        pixel_filter=pixel_filter,
+        seed=int(seed),
+    )
