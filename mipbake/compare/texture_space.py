@@ -1,0 +1,323 @@
+"""Measures in texture space, of many candidates at once: every pixel covers 2^lod texels, lit by single directions.
+
+All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so what
+differs between them is theirs. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
+
+    (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
+
+what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
+those of `mipbake.metrics.snr_sums` and `flicker_sums`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.result import SCALES, Figure
+from mipbake.errors import UsageError
+from mipbake.metrics import (
+    PAIR_SETS,
+    Interval,
+    LightViewPairs,
+    bootstrap,
+    flicker_interval,
+    pair_set,
+    snr_gain_interval,
+    snr_interval,
+    srgb_encode,
+)
+from mipbake.prefilter.pixel_filter import Wrap, level_sizes
+from mipbake.render import candidate as looked_up
+from mipbake.render import random_points, reference
+from mipbake.texture_set import TextureSet
+
+DEFAULT_SEED = 0
+DEFAULT_POINTS = 8192
+DEFAULT_SAMPLES = 64
+
+STEP = 0.25
+"""Levels of detail between points of a curve, and within a scale."""
+
+SHIFTS = ((0.5, 0.0), (0.0, 0.5))
+"""How far pixels move for flicker, in pixels: along u, and along v."""
+
+_CHANGE_SHARE = 0.5  # of the samples of a reference estimate, that an estimate for flicker takes
+_CHANGE_WORK = _CHANGE_SHARE * (1 + len(SHIFTS))  # of all estimates for flicker, beside those for the SNR
+_POINTS_A_PIXEL = 4  # points for flicker where a set has few pixels: samples are worth more, noise drowns the change
+_LEAST_CHANGE_POINTS = 256
+_TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
+
+StageProgress = Callable[[str, float], None]
+"""Told the name of the stage and its finished share, from 0 to 1."""
+
+Where = str | float
+"""A scale, by its name in SCALES, or a level of detail."""
+
+Radiance = NDArray[np.float32]
+"""(K, P, 3) linear radiance of P pixels under K light-view pairs."""
+
+Sums = NDArray[np.float64]
+"""(K, M): what each light-view pair adds to the M sums of a measure."""
+
+
+@dataclass(frozen=True, eq=False)
+class TextureSpace:
+    """What was measured in texture space.
+
+    Args:
+        curve: the SNR by level of detail; `scale` is empty.
+        figures: SNR, tonemapped error, flicker and SNR of the change at every scale. A scale of several levels of
+            detail pools their sums.
+        lods: levels of detail of the curve.
+        notes: what a reader must know, in sentences.
+        sums: method, view and place to the sums of the SNR.
+    """
+
+    curve: tuple[Figure, ...]
+    figures: tuple[Figure, ...]
+    lods: tuple[float, ...]
+    notes: tuple[str, ...]
+    sums: Mapping[tuple[str, str, Where], Sums]
+
+    def gain(self, method: str, other: str, view: str, where: Where) -> Interval:
+        """How many dB of SNR a method is above another at a scale or level of detail, with the interval over pairs.
+
+        Both are resampled together, so the interval says whether their order would stay with other pairs. KeyError
+        where one was not measured.
+        """
+        return snr_gain_interval(self.sums[method, view, where], self.sums[other, view, where])
+
+
+def last_lod(texture_set: TextureSet) -> float:
+    """The last level of a stack of the set."""
+    return float(len(level_sizes(texture_set.height, texture_set.width)) - 1)
+
+
+def curve_lods(texture_set: TextureSet) -> tuple[float, ...]:
+    """Levels of detail of a curve: from 0 to the far scale, or to the last level, in steps of STEP."""
+    return _steps(0.0, min(SCALES["far"][1], last_lod(texture_set)))
+
+
+def scale_lods(texture_set: TextureSet, scale: str) -> tuple[float, ...]:
+    """Levels of detail that a scale is measured at: its own, or the last level where the set has no more."""
+    low, high = (min(lod, last_lod(texture_set)) for lod in SCALES[scale])
+    return _steps(low, high)
+
+
+def measure(
+    texture_set: TextureSet,
+    candidates: Sequence[Candidate],
+    pixel_filter: str,
+    lods: Sequence[float] | None = None,
+    scales: Sequence[str] = tuple(SCALES),
+    seed: int = DEFAULT_SEED,
+    points: int = DEFAULT_POINTS,
+    samples: int = DEFAULT_SAMPLES,
+    progress: StageProgress = lambda _stage, _share: None,
+    stage: str = "texture space",
+) -> TextureSpace:
+    """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.
+
+    The reference renders level 0 of the source, every stored channel interpolated bilinearly; candidates look their
+    stack up once, trilinearly. It is estimated twice, independently, so that its noise biases neither the SNR nor
+    flicker. The tonemapped error takes the mean of both estimates, and counts its noise as error.
+
+    For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
+    that noise is no change in one estimate that the other one knows of. Where the set has few pixels at a level of
+    detail, fewer points take more samples each: the reference hardly changes there, and its noise must be less.
+
+    Args:
+        texture_set: the source.
+        candidates: stacks of it, with distinct names.
+        pixel_filter: of the reference.
+        lods: levels of detail of the curve; None for `curve_lods`. Those beyond the last level are measured there,
+            once.
+        scales: names in SCALES; none for the curve alone.
+        seed: fixes points, light-view pairs and samples.
+        points: random pixels per level of detail; fewer carry the tonemapped error and flicker.
+        samples: of the reference per pixel, in each estimate.
+        progress, stage: told the name of the stage and the finished share.
+
+    Raises:
+        UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
+    """
+    asked = curve_lods(texture_set) if lods is None else tuple(float(lod) for lod in lods)
+    if not asked or not all(0 <= lod < float("inf") for lod in asked):
+        raise UsageError(f"lods must be one or more numbers from 0 up, got {list(asked)}")
+    if points < 1 or samples < 1:
+        raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
+    last = last_lod(texture_set)
+    curve = tuple(dict.fromkeys(min(lod, last) for lod in asked))
+    notes = () if curve == asked else (f"lods beyond the last level were measured there, at lod {last:g}.",)
+    at_scale = {scale: scale_lods(texture_set, scale) for scale in scales}
+    shifted = {lod for each in at_scale.values() for lod in each}
+    every = tuple(dict.fromkeys((*curve, *sorted(shifted))))
+
+    source = texture_set.source_model
+    pairs, parts = _all_pairs(seed)
+    scene = _Scene(texture_set.material(source), source, texture_set.wrap, pixel_filter, pairs)
+    sums: _Collected = {}
+    work, done = len(every) + _CHANGE_WORK * len(shifted), 0.0
+    for index, lod in enumerate(every):
+        _at_rest(scene, candidates, lod, lod in shifted, points, samples, np.random.default_rng([seed, index]), sums)
+        done += 1
+        progress(stage, done / work)
+        if lod in shifted:
+            _in_motion(scene, candidates, lod, points, samples, np.random.default_rng([seed, index, 1]), sums)
+            done += _CHANGE_WORK
+            progress(stage, done / work)
+    named = [(each.name, view, part) for each in candidates for view, part in parts.items()]
+    pooled = {
+        (measure, name, view, scale): np.sum([sums[measure, name, lod][part] for lod in at], 0)
+        for name, view, part in named
+        for measure in _MEASURES
+        for scale, at in at_scale.items()
+    }
+    snr: dict[tuple[str, str, Where], Sums] = {
+        (name, view, lod): sums["snr", name, lod][part] for name, view, part in named for lod in every
+    }
+    snr |= {(name, view, scale): rows for (measure, name, view, scale), rows in pooled.items() if measure == "snr"}
+    middle = {scale: (at[0] + at[-1]) / 2 for scale, at in at_scale.items()}
+    return TextureSpace(
+        curve=tuple(
+            _figure("snr", name, view, "", lod, snr[name, view, lod]) for name, view, _ in named for lod in curve
+        ),
+        figures=tuple(_figure(*key, middle[key[-1]], rows) for key, rows in pooled.items()),
+        lods=curve,
+        notes=notes,
+        sums=snr,
+    )
+
+
+_Collected = dict[tuple[str, str, float], Sums]
+"""Measure, method and level of detail to what all pairs of all sets add."""
+
+_MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
+    "snr": snr_interval,
+    "tonemapped": lambda sums: bootstrap(lambda total: total[..., 0] / total[..., 1], sums),
+    "flicker": flicker_interval,
+    "flicker-snr": snr_interval,
+}
+"""Figures from the sums of each measure, by its name in `mipbake.metrics.MEASURES`."""
+
+
+def _figure(measure: str, method: str, view: str, scale: str, lod: float, sums: Sums) -> Figure:
+    interval = _MEASURES[measure](sums)
+    return Figure(method, measure, view, scale, lod, interval.estimate, interval.low, interval.high)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """The source under its pixel filter, and all light-view pairs."""
+
+    stored: NDArray[np.float32]
+    model: str
+    wrap: Wrap
+    pixel_filter: str
+    pairs: LightViewPairs
+
+    def estimate(self, uv: NDArray[np.float64], lod: float, samples: int, rng: np.random.Generator) -> Radiance:
+        return reference(self.stored, self.model, self.wrap, uv, lod, self.pixel_filter, self.pairs, samples, rng)
+
+    def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
+        return looked_up(each.levels, each.method.model, self.wrap, uv, lod, self.pairs)
+
+
+class _Target:
+    """What a candidate is compared with: the mean of two independent estimates, (K, P, 3), and what they say of it."""
+
+    def __init__(self, first: Radiance, second: Radiance) -> None:
+        self.mean = (first + second) / 2
+        self.noise = _squares(first - second) / 2
+        self.signal = _squares(self.mean) - self.noise / 2
+
+    def snr_sums(self, shown: Radiance) -> Sums:
+        """(K, 3) as mipbake.metrics.snr_sums has them."""
+        return np.stack([self.signal, _squares(shown - self.mean) - self.noise / 2, self.noise], -1)
+
+    def flicker_sums(self, shown: Radiance) -> Sums:
+        """(K, 3) as mipbake.metrics.flicker_sums has them, where both this and what is shown are changes."""
+        return np.stack([_squares(shown), self.signal, self.noise], -1)
+
+
+def _squares(radiance: Radiance) -> NDArray[np.float64]:
+    """(K,) sums of squares; in float32 along a row, which is exact to 1e-5."""
+    rows = radiance.reshape(len(radiance), 1, -1)
+    return (rows @ rows.swapaxes(1, 2))[:, 0, 0].astype(np.float64)
+
+
+def _at_rest(
+    scene: _Scene,
+    candidates: Sequence[Candidate],
+    lod: float,
+    tones: bool,
+    points: int,
+    samples: int,
+    rng: np.random.Generator,
+    sums: _Collected,
+) -> None:
+    """The SNR at a level of detail, and the tonemapped error where it is wanted."""
+    uv = random_points(rng, points)
+    target = _Target(*(scene.estimate(uv, lod, samples, rng) for _ in range(2)))
+    toned = _displayed(target.mean[:, :_TONE_POINTS]) if tones else None
+    for each in candidates:
+        shown = scene.shown(each, uv, lod)
+        sums["snr", each.name, lod] = target.snr_sums(shown)
+        if toned is not None:
+            apart = np.abs(_displayed(shown[:, :_TONE_POINTS]) - toned).sum((1, 2))
+            sums["tonemapped", each.name, lod] = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
+
+
+def _in_motion(
+    scene: _Scene,
+    candidates: Sequence[Candidate],
+    lod: float,
+    points: int,
+    samples: int,
+    rng: np.random.Generator,
+    sums: _Collected,
+) -> None:
+    """Flicker and the SNR of the change at a level of detail, both shifts together."""
+    height, width = scene.stored.shape[:2]
+    pixels = height * width / 4**lod
+    budget = max(1, round(_CHANGE_SHARE * points * samples))
+    count = min(max(1, points // 2), max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
+    uv = random_points(rng, count)
+    places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
+    each_samples = max(1, budget // count)
+    first, second = ([scene.estimate(place, lod, each_samples, rng) for place in places] for _ in range(2))
+    targets = [_Target(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
+    del first, second
+    for each in candidates:
+        start, *ends = (scene.shown(each, place, lod) for place in places)
+        changes = [end - start for end in ends]
+        pairs = list(zip(targets, changes, strict=True))
+        sums["flicker", each.name, lod] = np.sum([target.flicker_sums(change) for target, change in pairs], 0)
+        sums["flicker-snr", each.name, lod] = np.sum([target.snr_sums(change) for target, change in pairs], 0)
+
+
+def _displayed(radiance: Radiance) -> NDArray[np.float64]:
+    """Of the tonemapped error: x / (1 + x), sRGB-encoded. A filter's negative lobes may undershoot 0."""
+    lit = np.maximum(radiance, 0)
+    return srgb_encode(lit / (1 + lit))
+
+
+def _all_pairs(seed: int) -> tuple[LightViewPairs, Mapping[str, slice]]:
+    """The pairs of all sets one after the other, and where those of each set are."""
+    sets = {name: pair_set(name, seed) for name in PAIR_SETS}
+    ends = np.cumsum([len(pairs.light) for pairs in sets.values()])
+    every = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets.values()]) for a in ("light", "view")))
+    return every, {
+        name: slice(int(end) - len(pairs.light), int(end))
+        for (name, pairs), end in zip(sets.items(), ends, strict=True)
+    }
+
+
+def _steps(low: float, high: float) -> tuple[float, ...]:
+    """From low to high, both included, in steps of STEP."""
+    return tuple(dict.fromkeys((*(float(lod) for lod in np.arange(low, high, STEP)), high)))
