@@ -1,0 +1,63 @@
+"""HTML that is escaped by construction: text becomes markup in one place only."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from typing import TypeAlias
+
+DASH, MINUS, TIMES, SPACE = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{NO-BREAK SPACE}"
+"""Signs of print: of what is missing, of negative numbers, of sizes, and the space that no line ends at."""
+
+_VOID = {"img", "input", "br", "col"}
+_EMPTY = {"path", "line", "rect", "circle", "polygon"}  # of SVG, which closes them itself
+
+
+class Html(str):
+    """Markup. Every other string is text, which `element` and `joined` escape."""
+
+    __slots__ = ()
+
+
+Content: TypeAlias = "str | int | float | Iterable[Content] | None"
+"""What goes into an element: markup, text, nothing, or several of them."""
+
+Attribute: TypeAlias = str | int | float | bool | None
+
+
+def element(tag: str, *children: Content, **attributes: Attribute) -> Html:
+    """An element of HTML or SVG.
+
+    Args:
+        tag: its name.
+        children: what it holds, text escaped.
+        attributes: a final underscore is dropped and others become hyphens (`class_`, `aria_label`). None and False
+            leave an attribute out, True gives one without a value.
+    """
+    parts = [tag]
+    for key, value in attributes.items():
+        if value is None or value is False:
+            continue
+        name = key.rstrip("_").replace("_", "-")
+        parts.append(name if value is True else f'{name}="{html.escape(str(value))}"')
+    start = " ".join(parts)
+    if tag in _VOID or tag in _EMPTY:
+        return Html(f"<{start}>" if tag in _VOID else f"<{start}/>")
+    return Html(f"<{start}>{joined(children)}</{tag}>")
+
+
+def joined(content: Content, between: str = "") -> Html:
+    """All parts as markup, one after the other, with text between them."""
+    if content is None:
+        return Html("")
+    if isinstance(content, Html):
+        return content
+    if isinstance(content, str | int | float):
+        return Html(html.escape(str(content)))
+    return Html(html.escape(between).join(joined(part) for part in content))
+
+
+def listed(words: Iterable[str], last: str = "and") -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    names = list(words)
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}" if names else ""

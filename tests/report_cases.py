@@ -1,0 +1,156 @@
+"""A made-up comparison for the tests of the report: plausible figures and pictures, made quickly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.compare.result import SCALES, Comparison, Figure, Method, Plot, Rendered, Scene
+from mipbake.report.viewer import Source
+from mipbake.stack import MipStack
+
+from .viewer_scenes import material, stack_of
+
+NAMES = ("neural", "linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)", "unreal (gaussian)", "optimum")
+
+# SNR in dB near the mirror and over the hemisphere: of level 0, and how it changes by level.
+QUALITY = {
+    "neural": (15.0, 22.0, -0.3),
+    "linear (box)": (11.4, 19.0, -0.4),
+    "linear (gaussian)": (13.3, 21.5, -0.6),
+    "lean (box)": (11.4, 19.2, -0.3),
+    "lean (gaussian)": (14.3, 22.1, -0.8),
+    "unreal (gaussian)": (14.6, 23.5, -0.8),
+    "optimum": (17.0, 25.0, -0.1),
+}
+MEASURED = {"tonemapped": 0.02, "flip": 0.12, "hdr-flip": 0.3, "delta-e-itp": 12.0, "ssim": 0.9}
+
+
+def method(name: str) -> Method:
+    kind, _, kernel = name.partition(" ")
+    return Method(name, kind, kernel.strip("()") or "gaussian", "gltf", 2.5)
+
+
+def snr(name: str, view: str, lod: float) -> float:
+    near, hemisphere, change = QUALITY.get(name, (12.0, 20.0, -0.5))
+    return (near if view == "near-mirror" else hemisphere) + change * lod + 0.6 * math.sin(1.7 * lod)
+
+
+def texture_figures(name: str, seed: int = 0) -> list[Figure]:
+    found = []
+    for view in ("near-mirror", "hemisphere"):
+        for scale, (first, last) in SCALES.items():
+            lod = (first + last) / 2
+            value = snr(name, view, lod)
+            found.append(Figure(name, "snr", view, scale, lod, value, value - 0.4, value + 0.5))
+            found.append(Figure(name, "flicker", view, scale, lod, 1.4 - value / 40, math.nan, math.nan))
+    return found
+
+
+def curve(name: str) -> list[Figure]:
+    spread = {"near-mirror": 2.0, "hemisphere": 0.5}
+    return [
+        Figure(
+            name, "snr", view, "", lod, snr(name, view, lod), snr(name, view, lod) - s, snr(name, view, lod) + 1.5 * s
+        )
+        for view, s in spread.items()
+        for lod in np.arange(0, 7.01, 0.25)
+    ]
+
+
+def picture(height: int, width: int, seed: int, blur: float) -> np.ndarray:
+    """(H, W, 3) a lit ball of noisy texture."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[1 : -1 : height * 1j, -width / height : width / height : width * 1j]
+    z2 = 1 - x * x - y * y
+    z = np.sqrt(np.maximum(z2, 0))
+    noise = rng.standard_normal((height, width, 1)) + 0.05 * rng.standard_normal((height, width, 3))
+    for axis in (0, 1):
+        noise = (noise + blur * np.roll(noise, 1, axis)) / math.hypot(1, blur)
+    light = np.maximum(0.5 * x + 0.6 * y + 0.62 * z, 0)
+    lit = np.clip(0.5 + 0.25 * noise, 0.02, None) * light[..., None] + 2.5 * light[..., None] ** 40
+    back = 0.4 + 0.3 * (y[..., None] + 1) / 2 * np.array([0.8, 0.9, 1.0])
+    return np.where((z2 > 0)[..., None], lit, back).astype(np.float32)
+
+
+def rendered(name: str, title: str, view: str, scale: str, names: Any, size: tuple[int, int], lod: float) -> Rendered:
+    reference = picture(*size, 7, 1.0)
+    images, flips = {}, {}
+    for index, each in enumerate(names):
+        share = 0.08 * (index + 1)
+        images[each] = ((1 - share) * reference + share * picture(*size, index, 0.2)).astype(np.float32)
+        flips[each] = np.clip(np.abs(images[each] - reference).mean(-1) * 2, 0, 1)
+    scene = Scene(name, title, view, scale, lod, size, "studio", 96, 0.002, 0.04, True)
+    return Rendered(scene, reference, images, np.ones(size, bool), flips)
+
+
+def made_up(names: tuple[str, ...] = NAMES, size: int = 48, **changes: Any) -> Comparison:
+    """A comparison of the named methods, the first one its subject; pictures of `size` pixels."""
+    spheres = [
+        rendered(f"sphere-{scale}", f"Sphere, {scale}", "sphere", scale, names, (size, size), sum(lods) / 2)
+        for scale, lods in SCALES.items()
+    ]
+    plane = rendered(
+        "plane", "A plane that recedes from 1:1 to the last level", "plane", "", names, (size, 2 * size), 2.3
+    )
+    figures = [figure for name in names for figure in texture_figures(name)]
+    for index, name in enumerate(names):
+        for view, scales in (("sphere", tuple(SCALES)), ("plane", ("",))):
+            for scale in scales:
+                for measure, size_of in MEASURED.items():
+                    value = size_of * (1 + 0.1 * index) if measure != "ssim" else size_of - 0.02 * index
+                    figures.append(Figure(name, measure, view, scale, 1.0, value, math.nan, math.nan))
+    images = {name: each for name, each in spheres[0].images.items()}
+    plots = tuple(
+        Plot(key, title, f"{title} of this material.", spheres[0].reference, images)
+        for key, title in (
+            ("temporal-slice", "Temporal slice"),
+            ("half-pixel-shift", "Change under a half-pixel shift"),
+            ("apparent-brdf", "Apparent BRDF"),
+        )
+    )
+    made = Comparison(
+        name="bricks",
+        subject=names[0],
+        model="gltf",
+        pixel_filter="gaussian",
+        methods=tuple(method(name) for name in names),
+        curve=tuple(point for name in names for point in curve(name)),
+        figures=tuple(figures),
+        rendered=(*spheres, plane),
+        plots=plots,
+        source={
+            "name": "bricks",
+            "width": 1024,
+            "height": 1024,
+            "maps": {
+                "base_color": {
+                    "role": "base_color", "path": Path("in/bricks_Color.png"), "channels": "RGB", "width": 1024,
+                    "height": 1024, "depth": "uint8", "encoding": "sRGB", "inverted": False,
+                    "reason": "named Color", "constant": None,
+                },
+                "metallic": {"role": "metallic", "path": None, "reason": "no file: not a metal", "constant": (0.0,)},
+            },
+            "normal_convention": {"name": "opengl", "decided_by": "pixels", "confidence": 0.97},
+            "notes": ["the set has no metallic map: it is taken for no metal."],
+            "warnings": ["two files could be the base colour."],
+            "ignored": [{"path": Path("in/preview.png"), "reason": "a preview"}],
+        },
+        notes=("the last level of this set is 6: far is measured there.",),
+        settings={"seed": 0, "points": 8192, "samples": 64, "resolution": (48, 48), "kept": False},
+        seconds={"bake": 12.3, "texture space": 30.0, "render": 61.5},
+    )  # fmt: skip
+    return replace(made, **changes)
+
+
+def made_up_stacks(comparison: Comparison, size: tuple[int, int] = (32, 64)) -> tuple[dict[str, MipStack], Source]:
+    level = material("gltf", *size)
+    stacks = {
+        each.name: stack_of((level * (1 - 0.02 * i)).astype(np.float32), "gltf")
+        for i, each in enumerate(comparison.methods)
+    }
+    return stacks, Source(level, "gltf")
