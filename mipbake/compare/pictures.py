@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from mipbake.prefilter.pixel_filter import Wrap
 from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Frame, Reference
 
-MAX_PASSES = 512
+MAX_PASSES = 768
 """Samples a pixel of a reference, at most, by default."""
 
 SHIFT = (0.5, 0.0)
@@ -77,6 +78,7 @@ def render_view(
     progress: Progress = lambda _what, _share: None,
     anisotropic: bool = False,
     flicker: bool | None = None,
+    cache: Path | None = None,
 ) -> RenderedView:
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
 
@@ -93,22 +95,27 @@ def render_view(
         progress: told the stage and its finished share.
         anisotropic: look stacks up 16x anisotropically.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
+        cache: folder where references are kept for the next time; None for nowhere.
 
     Returns:
         No figures but nan where no pixel lies wholly on the mesh.
     """
 
+    told = 0.0
+
     def tell(share: float) -> None:
-        progress(view.name, share)
+        nonlocal told
+        told = max(told, share)  # a reference may turn out to need more passes than it seemed to
+        progress(view.name, told)
 
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # of the time, by a reference
     still = _render(view, (0.0, 0.0), stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
-                    lambda share: tell(part * share))  # fmt: skip
+                    cache, lambda share: tell(part * share))  # fmt: skip
     moved = None
     if moving:
         moved = _render(view, SHIFT, stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
-                        lambda share: tell(part * (1 + share)))  # fmt: skip
+                        cache, lambda share: tell(part * (1 + share)))  # fmt: skip
     covered = still.frames[candidates[0].method.name]
     reference = still.reference
     scene = Scene(
@@ -158,6 +165,7 @@ def _render(
     seed: int,
     max_passes: int,
     anisotropic: bool,
+    cache: Path | None,
     tell: Callable[[float], None],
 ) -> _Renders:
     camera = shifted(view.camera, shift) if any(shift) else view.camera
@@ -180,10 +188,11 @@ def _render(
         wrap,
         view.resolution,
         pixel_filter,
-        np.random.default_rng(seed),
+        seed,
         list(frames.values()),
         max_passes=max_passes,
         progress=share,
+        cache=cache,
     )
     return _Renders(frames, reference)
 

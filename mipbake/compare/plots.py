@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.pictures import Change
 from mipbake.compare.result import Figure, Image, Plot
+from mipbake.compare.scenes import exposed
 from mipbake.compare.turning import Turning
 from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.metrics.pairs import cosine_directions
@@ -20,7 +21,7 @@ from mipbake.prefilter.pixel_filter import Wrap
 from mipbake.render import texture_space
 from mipbake.render.environment import Lighting
 
-SLICE_PASSES = 192
+SLICE_PASSES = 384
 """Samples a pixel of a temporal slice's reference, both halves together."""
 
 _BRIGHT = 0.75  # linear value after x / (1 + x) that bright parts of a plot are scaled to
@@ -58,11 +59,12 @@ def temporal_slice(
     Args:
         stored: (H, W, C) stored channels of level 0 of the source, of `model`.
         candidates: of any model, with different names.
+        lighting: taken at the exposure of views.
         frames, height: the picture's width and height in pixels.
         passes: samples a pixel of the reference, an even number from 4 on.
         progress: told the finished share.
     """
-    scene = Turning(lighting, stored.shape[:2], frames, height)
+    scene = Turning(exposed(lighting), stored.shape[:2], frames, height)
     images = {each.method.name: scene.candidate(each.levels, each.method.model, wrap) for each in candidates}
     first, second = scene.reference(stored, model, wrap, pixel_filter, passes, np.random.default_rng(seed), progress)
     by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}

@@ -22,6 +22,10 @@ from mipbake.render.mesh_render import level_of_detail
 SPHERE_RESOLUTION = (256, 256)
 PLANE_RESOLUTION = (256, 448)
 
+EXPOSURE = 2.0
+"""Times the environments' own scale, under which a white matte sphere has radiance 1: pictures of common materials then
+fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
+
 SMALLEST = 16
 """Pixels a side that a view has at least; SSIM's window takes 11."""
 
@@ -81,6 +85,11 @@ class ShiftedCamera(Camera):
         return super().to_clip(points, resolution, (offset[0] + self.shift[0], offset[1] + self.shift[1]))
 
 
+def exposed(lighting: Lighting) -> Lighting:
+    """The lighting at EXPOSURE."""
+    return Lighting(lighting.name, lighting.direction, lighting.radiance * EXPOSURE)
+
+
 def shifted(camera: Camera, shift: tuple[float, float]) -> Camera:
     """The camera with its picture moved by `shift` pixels, columns to the right and rows upwards."""
     c = camera
@@ -98,12 +107,13 @@ def standard_views(
 
     A sphere's texture repeats so often that the median level of detail of the covered pixels is the middle of its
     scale, or `last_level` where that is less. The plane recedes from one texel a pixel at the bottom to the last level
-    at the top, short of the horizon.
+    at the top, short of the horizon. The lighting is that given at EXPOSURE.
 
     Raises:
         UsageError: a resolution below SMALLEST.
     """
-    return (*_spheres(size, lighting, last_level, resolution), _plane(size, lighting, last_level, plane_resolution))
+    lights = exposed(lighting)
+    return (*_spheres(size, lights, last_level, resolution), _plane(size, lights, last_level, plane_resolution))
 
 
 def mesh_views(
@@ -112,7 +122,8 @@ def mesh_views(
     """A mesh as it is, from where it fills the picture, three times as far and eight times as far.
 
     Its texture coordinates are left alone, so the scales `near`, `middle` and `far` are the mesh's, and their median
-    levels of detail for a texture of `size` (height, width) stand in the titles.
+    levels of detail for a texture of `size` (height, width) stand in the titles. The lighting is that given, at
+    EXPOSURE.
 
     Raises:
         InputError: a mesh without extent, or one of which nothing is seen.
@@ -139,7 +150,7 @@ def mesh_views(
                 "can be seen at this resolution"
             )
         title = f"{mesh.name}, {scale}, median lod {lod:.1f}"
-        views.append(View(mesh, camera, lighting, resolution, f"mesh-{scale}", title, "mesh", scale))
+        views.append(View(mesh, camera, exposed(lighting), resolution, f"mesh-{scale}", title, "mesh", scale))
     return tuple(views)
 
 

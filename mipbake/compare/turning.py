@@ -23,8 +23,6 @@ DEGREES = 0.1
 _TOP = 35.0
 _BOTTOM = math.degrees(math.asin(math.sqrt(2) * math.sin(math.radians(_TOP))))
 
-_CHUNK = 1 << 18  # shaded at a time: their radiance takes 3 MiB
-
 # As in mipbake.render.texture_space: Roberts' additive recurrence.
 _PLASTIC = 1.32471795724474602596
 _RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
@@ -52,6 +50,7 @@ class Turning:
         self.angles = np.radians(DEGREES * np.arange(frames))
         """(frames,) radians, from +z towards +x."""
         self._size, self._lighting = size, lighting
+        self._tangent_frames = np.repeat(self._frames().astype(np.float32), height, axis=0)
         self.texel = 1.0
         bottom = self._see((0.0, 0.0))[1].reshape(frames, height, 4)[0, -1:]
         self.texel = float(2 ** level_of_detail(bottom, size)[0])
@@ -103,8 +102,8 @@ class Turning:
             halves.append(np.asarray(total / weights, np.float32).swapaxes(0, 1))
         return halves[0], halves[1]
 
-    def _see(self, offset: tuple[float, float]) -> tuple[Array, Array, Array]:
-        """uv (P, 2), its derivatives (P, 4) per pixel, and view vectors (P, 3) in the tangent frame, P frame by frame.
+    def _see(self, offset: tuple[float, float]) -> tuple[Array, Array, NDArray[np.float32]]:
+        """uv (P, 2), its derivatives (P, 4) per pixel, and views (P, 3) in the world; P frame by frame.
 
         The ray through the point (X, Y) of the picture, in pixels, has the direction d = d_0 + X d_X + Y d_Y, and
         meets the plane y = 0 at o - d o_y / d_y.
@@ -121,36 +120,23 @@ class Turning:
             -origin[1] * (along * d[:, 1:2] - d * along[1]) / d[:, 1:2] ** 2 for along in (pixel * right, pixel * up)
         )
         view = -d / np.linalg.norm(d, axis=-1, keepdims=True)
-        # What turns with the plane, seen from it: (frames, 3, 3) rows t = u, b = -v, n.
         frame = self._frames()
         on_plane = frame[:, None, :2] * [[[[1.0], [-1.0]]]]
         scale = 1 / (self.texel * np.array([self._size[1], self._size[0]]))
         uv, du, dv = ((on_plane @ p[None, :, :, None])[..., 0] * scale for p in (hit, dx, dy))
         uv_da = np.stack([du[..., 0], dv[..., 0], du[..., 1], dv[..., 1]], -1)
-        views = (frame[:, None] @ view[None, :, :, None])[..., 0]
-        return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views.reshape(-1, 3)
+        views = np.tile(view.astype(np.float32), (len(frame), 1))
+        return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views
 
     def _frames(self) -> Array:
+        """(frames, 3, 3): rows t, b and n in the world, of which u grows along t and v along -b."""
         c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))
         t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
         return np.stack([np.stack(each, -1) for each in (t, b, n)], 1)
 
-    def _lit(self, texels: NDArray[np.float32], view: Array, model: str) -> NDArray[np.float32]:
-        """(frames, height, 3) radiance of all lights together; one frame's lights are the same all over the plane."""
-        frames, height = len(self.angles), self.resolution[0]
-        light = np.einsum("fij,kj->fki", self._frames(), self._lighting.direction).astype(np.float32)
-        radiance = self._lighting.radiance.astype(np.float32)[:, None]
-        material = texels.reshape(frames, height, -1)
-        views = view.reshape(frames, 1, height, 3).astype(np.float32)
-        out = np.empty((frames, height, 3), np.float32)
-        step = max(1, _CHUNK // (len(radiance) * height))
-        for start in range(0, frames, step):
-            some = slice(start, start + step)
-            lights = light[some, :, None]
-            shape = (*lights.shape[:2], height, 3)
-            f = shading.shade(
-                model, material[some], np.broadcast_to(lights, shape), np.broadcast_to(views[some], shape)
-            )
-            f *= radiance
-            out[some] = f.sum(1)
-        return out
+    def _lit(self, texels: NDArray[np.float32], view: NDArray[np.float32], model: str) -> NDArray[np.float32]:
+        """(frames, height, 3) radiance of all lights together."""
+        lit = shading.shade_lit(
+            model, texels, self._tangent_frames, view, self._lighting.direction, self._lighting.radiance
+        )
+        return lit.reshape(len(self.angles), self.resolution[0], 3)

@@ -1,0 +1,306 @@
+"""Views of a comparison, their renders and measures, and the paper's figures, on tiny sets and closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake import shading
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.pictures import SHIFT, RenderedView, render_view
+from mipbake.compare.plots import apparent_brdf, half_pixel_shift, temporal_slice
+from mipbake.compare.result import Method
+from mipbake.compare.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
+from mipbake.compare.turning import Turning
+from mipbake.errors import InputError, UsageError
+from mipbake.metrics import MEASURES, srgb_encode
+from mipbake.metrics.images import displayed
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.render import mesh_render, shapes
+from mipbake.render.environment import directional
+from mipbake.render.mesh import Mesh
+
+WRAP = ("wrap", "wrap")
+LIGHTS = directional("two", [[0.3, 0.8, 0.6], [-0.5, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])
+TEXEL = np.array([0.8, 0.4, 0.2, 0.25, 0.7, 0.2, -0.1, 0.97], np.float32)
+
+
+def bumpy(size: int = 64) -> Any:
+    """(size, size, 8): glossy, of one colour, with bumps of a few texels, down to little more than two."""
+    rng = np.random.default_rng(0)
+    y, x = np.meshgrid(*[2 * np.pi * np.arange(size) / size] * 2, indexing="ij")
+    slopes = np.zeros((2, size, size))
+    for _ in range(24):
+        a, b = rng.integers(-size * 2 // 5, size * 2 // 5, 2)
+        slopes += rng.normal(0, 0.06, (2, 1, 1)) * np.sin(a * x + b * y + rng.uniform(0, 2 * np.pi))
+    n = np.stack([*slopes, np.ones((size, size))], -1)
+    out = np.broadcast_to(np.float32([0.5, 0.5, 0.5, 0, 0.3, 0, 0, 1]), (size, size, 8)).copy()
+    out[..., 5:] = n / np.linalg.norm(n, axis=-1, keepdims=True)
+    return out
+
+
+def baked(stored: Any, *forms: tuple[str, str]) -> list[Candidate]:
+    def levels(method: str, kernel: str) -> Any:
+        return METHODS[method](stored, "gltf", "gltf", kernel, WRAP, lambda _: None).levels
+
+    return [Candidate(Method(f"{m} ({k})", m, k, "gltf", 0.0), levels(m, k)) for m, k in forms]
+
+
+def constant(height: int = 32, width: int = 32) -> tuple[Any, list[Candidate]]:
+    levels = [np.broadcast_to(TEXEL, (*size, 8)).copy() for size in level_sizes(height, width)]
+    return levels[0], [Candidate(Method("constant", "linear", "box", "gltf", 0.0), levels)]
+
+
+def views(size: tuple[int, int] = (64, 64), **resolutions: tuple[int, int]) -> dict[str, View]:
+    given = {"resolution": (48, 48), "plane_resolution": (32, 48)} | resolutions
+    last = len(level_sizes(*size)) - 1
+    return {view.name: view for view in standard_views(size, LIGHTS, last, **given)}
+
+
+def values(result: RenderedView, method: str) -> dict[str, float]:
+    return {figure.measure: figure.value for figure in result.figures if figure.method == method}
+
+
+def test_what_a_display_shows_of_radiance() -> None:
+    x = np.array([-0.5, 0.0, 0.1, 1.0, 50.0])
+    assert np.allclose(displayed(x), srgb_encode(np.array([0, 0, 0.1 / 1.1, 0.5, 50 / 51])))
+    assert displayed(np.float32([[1e30] * 3])).max() <= 1
+
+
+@pytest.mark.parametrize("size", [(1024, 1024), (256, 1024), (2048, 512)])
+def test_spheres_have_the_median_lod_of_their_scale_and_square_texels(size: tuple[int, int]) -> None:
+    found = views(size)
+    assert list(found) == ["sphere-near", "sphere-1-1", "sphere-middle", "sphere-far", "plane"]
+    assert [view.scale for view in found.values()] == ["near", "1:1", "middle", "far", ""]
+    levels = [np.zeros((*s, 8), np.float32) for s in level_sizes(*size)]
+    for view, lod in zip(found.values(), (0.0, 0.5, 3.0, 7.0), strict=False):
+        assert abs(median_lod(view.mesh, view.camera, view.resolution, size) - lod) < 0.1
+        frame = mesh_render.candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
+        assert abs(np.median(frame.lod[frame.coverage]) - lod) < 0.1
+        # From a pixel in the middle to its neighbours: as many texels to the right as downwards.
+        right, down = (frame.uv[24, 26] - frame.uv[24, 22])[0], (frame.uv[26, 24] - frame.uv[22, 24])[1]
+        assert abs(right * size[1] / (down * size[0]) - 1) < 0.1
+
+
+def test_a_texture_of_few_levels_is_far_at_its_last_one() -> None:
+    for name, lod in (("sphere-far", 4.0), ("sphere-middle", 3.0)):
+        view = views((16, 16))[name]
+        assert abs(median_lod(view.mesh, view.camera, view.resolution, (16, 16)) - lod) < 0.1
+
+
+@pytest.mark.parametrize("size", [(256, 256), (64, 1024)])
+def test_the_plane_recedes_from_one_texel_a_pixel_to_the_last_level(size: tuple[int, int]) -> None:
+    view = views(size, plane_resolution=(128, 160))["plane"]
+    levels = [np.zeros((*s, 8), np.float32) for s in level_sizes(*size)]
+    frame = mesh_render.candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
+    assert frame.coverage.all()
+    last = len(levels) - 1
+    assert frame.lod[-1].max() < 0.15 and last - 1.2 < frame.lod[0].min() <= last
+    assert (np.diff(frame.lod[:, 80]) <= 1e-3).all()
+    lower = frame.uv[-1, 81] - frame.uv[-1, 79]  # along u: the plane is seen from above there, foreshortened in v
+    assert 0.5 < lower[0] / 2 * size[1] < 1.05
+
+
+def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
+    ball = shapes.material_ball(8)
+    moved = dataclasses.replace(ball, positions=ball.positions * 7 + [100, 20, 3])
+    found = mesh_views(moved, (256, 256), LIGHTS, (64, 64))
+    assert [view.scale for view in found] == ["near", "middle", "far"]
+    lods = [median_lod(view.mesh, view.camera, view.resolution, (256, 256)) for view in found]
+    assert np.allclose(np.diff(lods), np.log2([3, 8 / 3]), atol=0.35)
+    for view, lod in zip(found, lods, strict=True):
+        assert np.allclose(view.lighting.radiance, EXPOSURE * LIGHTS.radiance) and view.lighting.name == "two"
+        assert view.mesh is moved and f"{lod:.1f}" in view.title
+        clip = view.camera.to_clip(moved.positions, view.resolution)
+        assert (np.abs(clip[:, :3]) <= clip[:, 3:]).all()
+    near = np.abs(clip := found[0].camera.to_clip(moved.positions, (64, 64)))[:, :2] / clip[:, 3:]
+    assert near.max() > 0.6
+
+    flat = dataclasses.replace(ball, positions=ball.positions * 0)
+    with pytest.raises(InputError, match="no extent"):
+        mesh_views(flat, (256, 256), LIGHTS, (64, 64))
+    with pytest.raises(UsageError, match="at least 16 a side"):
+        mesh_views(moved, (256, 256), LIGHTS, (64, 8))
+
+
+def test_a_shifted_camera_shows_what_an_offset_does() -> None:
+    view, (_, (one,)) = views()["sphere-1-1"], (None, constant()[1])
+    stack = [np.random.default_rng(0).random(level.shape, np.float32) for level in one.levels]
+    scene = view.mesh, LIGHTS, stack, "gltf", WRAP, view.resolution
+    mesh, *rest = scene
+    moved = mesh_render.candidate(mesh, shifted(view.camera, SHIFT), *rest)
+    expected = mesh_render.candidate(mesh, view.camera, *rest, offset=SHIFT)
+    assert (moved.image == expected.image).all()
+    assert np.abs(moved.image - mesh_render.candidate(mesh, view.camera, *rest).image).max() > 0.01
+
+
+def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> None:
+    stored, candidates = constant()
+    flat = render_view(views((32, 32))["plane"], stored, "gltf", WRAP, candidates, "gaussian", 0, 64)
+    found = values(flat, "constant")
+    # What is left is the change of lights and view over a pixel, which the filter sees and the candidate does not.
+    assert found["snr"] > 60 and found["flip"] < 1e-3 and found["hdr-flip"] < 2e-3 and found["ssim"] > 0.9999
+    assert found["tonemapped"] < 1e-3 and found["delta-e-itp"] < 0.1
+
+    view = views((32, 32))["sphere-near"]
+    result = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64)
+    assert [figure.measure for figure in result.figures] == list(MEASURES)
+    found = values(result, "constant")
+    assert found["snr"] > 40 and abs(found["flicker"] - 1) < 0.1 and found["flicker-snr"] > 12
+    assert all(figure.view == "sphere" and figure.scale == "near" for figure in result.figures)
+    assert abs(result.rendered.scene.lod) < 0.1
+    rendered = result.rendered
+    assert (rendered.flip["constant"][~rendered.interior] == 0).all()
+    # The edge itself is wrong: it has no antialiasing in a candidate. Figures are of the interior alone.
+    edge = (np.abs(rendered.images["constant"] - rendered.reference).max(-1) > 0.05) & ~rendered.interior
+    assert edge.any()
+
+    assert result.change is not None
+    plot = half_pixel_shift(result.change)
+    assert (plot.reference[~result.change.interior] == 0).all() and (plot.reference >= 0).all()
+    ratio = plot.images["constant"] / np.maximum(plot.reference, 1e-6)
+    inside = result.change.interior & (plot.reference.min(-1) > 0.2)
+    assert inside.any() and np.abs(ratio[inside] - 1).max() < 0.2
+    still = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, flicker=False)
+    assert still.change is None and "flicker" not in values(still, "constant")
+
+
+def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat() -> None:
+    stored = bumpy()
+    candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))
+    view = views()["sphere-1-1"]
+    told: list[tuple[str, float]] = []
+    result = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64,
+                         progress=lambda what, share: told.append((what, share)))  # fmt: skip
+    box, lean = (values(result, name) for name in ("linear (box)", "lean (gaussian)"))
+    for name in ("snr", "ssim", "flicker", "flicker-snr"):  # not FLIP, which averages fine shimmer away
+        assert MEASURES[name].loss(lean[name]) < MEASURES[name].loss(box[name]), name
+    assert box["flicker"] > 1.5
+    scene = result.rendered.scene
+    assert scene.name == "sphere-1-1" and scene.passes <= 64 and scene.candidate_error > 0
+    assert list(result.rendered.images) == ["linear (box)", "lean (gaussian)"]
+    shares = [share for _, share in told]
+    assert told[0][0] == "sphere-1-1" and shares == sorted(shares) and shares[-1] == 1
+
+    again = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64)
+    assert again.figures == result.figures
+    assert (again.rendered.reference == result.rendered.reference).all()
+    other = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 1, 64)
+    assert (other.rendered.reference != result.rendered.reference).any()
+
+
+def test_filters_with_negative_lobes_and_views_without_interior_are_measured() -> None:
+    stored = bumpy(32)
+    candidates = baked(stored, ("linear", "mitchell"))
+    view = views((32, 32))["plane"]
+    result = render_view(view, stored, "gltf", WRAP, candidates, "mitchell", 0, 32)
+    found = values(result, "linear (mitchell)")
+    assert result.change is None and set(found) == {name for name, m in MEASURES.items() if m.needs != "frames"}
+    assert all(math.isfinite(value) for value in found.values())
+
+    away = dataclasses.replace(view.camera, target=(0.0, 5.0, 0.1))
+    nothing = render_view(dataclasses.replace(view, camera=away), stored, "gltf", WRAP, candidates, "mitchell", 0, 32,
+                          flicker=True)  # fmt: skip
+    assert not nothing.rendered.interior.any()
+    assert [figure.measure for figure in nothing.figures] == list(MEASURES)
+    assert all(math.isnan(figure.value) for figure in nothing.figures)
+
+
+def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
+    stored = bumpy()
+    candidates = baked(stored, ("lean", "gaussian"))
+    view = views()["plane"]
+    plain, sharp = (
+        render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, anisotropic=anisotropic)
+        for anisotropic in (False, True)
+    )
+    assert (plain.rendered.images["lean (gaussian)"] != sharp.rendered.images["lean (gaussian)"]).any()
+    assert values(sharp, "lean (gaussian)")["snr"] > values(plain, "lean (gaussian)")["snr"]
+
+
+@pytest.mark.parametrize("frame", [0, 17])
+def test_the_column_of_a_temporal_slice_is_that_of_a_full_render(frame: int) -> None:
+    stored = bumpy()
+    (one,) = baked(stored, ("lean", "gaussian"))
+    turning = Turning(LIGHTS, (64, 64), 20, 32)
+    column = turning.candidate(one.levels, "gltf", WRAP)[:, frame]
+
+    angle = turning.angles[frame]
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    plane = shapes.plane(40, 40)
+    uv = plane.positions[:, [0, 2]] / turning.texel / 64
+    tangents = np.concatenate([plane.tangents[:, :3] @ turn.T, plane.tangents[:, 3:]], -1)
+    mesh = Mesh("turned", plane.positions @ turn.T, plane.normals, uv, tangents, plane.triangles)
+    full = mesh_render.candidate(mesh, turning.camera, LIGHTS, one.levels, "gltf", WRAP, turning.resolution)
+    assert np.abs(full.image[:, turning.column] - column).max() < 1e-4 * column.max()
+    lod = full.lod[:, turning.column]
+    assert abs(lod[-1]) < 1e-3 and 0.85 < lod[0] <= 1.01
+
+    first, second = turning.reference(stored, "gltf", WRAP, "gaussian", 128, np.random.default_rng(0))
+    noise = np.sqrt(np.mean((first - second)[:, frame] ** 2)) / 2
+    expected = mesh_render.reference(mesh, turning.camera, LIGHTS, stored, "gltf", WRAP, turning.resolution,
+                                     "gaussian", 5, [full], max_passes=128)  # fmt: skip
+    distance = np.sqrt(np.mean(((first + second)[:, frame] / 2 - expected.image[:, turning.column]) ** 2))
+    assert distance < 3 * np.hypot(noise, expected.standard_error)
+    assert distance < 0.1 * expected.image.mean()
+
+
+def test_a_temporal_slice_shows_shimmer_and_measures_it() -> None:
+    stored = bumpy()
+    candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))
+    plot, figures = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "gaussian", 0, 24, 32, 96)
+    assert plot.name == "temporal-slice" and plot.reference.shape == (32, 24, 3)
+    found = {(figure.method, figure.measure): figure.value for figure in figures}
+    assert len(found) == 4 and all(f.view == "rotation" and f.scale == "1:1" and f.lod == 0.5 for f in figures)
+    for measure in ("flicker", "flicker-snr"):
+        loss = MEASURES[measure].loss
+        assert loss(found["lean (gaussian)", measure]) < loss(found["linear (box)", measure])
+    assert found["linear (box)", "flicker"] > 1.2
+    again = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "gaussian", 0, 24, 32, 96)
+    assert (again.plot.reference == plot.reference).all() and again.figures == figures
+
+    stored, candidates = constant()
+    plot, figures = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "mitchell", 0, 6, 16, 32)
+    assert np.abs(plot.images["constant"] - plot.reference).max() < 2e-3 * plot.reference.max()
+
+
+@pytest.mark.parametrize("pixel_filter", ["gaussian", "mitchell"])
+def test_the_apparent_brdf_of_a_constant_material_is_its_brdf(pixel_filter: str) -> None:
+    stored, candidates = constant()
+    plot = apparent_brdf(stored, "gltf", WRAP, candidates, pixel_filter, 0, size=24, samples=64)
+    assert plot.reference.shape == (24, 24, 3) and (plot.reference[0, 0] == 0).all()
+    assert np.abs(plot.images["constant"] - plot.reference).max() < 1e-4 * plot.reference.max()
+    row, column = np.argwhere(plot.reference.max(-1) > 0.3 * plot.reference.max())[0]
+    x, y = (2 * column + 1) / 24 - 1, 1 - (2 * row + 1) / 24
+    for i, j, light in ((row, column, (x, y)), (12, 12, (1 / 24, -1 / 24)), (3, 12, (1 / 24, 17 / 24))):
+        direction = np.array([[*light, np.sqrt(1 - light[0] ** 2 - light[1] ** 2)]])
+        f = shading.shade("gltf", TEXEL[None].astype(np.float64), direction, np.array([[0.0, 0, 1]]))[0, 0]
+        scale = plot.reference[i, j] / f
+        assert np.ptp(scale) < 1e-3 * scale.max()
+        assert f"times {scale.mean():.2g} " in plot.caption
+
+
+def test_the_apparent_brdf_is_picked_where_the_subject_errs_most_and_shows_several_lobes() -> None:
+    size = 64
+    stored = np.broadcast_to(TEXEL, (size, size, 8)).copy()
+    stored[..., 3:5], stored[..., 5:] = (1, 0.3), (0, 0, 1)
+    # One corner of facets that face to the left and to the right by turns: two lobes, which no texel has.
+    tilt = np.where(np.arange(16) // 4 % 2, 0.35, -0.35)
+    stored[40:56, 40:56, 5], stored[40:56, 40:56, 7] = tilt, np.sqrt(1 - tilt**2)
+    candidates = baked(stored, ("linear", "gaussian"))
+    plot = apparent_brdf(stored, "gltf", WRAP, candidates, "gaussian", 0, lod=3, size=33, samples=512)
+    place = re.search(r"column (\d+), row (\d+)", plot.caption)
+    assert place is not None
+    column, row = (int(number) for number in place.groups())
+    assert 38 <= column <= 58 and 38 <= row <= 58
+    middle = plot.reference[16].max(-1)
+    left, right = middle[:14].max(), middle[19:].max()
+    assert min(left, right) > 2 * middle[16]
+    given = apparent_brdf(stored, "gltf", WRAP, candidates, "gaussian", 0, 2, 33, 64, at=(0.1, 0.2))
+    assert np.argmax(given.reference[16].max(-1)) == 16 and "column 6, row 13" in given.caption
