@@ -1,343 +1,26 @@
-"""Meshes read from files: OBJ and glTF 2.0, written here by hand."""
+"""Meshes that users name, and renders that are kept."""
 
 from __future__ import annotations
 
-import base64
-import json
-import struct
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from mipbake.errors import InputError
-from mipbake.render import shapes
-from mipbake.render.mesh import Mesh
+from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.render import environment, mesh_render, render_file, shapes
+from mipbake.render.camera import orbit
 from mipbake.render.mesh_file import read_mesh
-from mipbake.render.tangents import with_tangents
+from mipbake.render.mesh_render import Frame, Reference
 
-CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
-SHAPES = [shapes.plane(), shapes.sphere(8), shapes.material_ball(4)]
-
-QUAD = {  # in the plane z = 0, u along +x, upright in the image
-    "POSITION": np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], np.float32),
-    "NORMAL": np.tile(np.float32([0, 0, 1]), (4, 1)),
-    "TEXCOORD_0": np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32),
-}
-CORNERS = np.array([0, 1, 2, 0, 2, 3], np.uint16)
-
-
-class Gltf:
-    """The JSON and the bytes of a glTF file that grows accessor by accessor."""
-
-    def __init__(self) -> None:
-        self.data = b""
-        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]}
-        self.json |= {"nodes": [{"mesh": 0}], "meshes": [{"primitives": []}], "accessors": [], "bufferViews": []}
-
-    def view(self, data: bytes, **options: Any) -> int:
-        self.data += b"\0" * (-len(self.data) % 4)
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **options})
-        self.data += data
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, values: NDArray[Any], **options: Any) -> int:
-        rows = values.reshape(len(values), -1)
-        accessor = {"componentType": CODES[rows.dtype.str[1:]], "count": len(rows), "type": TYPES[rows.shape[1]]}
-        view = {} if "bufferView" in options else {"bufferView": self.view(rows.tobytes())}
-        self.json["accessors"].append({**accessor, **view, **options})
-        return len(self.json["accessors"]) - 1
-
-    def primitive(self, attributes: dict[str, NDArray[Any]], corners: NDArray[Any] | None, **options: Any) -> None:
-        found: dict[str, Any] = {"attributes": {name: self.accessor(each) for name, each in attributes.items()}}
-        if corners is not None:
-            found["indices"] = self.accessor(corners)
-        self.json["meshes"][0]["primitives"].append({**found, **options})
-
-    def write(self, path: Path, kind: str = "glb") -> Path:
-        buffer: dict[str, Any] = {"byteLength": len(self.data)}
-        self.json["buffers"] = [buffer]
-        if kind == "external":
-            (path.parent / "the data.bin").write_bytes(self.data)
-            buffer["uri"] = "the%20data.bin"
-        elif kind == "embedded":
-            buffer["uri"] = "data:application/gltf-buffer;base64," + base64.b64encode(self.data).decode()
-        text = json.dumps(self.json).encode()
-        if kind != "glb":
-            path = path.with_suffix(".gltf")
-            path.write_bytes(text)
-            return path
-        chunks = b""
-        for name, plain, pad in ((b"JSON", text, b" "), (b"BIN\0", self.data, b"\0")):
-            data = plain + pad * (-len(plain) % 4)
-            chunks += struct.pack("<I4s", len(data), name) + data
-        path = path.with_suffix(".glb")
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-        return path
-
-
-def quad(**options: Any) -> Gltf:
-    made = Gltf()
-    made.primitive(QUAD, CORNERS, **options)
-    return made
-
-
-def obj_text(mesh: Mesh, normals: bool = True) -> str:
-    lines = ["# a comment", "mtllib none.mtl", "o thing"]
-    lines += ["v " + " ".join(map(repr, p)) for p in mesh.positions.tolist()]
-    lines += [f"vt {u!r} {1 - v!r}" for u, v in mesh.uv.tolist()]
-    lines += ["vn " + " ".join(map(repr, n)) for n in mesh.normals.tolist()]
-    corner = "{0}/{0}/{0}" if normals else "{0}/{0}"
-    lines += ["f " + " ".join(corner.format(i + 1) for i in triangle) for triangle in mesh.triangles.tolist()]
-    return "\n".join(lines)
-
-
-def by_corner(mesh: Mesh) -> NDArray[np.float64]:
-    """(T, 3, 12): all of a vertex, at each corner."""
-    return np.concatenate([mesh.positions, mesh.normals, mesh.uv, mesh.tangents], -1)[mesh.triangles]
-
-
-def same(found: Mesh, expected: Mesh, tolerance: float = 1e-12) -> None:
-    assert np.abs(by_corner(found) - by_corner(expected)).max() < tolerance
-
-
-def generated(mesh: Mesh) -> Mesh:
-    return with_tangents("same", mesh.positions, mesh.normals, mesh.uv, mesh.triangles)
-
-
-@pytest.mark.parametrize("mesh", SHAPES, ids=lambda m: m.name)
-def test_shapes_come_back_from_obj(mesh: Mesh, tmp_path: Path) -> None:
-    path = tmp_path / "mesh.obj"
-    path.write_text(obj_text(mesh))
-    found = read_mesh(path)
-    same(found, generated(mesh))
-    assert found.name == "mesh.obj" and len(found.positions) <= 1.1 * len(mesh.positions)
-
-
-def test_obj_polygons_relative_indices_and_long_lines(tmp_path: Path) -> None:
-    path = tmp_path / "MESH.OBJ"
-    path.write_text(
-        "v 0 0 0\nv 2 0 0\nv 2 1 0 0.5 0.5 0.5\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1 0\nvt 0 1\nvn 0 0 5\n"
-        "f -4/-4/-1 -3/-3/1 \\\n -2/-2/1 -1/4/-1 # the quad above\n"
-        "v 0 0 3\nv 1 0 3\nv 1 1 3\nl 1 2\nf -3/1/1 -2/2/1 -1/3/1\r\n"
-    )
-    found = read_mesh(path)
-    p = found.positions[found.triangles]
-    area = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2] / 2
-    assert sorted(zip(p[:, 0, 2], area, strict=True)) == [(0, 1), (0, 1), (3, 0.5)]
-    assert np.allclose(found.normals, [0, 0, 1]) and np.allclose(found.tangents, [1, 0, 0, 1])
-    assert np.allclose(found.uv[:, 1], 1 - found.positions[:, 1])
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_concave_polygons_are_cut_inside_their_outline(turned: bool, tmp_path: Path) -> None:
-    # An arrow head, a U, a comb, and a square with a hole and a bridge to it, in a plane that faces +x, or -x when turned.
-    outlines = [
-        [(0, 0), (2, -1), (1, 0), (2, 1)],
-        [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],
-        [(0, 0), (5, 0), (5, 2), (4, 2), (4, 1), (3, 1), (3, 2), (2, 2), (2, 1), (1, 1), (1, 2), (0, 2)],
-        [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)],
-    ]
-    areas = [1, 7, 8, 12]
-    for outline, expected in zip(outlines, areas, strict=True):
-        for start in range(len(outline)):
-            points = outline[start:] + outline[:start]
-            points = points[::-1] if turned else points
-            text = "".join(f"v 7 {y} {z}\nvt {y} {z}\n" for y, z in points)
-            (tmp_path / "x.obj").write_text(text + "f " + " ".join(f"{i}/{i}" for i in range(1, len(points) + 1)))
-            found = read_mesh(tmp_path / "x.obj")
-            p = found.positions[found.triangles]
-            area = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 0] / 2 * (-1 if turned else 1)
-            assert len(area) == len(points) - 2
-            # Pieces that all face one way and add up to the area cannot leave the outline.
-            assert area.min() >= 0 and area.sum() == pytest.approx(expected)
-            assert np.allclose(found.normals, [-1 if turned else 1, 0, 0])
-
-
-def test_obj_without_normals_is_smooth_but_for_its_edges(tmp_path: Path) -> None:
-    ball = shapes.sphere(24)
-    (tmp_path / "ball.obj").write_text(obj_text(ball, normals=False))
-    found = read_mesh(tmp_path / "ball.obj")
-    assert (found.normals * found.positions).sum(-1).min() > 0.997
-    assert len(found.positions) <= 1.1 * len(ball.positions)
-    # A cube of quads: flat sides.
-    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    sides = [[i for i, p in enumerate(corners) if p[a] == s] for a in range(3) for s in (-1, 1)]
-    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
-    for a, b, c, d in sides:
-        text += f"f {a + 1}/1 {b + 1}/2 {d + 1}/3 {c + 1}/4\n"
-    (tmp_path / "cube.obj").write_text(text)
-    found = read_mesh(tmp_path / "cube.obj")
-    assert np.allclose(np.abs(found.normals).max(-1), 1) and len(found.positions) == 24
-
-
-@pytest.mark.parametrize("kind", ["glb", "external", "embedded"])
-@pytest.mark.parametrize("mesh", SHAPES, ids=lambda m: m.name)
-def test_shapes_come_back_from_gltf_with_their_tangents_to_the_last_bit(mesh: Mesh, kind: str, tmp_path: Path) -> None:
-    made = Gltf()
-    stored = {"POSITION": mesh.positions, "NORMAL": mesh.normals, "TEXCOORD_0": mesh.uv, "TANGENT": mesh.tangents}
-    stored = {name: each.astype(np.float32) for name, each in stored.items()}
-    made.primitive(stored, mesh.triangles.astype(np.uint32).reshape(-1))
-    found = read_mesh(made.write(tmp_path / "mesh", kind))
-    assert np.array_equal(found.triangles, mesh.triangles)
-    for name, array in zip(stored, (found.positions, found.normals, found.uv, found.tangents), strict=True):
-        assert np.array_equal(array, stored[name])
-
-
-def test_what_a_gltf_lacks_is_made_as_it_prescribes(tmp_path: Path) -> None:
-    made = Gltf()
-    without = {name: each for name, each in QUAD.items() if name != "NORMAL"}
-    made.primitive({**without, "TANGENT": np.tile(np.float32([0, 1, 0, 1]), (4, 1))}, CORNERS)  # no use without normals
-    found = read_mesh(made.write(tmp_path / "x"))
-    assert np.allclose(found.normals, [0, 0, 1]) and np.allclose(found.tangents, [1, 0, 0, 1])
-    ball = shapes.sphere(6)
-    made = Gltf()
-    made.primitive(
-        {"POSITION": ball.positions.astype("f4"), "TEXCOORD_0": ball.uv.astype("f4")},
-        ball.triangles.astype("u2").ravel(),
-    )
-    found = read_mesh(made.write(tmp_path / "x"))
-    p = found.positions[found.triangles]
-    flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
-    assert np.allclose(found.normals[found.triangles], flat[:, None], atol=1e-6)
-    # Vectors of no length, which exporters write where a triangle has no area, are replaced by unit vectors.
-    lame = {**QUAD, "NORMAL": QUAD["NORMAL"].copy(), "TANGENT": np.tile(np.float32([1, 0, 0, -1]), (4, 1))}
-    lame["NORMAL"][0] = lame["TANGENT"][1, :3] = 0
-    made = Gltf()
-    made.primitive(lame, CORNERS)
-    found = read_mesh(made.write(tmp_path / "x"))
-    assert np.allclose(found.normals, [0, 0, 1])
-    assert np.allclose(np.linalg.norm(found.tangents[:, :3], axis=-1), 1) and not found.tangents[:, 2].any()
-    assert (found.tangents[:, 3] == -1).all()
-
-
-@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
-def test_indices_of_every_width(dtype: str, tmp_path: Path) -> None:
-    made = Gltf()
-    made.primitive(QUAD, CORNERS.astype(dtype))
-    assert np.array_equal(read_mesh(made.write(tmp_path / "x")).triangles, [[0, 1, 2], [0, 2, 3]])
-
-
-def test_strips_fans_and_meshes_without_indices(tmp_path: Path) -> None:
-    def read(corners: Sequence[int] | None, order: Sequence[int] = (0, 1, 2, 3), **options: Any) -> Any:
-        made = Gltf()
-        attributes = {name: each[list(order)] for name, each in QUAD.items()}
-        made.primitive(attributes, None if corners is None else np.array(corners, np.uint8), **options)
-        found = read_mesh(made.write(tmp_path / "x"))
-        p = found.positions[found.triangles]
-        area = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2] / 2
-        assert np.allclose(area, 1)  # counter-clockwise, and no triangle twice
-        return found.triangles.tolist()
-
-    assert read([0, 1, 3, 2], mode=5) == [[0, 1, 3], [1, 2, 3]]
-    assert read([0, 1, 2, 3], mode=6) == [[1, 2, 0], [2, 3, 0]]
-    assert read(None, (0, 1, 3, 2), mode=5) == [[0, 1, 2], [1, 3, 2]]
-    assert read(None, (0, 1, 2, 0, 2, 3, 0)) == [[0, 1, 2], [3, 4, 5]]  # the last corner is one too many
-    made = quad()
-    made.primitive(QUAD, CORNERS, mode=1)  # lines
-    assert len(read_mesh(made.write(tmp_path / "x")).triangles) == 2
-
-
-def test_strided_sparse_and_integer_accessors(tmp_path: Path) -> None:
-    plain = read_mesh(quad().write(tmp_path / "plain"))
-    # All attributes interleaved in one view; texture coordinates as normalised bytes, normals as normalised shorts.
-    made = Gltf()
-    kinds = {"POSITION": "f4", "NORMAL": "i2", "TEXCOORD_0": "u1"}
-    scale = {"f4": 1, "i2": 32767, "u1": 255}
-    rows = [(QUAD[name] * scale[kind]).astype(kind) for name, kind in kinds.items()]
-    data = b"".join(b"".join(each[i].tobytes().ljust(12, b"\x7f") for each in rows) for i in range(4))
-    view = made.view(data, byteStride=36)
-    for i, (name, each) in enumerate(zip(kinds, rows, strict=True)):
-        made.accessor(each, bufferView=view, byteOffset=12 * i, normalized=each.dtype.kind != "f")
-        assert made.json["accessors"][-1]["type"] == ("VEC2" if name == "TEXCOORD_0" else "VEC3")
-    indices = made.accessor(CORNERS)
-    made.json["meshes"][0]["primitives"] = [{"attributes": dict(zip(kinds, range(3), strict=True)), "indices": indices}]
-    same(read_mesh(made.write(tmp_path / "strided")), plain)
-    # Positions of zeros, replaced one by one; and quantised ones, which are scaled by their node.
-    made = quad()
-    places, values = np.array([1, 2, 3], np.uint8), QUAD["POSITION"][1:].copy()
-    sparse = {"count": 3, "indices": {"bufferView": made.view(places.tobytes()), "componentType": 5121}}
-    sparse["values"] = {"bufferView": made.view(values.tobytes())}
-    made.json["accessors"][0] = {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
-    same(read_mesh(made.write(tmp_path / "sparse")), plain)
-    made.json["accessors"][0] = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
-    values[:] = [[4, 0, 0], [4, 1, 0], [0, 1, 0]]
-    made.data = made.data[: -values.nbytes] + values.tobytes()
-    assert read_mesh(made.write(tmp_path / "sparse")).positions[:, 0].tolist() == [0, 4, 4, 0]
-    made = Gltf()
-    made.primitive({**QUAD, "POSITION": (QUAD["POSITION"] * 50).astype(np.int8)}, CORNERS)
-    made.json |= {"nodes": [{"mesh": 0, "scale": [1 / 50] * 3}], "extensionsRequired": ["KHR_mesh_quantization"]}
-    made.json["extensionsUsed"] = ["KHR_mesh_quantization"]
-    same(read_mesh(made.write(tmp_path / "quantised")), plain)
-
-
-def frames(mesh: Mesh) -> NDArray[np.float64]:
-    """(V, 3, 3): tangent, bitangent and normal."""
-    t, n = mesh.tangents[:, :3], mesh.normals
-    return np.stack([t, np.cross(n, t) * mesh.tangents[:, 3:], n], 1)
-
-
-@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -3), (-1, -1, -1)])
-def test_nodes_move_turn_and_mirror_with_right_frames(scale: tuple[float, float, float], tmp_path: Path) -> None:
-    a, b = 0.7, np.array([0.2, 0.5, -0.3])
-    quaternion = [*(np.sin(a / 2) * b / np.linalg.norm(b)), np.cos(a / 2)]
-    inner = np.array([[0, -1, 0, 3], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1.0]])
-    made = Gltf()
-    ball = shapes.material_ball(3)
-    attributes = {"POSITION": ball.positions, "NORMAL": ball.normals, "TEXCOORD_0": ball.uv, "TANGENT": ball.tangents}
-    attributes = {name: each.astype(np.float32) for name, each in attributes.items()}
-    made.primitive(attributes, ball.triangles.astype(np.uint32).ravel())
-    made.json["nodes"] = [
-        {"children": [1], "translation": [1, 2, 3], "rotation": quaternion, "scale": list(scale)},
-        {"mesh": 0, "matrix": inner.T.ravel().tolist()},
-        {"mesh": 0, "scale": [0, 0, 0]},  # hidden
-    ]
-    made.json["scenes"] = [{"nodes": []}, {"nodes": [0, 2]}]
-    made.json["scene"] = 1
-    found = read_mesh(made.write(tmp_path / "x"))
-
-    k = b / np.linalg.norm(b)
-    cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    rotation = np.eye(3) + np.sin(a) * cross + (1 - np.cos(a)) * cross @ cross  # Rodrigues
-    matrix = (rotation * scale) @ inner[:3, :3]
-    assert np.allclose(found.positions, ball.positions @ matrix.T + (rotation * scale) @ inner[:3, 3] + [1, 2, 3])
-    # Normals stay normal to the surface and outside; the bitangent goes where the transform takes it.
-    p = found.positions[found.triangles]
-    face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    assert ((face[:, None] * found.normals[found.triangles]).sum(-1) > 0).mean() > 0.99
-    before, after = frames(ball), frames(found)
-    assert np.allclose(np.linalg.norm(after, axis=-1), 1, atol=1e-6)
-    assert np.allclose((after[:, 0] * after[:, 2]).sum(-1), 0, atol=1e-6)
-    moved = before @ matrix.T
-    assert ((after[:, 0] * moved[:, 0]).sum(-1) > 0).all() and ((after[:, 1] * moved[:, 1]).sum(-1) > 0).all()
-    assert (np.sign(found.tangents[:, 3]) == np.sign(np.prod(scale))).all()
-
-
-def test_a_mesh_stands_where_every_node_puts_it_and_a_skin_leaves_it(tmp_path: Path) -> None:
-    made = quad()
-    made.primitive(QUAD, CORNERS)
-    made.json["nodes"] = [{"children": [1, 2]}, {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0, "skin": 0}]
-    made.json["nodes"][2]["translation"] = [0, 0, 9]
-    made.json["skins"] = [{"joints": [0]}]
-    del made.json["scenes"], made.json["scene"]
-    found = read_mesh(made.write(tmp_path / "x"))
-    assert len(found.triangles) == 8 and found.bounds()[0].tolist() == [0, 0, 0]
-    assert found.bounds()[1].tolist() == [7, 1, 0]
+from .mesh_files import Gltf, attributes_of, obj_text
 
 
 def test_a_mesh_from_a_file_renders_as_the_one_in_memory(tmp_path: Path) -> None:
-    from mipbake.render import environment, mesh_render
-    from mipbake.render.camera import orbit
-
     mesh = shapes.material_ball(4)
     made = Gltf()
-    attributes = {"POSITION": mesh.positions, "NORMAL": mesh.normals, "TEXCOORD_0": mesh.uv, "TANGENT": mesh.tangents}
-    attributes = {name: each.astype(np.float32) for name, each in attributes.items()}
+    attributes = attributes_of(mesh)
     made.primitive(attributes, mesh.triangles.astype(np.uint32).ravel())
     rng = np.random.default_rng(4)
     level = np.tile(np.array([0.5, 0.4, 0.3, 0.5, 0.4, 0, 0, 1], np.float32), (8, 8, 1))
@@ -352,138 +35,6 @@ def test_a_mesh_from_a_file_renders_as_the_one_in_memory(tmp_path: Path) -> None
         assert np.abs(found - expected).mean() < 1e-3 * expected.mean()
 
 
-OBJ_ERRORS = {
-    "no triangles": ("v 0 0 0\nv 1 0 0\n", "has no triangles: expected lines that begin with f"),
-    "no uv": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "no texture coordinates in line 4: .* unwrap"),
-    "no uv once": (obj_text(shapes.plane()) + "\nf 1//1 2//1 3//1", "no texture coordinates in line 18"),
-    "nan": ("v 0 nan 0\n", "line 1 .* gives a position as '0 nan 0': expected three finite numbers"),
-    "cut off": ("v 0 0 0\nv 1 0", "line 2 .* gives a position as '1 0'"),
-    "word": ("vt here\n", "line 1 .* texture coordinate as 'here': expected one to three"),
-    "two corners": ("v 0 0 0\nvt 0 0\nf 1/1 1/1\n", "line 3 .* has 2 corners, expected at least 3"),
-    "beyond": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 2/1\n", "line 3 .* a position with number 2 of 1"),
-    "uv beyond": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 1/7\n", "line 3 .* a texture coordinate with number 7 of 1"),
-    "before": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 -2/1\n", "line 3 .* has the corner '-2/1'"),
-    "zero": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 0/1\n", "line 3 .* has the corner '0/1'"),
-    "letters": ("v 0 0 0\nvt 0 0\nf 1/1 a/1 1/1\n", "line 3 .* has the corner 'a/1'"),
-}
-
-
-@pytest.mark.parametrize("name", OBJ_ERRORS)
-def test_a_bad_obj_is_refused_in_a_sentence(name: str, tmp_path: Path) -> None:
-    text, message = OBJ_ERRORS[name]
-    (tmp_path / "bad.obj").write_text(text)
-    with pytest.raises(InputError, match=message) as error:
-        read_mesh(tmp_path / "bad.obj")
-    assert "bad.obj" in str(error.value) and "\n" not in str(error.value)
-
-
-def changed(change: Callable[[dict[str, Any]], Any]) -> Gltf:
-    made = quad()
-    change(made.json)
-    return made
-
-
-def without_uv() -> Gltf:
-    made = Gltf()
-    made.primitive({name: each for name, each in QUAD.items() if name != "TEXCOORD_0"}, CORNERS)
-    return made
-
-
-def with_nan() -> Gltf:
-    made = Gltf()
-    normals = QUAD["NORMAL"].copy()
-    normals[2, 1] = np.nan
-    made.primitive({**QUAD, "NORMAL": normals}, CORNERS)
-    return made
-
-
-def draco_alone(json: dict[str, Any]) -> None:
-    json["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0}}
-    del json["accessors"][0]["bufferView"]
-
-
-GLTF_ERRORS = {
-    "no triangles": (changed(lambda j: j["meshes"][0]["primitives"][0].update(mode=0)), "no triangles in its default"),
-    "no nodes": (changed(lambda j: j.update(scenes=[{}])), "no triangles in its default scene"),
-    "no uv": (without_uv(), "primitive 0 of mesh 0 of .* no texture coordinates: .*TEXCOORD_0, so unwrap"),
-    "nan": (with_nan(), "not finite in NORMAL at vertex 2"),
-    "draco": (
-        changed(lambda j: j.update(extensionsRequired=["KHR_draco_mesh_compression"])),
-        "with Draco.*transform cp",
-    ),
-    "draco alone": (changed(draco_alone), "with Draco"),
-    "meshopt": (changed(lambda j: j.update(extensionsRequired=["EXT_meshopt_compression"])), "with meshopt"),
-    "extension": (
-        changed(lambda j: j.update(extensionsRequired=["EXT_mesh_gpu_instancing"])),
-        "EXT_mesh_gpu_instancing",
-    ),
-    "version": (changed(lambda j: j["asset"].update(version="1.0")), "broken .it is of glTF version 1.0"),
-    "index": (
-        changed(lambda j: j["accessors"][3].update(count=6, bufferView=9)),
-        "broken .it refers to buffer view 9 of 4",
-    ),
-    "vertex": (
-        changed(lambda j: j["accessors"][0].update(count=3)),
-        "indices of primitive 0 of mesh 0 do not lead to its 3",
-    ),
-    "count": (changed(lambda j: j["accessors"][1].update(count=3)), "has 3 values of NORMAL for 4 vertices"),
-    "kind": (changed(lambda j: j["accessors"][2].update(type="VEC3")), "of the type VEC3, expected VEC2"),
-    "component": (changed(lambda j: j["accessors"][0].update(componentType=5124)), "components of the type 5124"),
-    "short view": (changed(lambda j: j["accessors"][0].update(count=5)), "holds 48 bytes where 60 are needed"),
-    "long view": (
-        changed(lambda j: j["bufferViews"][3].update(byteLength=999)),
-        "ends at byte .* of the .* of its buffer",
-    ),
-    "types": (changed(lambda j: j["accessors"][0].update(count="four")), "broken"),
-    "no objects": (
-        changed(lambda j: j["meshes"].__setitem__(0, 7)),
-        "broken .its objects are not as glTF defines them",
-    ),
-    "loop": (changed(lambda j: j["nodes"][0].update(children=[0])), "node 0 is in the scene twice"),
-    "transform": (
-        changed(lambda j: j["nodes"][0].update(scale=[1, float("nan"), 1])),
-        "transform of node 0 is not finite",
-    ),
-    "matrix": (changed(lambda j: j["nodes"][0].update(matrix=[1, 2, 3])), "broken"),
-}
-
-
-@pytest.mark.parametrize("name", GLTF_ERRORS)
-def test_a_bad_gltf_is_refused_in_a_sentence(name: str, tmp_path: Path) -> None:
-    made, message = GLTF_ERRORS[name]
-    with pytest.raises(InputError, match=message) as error:
-        read_mesh(made.write(tmp_path / "bad"))
-    assert "bad.glb" in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_gltf_that_is_cut_off_or_misses_its_data_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    def refused(path: Path, message: str) -> None:
-        with pytest.raises(InputError, match=message) as error:
-            read_mesh(path)
-        assert path.name in str(error.value) and "\n" not in str(error.value)
-
-    whole = quad().write(tmp_path / "x").read_bytes()
-    (tmp_path / "cut.glb").write_bytes(whole[:-30])
-    refused(tmp_path / "cut.glb", f"is cut off: expected {len(whole)} bytes, found {len(whole) - 30}")
-    for data in (b"", b"glTF", b"no mesh at all", whole[:8] + struct.pack("<I", 12)):
-        (tmp_path / "cut.glb").write_bytes(data)
-        refused(tmp_path / "cut.glb", "is broken")
-    text = quad().write(tmp_path / "y", "external")
-    (tmp_path / "the data.bin").write_bytes(b"\0" * 16)
-    refused(text, "is cut off in .*the data.bin: expected 140 bytes, found 16")
-    (tmp_path / "the data.bin").unlink()
-    refused(text, "keeps its data in .*the data.bin, which cannot be read")
-    text.write_text(text.read_text()[:-9])
-    refused(text, "is broken")
-    text.write_text(json.dumps(quad().json | {"buffers": [{"byteLength": 140}]}))
-    refused(text, "buffer 0 has no data")
-    compressed = {"byteLength": 140, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}
-    text.write_text(json.dumps(quad().json | {"buffers": [compressed]}))
-    refused(text, "compressed with meshopt")
-    text.write_text(json.dumps(quad().json | {"buffers": [{"byteLength": 140, "uri": "data:;base64,AAA"}]}))
-    refused(text, "is broken")
-
-
 def test_files_that_are_no_meshes_are_refused_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.obj cannot be read \(No such file or directory\): expected a file"):
         read_mesh(tmp_path / "none.obj")
@@ -496,3 +47,125 @@ def test_files_that_are_no_meshes_are_refused_in_a_sentence(tmp_path: Path) -> N
     (tmp_path / "noise.obj").write_bytes(bytes(range(256)) * 4)
     with pytest.raises(InputError, match="no triangles"):
         read_mesh(tmp_path / "noise.obj")
+
+
+def rendered(seed: int = 0) -> tuple[Frame, Reference]:
+    """Random renders, with rows turned over as those of `mesh_render` are."""
+    rng = np.random.default_rng(seed)
+
+    def image(*channels: int) -> Any:
+        return rng.normal(0.3, 1, (20, 30, *channels)).astype(np.float32)[::-1]
+
+    frame = Frame(image(3), image() > 0, image(2), image())
+    return frame, Reference(image(3), image(3), image() > 0.4, 64, 1.25e-3, 2e-2, True)
+
+
+def write(path: Path, frame: Frame, reference: Reference, **attributes: str) -> None:
+    names = {"method": "linear (box)", "pixel_filter": "gaussian", "source_hash": "0a" * 32}
+    render_file.write_render(path, frame, reference, **names, attributes=attributes)
+
+
+EXPECTED = {
+    "candidate": lambda frame, reference: {**rgb(frame.image), "A": frame.coverage},
+    "reference": lambda frame, reference: rgb(reference.image),
+    "error": lambda frame, reference: {**rgb(frame.image - reference.image), "interior": reference.interior},
+    "lod": lambda frame, reference: {"lod": frame.lod},
+    "uv": lambda frame, reference: {"u": frame.uv[..., 0], "v": frame.uv[..., 1]},
+}
+SAID = {"method": "linear (box)", "pixel_filter": "gaussian", "source_hash": "0a" * 32, "passes": 64, "converged": 1}
+SAID |= {"lighting": "studio"}
+
+
+def rgb(image: Any) -> dict[str, Any]:
+    return dict(zip("RGB", np.moveaxis(image, -1, 0), strict=True))
+
+
+def test_a_render_comes_back_from_its_file_part_by_part(tmp_path: Path) -> None:
+    import OpenEXR
+
+    frame, reference = rendered()
+    write(tmp_path / "render.exr", frame, reference, lighting="studio")
+    assert [path.name for path in tmp_path.iterdir()] == ["render.exr"]
+    with OpenEXR.File(str(tmp_path / "render.exr"), separate_channels=True) as file:
+        assert [part.name() for part in file.parts] == list(EXPECTED)
+        for part in file.parts:
+            expected = EXPECTED[part.name()](frame, reference)
+            assert set(part.channels) == set(expected)
+            for name, channel in part.channels.items():
+                assert channel.pixels.dtype == np.float32 and np.array_equal(channel.pixels, expected[name])
+            header = part.header
+            assert {name: header[f"mipbake:{name}"] for name in SAID} == SAID
+            assert header["mipbake:standard_error"] == pytest.approx(1.25e-3)
+            assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+            if part.name() in ("lod", "uv"):
+                assert "chromaticities" not in header
+            else:
+                assert header["chromaticities"] == pytest.approx((0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329))
+
+
+def test_openimageio_sees_every_part_of_a_render(tmp_path: Path) -> None:
+    import OpenImageIO
+
+    frame, reference = rendered(1)
+    write(tmp_path / "render.exr", frame, reference)
+    assert OpenImageIO.ImageBuf(str(tmp_path / "render.exr")).nsubimages == len(EXPECTED)
+    for index, (name, parts) in enumerate(EXPECTED.items()):
+        image = OpenImageIO.ImageBuf(str(tmp_path / "render.exr"), index, 0)
+        spec, pixels = image.spec(), image.get_pixels(OpenImageIO.FLOAT).reshape(20, 30, -1)
+        assert spec.get_string_attribute("oiio:subimagename") == name
+        space = "data" if name in ("lod", "uv") else "lin_rec709_scene"
+        assert spec.get_string_attribute("oiio:ColorSpace") == space
+        expected = parts(frame, reference)
+        assert set(spec.channelnames) == set(expected)
+        for channel, at in zip(spec.channelnames, range(spec.nchannels), strict=True):
+            assert np.array_equal(pixels[..., at], expected[channel])
+
+
+def test_equal_renders_give_equal_files_and_replace_earlier_ones(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", *rendered(0))
+    write(tmp_path / "b.exr", *rendered(1))
+    assert (tmp_path / "a.exr").read_bytes() != (tmp_path / "b.exr").read_bytes()
+    write(tmp_path / "b.exr", *rendered(0))
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_a_render_that_cannot_be_written_says_why_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(OutputError, match=r"none/render\.exr \(No such file or directory\): expected a folder"):
+        write(tmp_path / "none" / "render.exr", *rendered())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"render\.exr \(Not a directory\)"):
+        write(tmp_path / "file" / "render.exr", *rendered())
+    (tmp_path / "folder.exr").mkdir()
+    with pytest.raises(OutputError, match=r"folder\.exr \(Is a directory\)"):
+        write(tmp_path / "folder.exr", *rendered())
+    frame, reference = rendered()
+    with pytest.raises(UsageError, match="the candidate is 30 x 20 pixels: expected the reference's 30 x 10"):
+        write(tmp_path / "x.exr", frame, Reference(reference.first[:10], reference.second[:10], reference.interior[:10],
+                                                   64, 0, 0, True))  # fmt: skip
+
+    # A writer that cuts files off, and one that stores something else: an earlier file stays as it is.
+    write(tmp_path / "earlier.exr", frame, reference)
+    earlier = (tmp_path / "earlier.exr").read_bytes()
+    plain = render_file._write
+
+    def cut_off(path: Path, *arguments: Any) -> None:
+        plain(path, *arguments)
+        path.write_bytes(path.read_bytes()[:-100])
+
+    def other(path: Path, parts: Any, said: Any) -> None:
+        plain(path, {**parts, "lod": {"lod": parts["lod"]["lod"] + 1}}, said)
+
+    def without(path: Path, parts: Any, said: Any) -> None:
+        plain(path, {name: each for name, each in parts.items() if name != "uv"}, said)
+
+    def silent(path: Path, parts: Any, said: Any) -> None:
+        plain(path, parts, {})
+
+    for writer in (cut_off, other, without, silent):
+        monkeypatch.setattr(render_file, "_write", writer)
+        with pytest.raises(OutputError, match=r"earlier\.exr \("):
+            write(tmp_path / "earlier.exr", *rendered(5))
+        assert (tmp_path / "earlier.exr").read_bytes() == earlier
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["earlier.exr", "file", "folder.exr"]

@@ -214,9 +214,21 @@ def test_an_environment_comes_from_a_file_and_one_with_nan_is_refused_in_a_sente
         environment.from_file(write("square.exr", values[:, :32]))
     with pytest.raises(InputError, match="fewer than three channels"):
         environment.from_file(write("grey.exr", values[..., :1]))
+    whole = write("whole.hdr", values), write("whole.exr", values)
+    for path in whole:
+        data = path.read_bytes()
+        for kept in (len(data) - 3, len(data) // 2, 100, 0):
+            path.write_bytes(data[:kept])
+            with pytest.raises(
+                InputError, match=rf"whole{path.suffix} cannot be read .*: expected a whole image"
+            ) as error:
+                environment.lighting_named(str(path))
+            assert "\n" not in str(error.value)
     (tmp_path / "text.hdr").write_text("nothing")
     with pytest.raises(InputError, match=r"text\.hdr cannot be read"):
         environment.from_file(tmp_path / "text.hdr")
+    with pytest.raises(InputError, match=r"none\.hdr cannot be read"):
+        environment.from_file(tmp_path / "none.hdr")
     with pytest.raises(InputError, match="is black"):
         environment.from_map("night", np.zeros((4, 8, 3)))
     with pytest.raises(UsageError, match="no lighting is called 'dusk'"):

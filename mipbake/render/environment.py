@@ -131,7 +131,10 @@ def from_file(path: Path, lights: int = LIGHTS, normalised: bool = True) -> Ligh
     image = oiio.ImageBuf(str(path))
     if not image.read(0, 0, True, "float"):
         reason = (image.geterror() or "unknown format").strip().splitlines()[0]
-        raise InputError(f"environment {path} cannot be read ({reason}): expected an image in .hdr or .exr format")
+        raise InputError(
+            f"environment {path} cannot be read ({reason}): expected a whole image in .hdr or .exr format, so check "
+            "its path and copy it again"
+        )
     pixels = np.asarray(image.get_pixels(oiio.FLOAT))
     if pixels.ndim != 3 or pixels.shape[2] < 3:
         raise InputError(f"environment {path} has fewer than three channels: expected linear RGB")

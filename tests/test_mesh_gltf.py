@@ -1,0 +1,280 @@
+"""Meshes in glTF 2.0 files."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+from mipbake.render import shapes
+from mipbake.render.mesh import Mesh
+from mipbake.render.mesh_file import read_mesh
+
+from .mesh_files import CORNERS, QUAD, SHAPES, Gltf, attributes_of, quad, same
+
+
+@pytest.mark.parametrize("kind", ["glb", "external", "embedded"])
+@pytest.mark.parametrize("mesh", SHAPES, ids=lambda m: m.name)
+def test_shapes_come_back_from_gltf_with_their_tangents_to_the_last_bit(mesh: Mesh, kind: str, tmp_path: Path) -> None:
+    made = Gltf()
+    stored = attributes_of(mesh)
+    made.primitive(stored, mesh.triangles.astype(np.uint32).reshape(-1))
+    found = read_mesh(made.write(tmp_path / "mesh", kind))
+    assert np.array_equal(found.triangles, mesh.triangles)
+    for name, array in zip(stored, (found.positions, found.normals, found.uv, found.tangents), strict=True):
+        assert np.array_equal(array, stored[name])
+
+
+def test_what_a_gltf_lacks_is_made_as_it_prescribes(tmp_path: Path) -> None:
+    made = Gltf()
+    without = {name: each for name, each in QUAD.items() if name != "NORMAL"}
+    made.primitive({**without, "TANGENT": np.tile(np.float32([0, 1, 0, 1]), (4, 1))}, CORNERS)  # no use without normals
+    found = read_mesh(made.write(tmp_path / "x"))
+    assert np.allclose(found.normals, [0, 0, 1]) and np.allclose(found.tangents, [1, 0, 0, 1])
+    ball = shapes.sphere(6)
+    made = Gltf()
+    made.primitive(
+        {"POSITION": ball.positions.astype("f4"), "TEXCOORD_0": ball.uv.astype("f4")},
+        ball.triangles.astype("u2").ravel(),
+    )
+    found = read_mesh(made.write(tmp_path / "x"))
+    p = found.positions[found.triangles]
+    flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    assert np.allclose(found.normals[found.triangles], flat[:, None], atol=1e-6)
+    # Vectors of no length, which exporters write where a triangle has no area, are replaced by unit vectors.
+    lame = {**QUAD, "NORMAL": QUAD["NORMAL"].copy(), "TANGENT": np.tile(np.float32([1, 0, 0, -1]), (4, 1))}
+    lame["NORMAL"][0] = lame["TANGENT"][1, :3] = 0
+    made = Gltf()
+    made.primitive(lame, CORNERS)
+    found = read_mesh(made.write(tmp_path / "x"))
+    assert np.allclose(found.normals, [0, 0, 1])
+    assert np.allclose(np.linalg.norm(found.tangents[:, :3], axis=-1), 1) and not found.tangents[:, 2].any()
+    assert (found.tangents[:, 3] == -1).all()
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
+def test_indices_of_every_width(dtype: str, tmp_path: Path) -> None:
+    made = Gltf()
+    made.primitive(QUAD, CORNERS.astype(dtype))
+    assert np.array_equal(read_mesh(made.write(tmp_path / "x")).triangles, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_strips_fans_and_meshes_without_indices(tmp_path: Path) -> None:
+    def read(corners: Sequence[int] | None, order: Sequence[int] = (0, 1, 2, 3), **options: Any) -> Any:
+        made = Gltf()
+        attributes = {name: each[list(order)] for name, each in QUAD.items()}
+        made.primitive(attributes, None if corners is None else np.array(corners, np.uint8), **options)
+        found = read_mesh(made.write(tmp_path / "x"))
+        p = found.positions[found.triangles]
+        area = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2] / 2
+        assert np.allclose(area, 1)  # counter-clockwise, and no triangle twice
+        return found.triangles.tolist()
+
+    assert read([0, 1, 3, 2], mode=5) == [[0, 1, 3], [1, 2, 3]]
+    assert read([0, 1, 2, 3], mode=6) == [[1, 2, 0], [2, 3, 0]]
+    assert read(None, (0, 1, 3, 2), mode=5) == [[0, 1, 2], [1, 3, 2]]
+    assert read(None, (0, 1, 2, 0, 2, 3, 0)) == [[0, 1, 2], [3, 4, 5]]  # the last corner is one too many
+    made = quad()
+    made.primitive(QUAD, CORNERS, mode=1)  # lines
+    assert len(read_mesh(made.write(tmp_path / "x")).triangles) == 2
+
+
+def test_strided_sparse_and_integer_accessors(tmp_path: Path) -> None:
+    plain = read_mesh(quad().write(tmp_path / "plain"))
+    # All attributes interleaved in one view; texture coordinates as normalised bytes, normals as normalised shorts.
+    made = Gltf()
+    kinds = {"POSITION": "f4", "NORMAL": "i2", "TEXCOORD_0": "u1"}
+    scale = {"f4": 1, "i2": 32767, "u1": 255}
+    rows = [(QUAD[name] * scale[kind]).astype(kind) for name, kind in kinds.items()]
+    data = b"".join(b"".join(each[i].tobytes().ljust(12, b"\x7f") for each in rows) for i in range(4))
+    view = made.view(data, byteStride=36)
+    for i, (name, each) in enumerate(zip(kinds, rows, strict=True)):
+        made.accessor(each, bufferView=view, byteOffset=12 * i, normalized=each.dtype.kind != "f")
+        assert made.json["accessors"][-1]["type"] == ("VEC2" if name == "TEXCOORD_0" else "VEC3")
+    indices = made.accessor(CORNERS)
+    made.json["meshes"][0]["primitives"] = [{"attributes": dict(zip(kinds, range(3), strict=True)), "indices": indices}]
+    same(read_mesh(made.write(tmp_path / "strided")), plain)
+    # Positions of zeros, replaced one by one; and quantised ones, which are scaled by their node.
+    made = quad()
+    places, values = np.array([1, 2, 3], np.uint8), QUAD["POSITION"][1:].copy()
+    sparse = {"count": 3, "indices": {"bufferView": made.view(places.tobytes()), "componentType": 5121}}
+    sparse["values"] = {"bufferView": made.view(values.tobytes())}
+    made.json["accessors"][0] = {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
+    same(read_mesh(made.write(tmp_path / "sparse")), plain)
+    made.json["accessors"][0] = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
+    values[:] = [[4, 0, 0], [4, 1, 0], [0, 1, 0]]
+    made.data = made.data[: -values.nbytes] + values.tobytes()
+    assert read_mesh(made.write(tmp_path / "sparse")).positions[:, 0].tolist() == [0, 4, 4, 0]
+    made = Gltf()
+    made.primitive({**QUAD, "POSITION": (QUAD["POSITION"] * 50).astype(np.int8)}, CORNERS)
+    made.json |= {"nodes": [{"mesh": 0, "scale": [1 / 50] * 3}], "extensionsRequired": ["KHR_mesh_quantization"]}
+    made.json["extensionsUsed"] = ["KHR_mesh_quantization"]
+    same(read_mesh(made.write(tmp_path / "quantised")), plain)
+
+
+def frames(mesh: Mesh) -> NDArray[np.float64]:
+    """(V, 3, 3): tangent, bitangent and normal."""
+    t, n = mesh.tangents[:, :3], mesh.normals
+    return np.stack([t, np.cross(n, t) * mesh.tangents[:, 3:], n], 1)
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -3), (-1, -1, -1)])
+def test_nodes_move_turn_and_mirror_with_right_frames(scale: tuple[float, float, float], tmp_path: Path) -> None:
+    a, b = 0.7, np.array([0.2, 0.5, -0.3])
+    quaternion = [*(np.sin(a / 2) * b / np.linalg.norm(b)), np.cos(a / 2)]
+    inner = np.array([[0, -1, 0, 3], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1.0]])
+    made = Gltf()
+    ball = shapes.material_ball(3)
+    attributes = attributes_of(ball)
+    made.primitive(attributes, ball.triangles.astype(np.uint32).ravel())
+    made.json["nodes"] = [
+        {"children": [1], "translation": [1, 2, 3], "rotation": quaternion, "scale": list(scale)},
+        {"mesh": 0, "matrix": inner.T.ravel().tolist()},
+        {"mesh": 0, "scale": [0, 0, 0]},  # hidden
+    ]
+    made.json["scenes"] = [{"nodes": []}, {"nodes": [0, 2]}]
+    made.json["scene"] = 1
+    found = read_mesh(made.write(tmp_path / "x"))
+
+    k = b / np.linalg.norm(b)
+    cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    rotation = np.eye(3) + np.sin(a) * cross + (1 - np.cos(a)) * cross @ cross  # Rodrigues
+    matrix = (rotation * scale) @ inner[:3, :3]
+    assert np.allclose(found.positions, ball.positions @ matrix.T + (rotation * scale) @ inner[:3, 3] + [1, 2, 3])
+    # Normals stay normal to the surface and outside; the bitangent goes where the transform takes it.
+    p = found.positions[found.triangles]
+    face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    assert ((face[:, None] * found.normals[found.triangles]).sum(-1) > 0).mean() > 0.99
+    before, after = frames(ball), frames(found)
+    assert np.allclose(np.linalg.norm(after, axis=-1), 1, atol=1e-6)
+    assert np.allclose((after[:, 0] * after[:, 2]).sum(-1), 0, atol=1e-6)
+    moved = before @ matrix.T
+    assert ((after[:, 0] * moved[:, 0]).sum(-1) > 0).all() and ((after[:, 1] * moved[:, 1]).sum(-1) > 0).all()
+    assert (np.sign(found.tangents[:, 3]) == np.sign(np.prod(scale))).all()
+
+
+def test_a_mesh_stands_where_every_node_puts_it_and_a_skin_leaves_it(tmp_path: Path) -> None:
+    made = quad()
+    made.primitive(QUAD, CORNERS)
+    made.json["nodes"] = [{"children": [1, 2]}, {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0, "skin": 0}]
+    made.json["nodes"][2]["translation"] = [0, 0, 9]
+    made.json["skins"] = [{"joints": [0]}]
+    del made.json["scenes"], made.json["scene"]
+    found = read_mesh(made.write(tmp_path / "x"))
+    assert len(found.triangles) == 8 and found.bounds()[0].tolist() == [0, 0, 0]
+    assert found.bounds()[1].tolist() == [7, 1, 0]
+
+
+def changed(change: Callable[[dict[str, Any]], Any]) -> Gltf:
+    made = quad()
+    change(made.json)
+    return made
+
+
+def without_uv() -> Gltf:
+    made = Gltf()
+    made.primitive({name: each for name, each in QUAD.items() if name != "TEXCOORD_0"}, CORNERS)
+    return made
+
+
+def with_nan() -> Gltf:
+    made = Gltf()
+    normals = QUAD["NORMAL"].copy()
+    normals[2, 1] = np.nan
+    made.primitive({**QUAD, "NORMAL": normals}, CORNERS)
+    return made
+
+
+def draco_alone(json: dict[str, Any]) -> None:
+    json["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0}}
+    del json["accessors"][0]["bufferView"]
+
+
+GLTF_ERRORS = {
+    "no triangles": (changed(lambda j: j["meshes"][0]["primitives"][0].update(mode=0)), "no triangles in its default"),
+    "no nodes": (changed(lambda j: j.update(scenes=[{}])), "no triangles in its default scene"),
+    "no uv": (without_uv(), "primitive 0 of mesh 0 of .* no texture coordinates: .*TEXCOORD_0, so unwrap"),
+    "nan": (with_nan(), "not finite in NORMAL at vertex 2"),
+    "draco": (
+        changed(lambda j: j.update(extensionsRequired=["KHR_draco_mesh_compression"])),
+        "with Draco.*transform cp",
+    ),
+    "draco alone": (changed(draco_alone), "with Draco"),
+    "meshopt": (changed(lambda j: j.update(extensionsRequired=["EXT_meshopt_compression"])), "with meshopt"),
+    "extension": (
+        changed(lambda j: j.update(extensionsRequired=["EXT_mesh_gpu_instancing"])),
+        "EXT_mesh_gpu_instancing",
+    ),
+    "version": (changed(lambda j: j["asset"].update(version="1.0")), "broken .it is of glTF version 1.0"),
+    "index": (
+        changed(lambda j: j["accessors"][3].update(count=6, bufferView=9)),
+        "broken .it refers to buffer view 9 of 4",
+    ),
+    "vertex": (
+        changed(lambda j: j["accessors"][0].update(count=3)),
+        "indices of primitive 0 of mesh 0 do not lead to its 3",
+    ),
+    "count": (changed(lambda j: j["accessors"][1].update(count=3)), "has 3 values of NORMAL for 4 vertices"),
+    "kind": (changed(lambda j: j["accessors"][2].update(type="VEC3")), "of the type VEC3, expected VEC2"),
+    "component": (changed(lambda j: j["accessors"][0].update(componentType=5124)), "components of the type 5124"),
+    "short view": (changed(lambda j: j["accessors"][0].update(count=5)), "holds 48 bytes where 60 are needed"),
+    "long view": (
+        changed(lambda j: j["bufferViews"][3].update(byteLength=999)),
+        "ends at byte .* of the .* of its buffer",
+    ),
+    "types": (changed(lambda j: j["accessors"][0].update(count="four")), "broken"),
+    "no objects": (
+        changed(lambda j: j["meshes"].__setitem__(0, 7)),
+        "broken .its objects are not as glTF defines them",
+    ),
+    "loop": (changed(lambda j: j["nodes"][0].update(children=[0])), "node 0 is in the scene twice"),
+    "transform": (
+        changed(lambda j: j["nodes"][0].update(scale=[1, float("nan"), 1])),
+        "transform of node 0 is not finite",
+    ),
+    "matrix": (changed(lambda j: j["nodes"][0].update(matrix=[1, 2, 3])), "broken"),
+}
+
+
+@pytest.mark.parametrize("name", GLTF_ERRORS)
+def test_a_bad_gltf_is_refused_in_a_sentence(name: str, tmp_path: Path) -> None:
+    made, message = GLTF_ERRORS[name]
+    with pytest.raises(InputError, match=message) as error:
+        read_mesh(made.write(tmp_path / "bad"))
+    assert "bad.glb" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_gltf_that_is_cut_off_or_misses_its_data_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    def refused(path: Path, message: str) -> None:
+        with pytest.raises(InputError, match=message) as error:
+            read_mesh(path)
+        assert path.name in str(error.value) and "\n" not in str(error.value)
+
+    whole = quad().write(tmp_path / "x").read_bytes()
+    (tmp_path / "cut.glb").write_bytes(whole[:-30])
+    refused(tmp_path / "cut.glb", f"is cut off: expected {len(whole)} bytes, found {len(whole) - 30}")
+    for data in (b"", b"glTF", b"no mesh at all", whole[:8] + struct.pack("<I", 12)):
+        (tmp_path / "cut.glb").write_bytes(data)
+        refused(tmp_path / "cut.glb", "is broken")
+    text = quad().write(tmp_path / "y", "external")
+    (tmp_path / "the data.bin").write_bytes(b"\0" * 16)
+    refused(text, "is cut off in .*the data.bin: expected 140 bytes, found 16")
+    (tmp_path / "the data.bin").unlink()
+    refused(text, "keeps its data in .*the data.bin, which cannot be read")
+    text.write_text(text.read_text()[:-9])
+    refused(text, "is broken")
+    text.write_text(json.dumps(quad().json | {"buffers": [{"byteLength": 140}]}))
+    refused(text, "buffer 0 has no data")
+    compressed = {"byteLength": 140, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}
+    text.write_text(json.dumps(quad().json | {"buffers": [compressed]}))
+    refused(text, "compressed with meshopt")
+    text.write_text(json.dumps(quad().json | {"buffers": [{"byteLength": 140, "uri": "data:;base64,AAA"}]}))
+    refused(text, "is broken")
