@@ -232,7 +232,7 @@ class _Target:
     """What a candidate is compared with: the mean of two independent estimates, (K, P, 3), and what they say of it."""
 
     def __init__(self, first: Radiance, second: Radiance) -> None:
-        self.mean = (first + second) / 2
+        self.mean: Radiance = (first + second) / np.float32(2)
         self.noise = _squares(first - second) / 2
         self.signal = _squares(self.mean) - self.noise / 2
 
@@ -248,7 +248,7 @@ class _Target:
 def _squares(radiance: Radiance) -> NDArray[np.float64]:
     """(K,) sums of squares; in float32 along a row, which is exact to 1e-5."""
     rows = radiance.reshape(len(radiance), 1, -1)
-    return (rows @ rows.swapaxes(1, 2))[:, 0, 0].astype(np.float64)
+    return np.asarray((rows @ rows.swapaxes(1, 2))[:, 0, 0], np.float64)
 
 
 def _at_rest(
