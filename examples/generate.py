@@ -193,18 +193,19 @@ def lacquered_leather(height: int, width: int) -> dict[str, Image]:
     u, v = texel_centres(height, width)
     count = 22
     rng = np.random.default_rng(41)
-    rows, columns = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
-    centre_u = (columns + 0.5 * (rows % 2) + rng.uniform(-0.42, 0.42, rows.shape)) / count
-    centre_v = (rows + 0.5 + rng.uniform(-0.42, 0.42, rows.shape)) / count
-    # Distances to the nearest two centres: where they are the same, two scales meet.
+    jitter_u, jitter_v = rng.uniform(-0.42, 0.42, (2, count, count))
+    # Distances to the nearest two centres, of those at most two cells away: where they are the same, two scales meet.
     nearest, second = np.full((2, height, width), np.inf)
-    for cu, cv in zip(centre_u.ravel(), centre_v.ravel(), strict=True):
-        distance = count * np.hypot((u - cu + 0.5) % 1 - 0.5, (v - cv + 0.5) % 1 - 0.5)
+    for down, right in np.ndindex(5, 5):
+        row, column = (v * count).astype(int) + down - 2, (u * count).astype(int) + right - 2
+        centre_u = column + 0.5 * (row % 2) + jitter_u[row % count, column % count]
+        centre_v = row + 0.5 + jitter_v[row % count, column % count]
+        distance = np.hypot(u * count - centre_u, v * count - centre_v)
         second = np.minimum(second, np.maximum(nearest, distance))
         nearest = np.minimum(nearest, distance)
     crease = smoothstep(0.30, 0.0, second - nearest + 0.05 * noise(height, width, 42, band(10, 40)))
     pores, hide = noise(height, width, 43, band(30, 64)), noise(height, width, 44, band(2, 7))
-    dye = np.array([0.105, 0.008, 0.007]) * (1 + 0.06 * hide[..., None])
+    dye = np.array([0.06, 0.004, 0.0035]) * (1 + 0.06 * hide[..., None])
     return {
         "base_color": srgb(mix(dye, 0.45 * dye, crease)),
         "normal": normal_map(-0.0034 * crease + 0.00016 * pores + 0.0012 * hide),
@@ -221,7 +222,7 @@ def knurled_plate(height: int, width: int) -> dict[str, Image]:
     covers what is dark.
     """
     u, v = texel_centres(height, width)
-    pyramids, slope = 16, 0.25
+    pyramids, slope = 15, 0.25
     along, across = (u + v) * pyramids, (u - v) * pyramids
     valley = 0.5 - np.maximum(np.abs(along % 1 - 0.5), np.abs(across % 1 - 0.5))  # 0 in the grooves, 0.5 at the tips
     radius = np.hypot(u - 0.5, v - 0.5)

@@ -1,0 +1,110 @@
+"""What the picture and the animation of the README share: the stacks they compare, spheres, panels and their words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+import mipbake
+from mipbake.compare.scenes import View, standard_views
+from mipbake.metrics.images import displayed
+from mipbake.render import environment, mesh_render
+from mipbake.render.mesh_render import Frame, Reference
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+SET = Path(__file__).resolve().parent.parent / "examples" / "lacquered_leather"
+PLAIN, BAKED, REFERENCE = "linear", "mipbake", "reference"
+MEANING = {
+    PLAIN: "the maps averaged, as engines and most tools do",
+    BAKED: "its maps in the same renderer",
+    REFERENCE: "every pixel supersampled",
+}
+
+GROUND = (13, 17, 23)  # the colour of GitHub's dark pages; on light ones the panel stands by itself
+BRIGHT, DIM, GOOD = (230, 237, 243), (139, 148, 158), (86, 211, 100)
+
+_RIM = 2.5  # pixels at the sphere's outline that are not shown: no pixel there lies wholly on the sphere
+_FILLED = 0.94  # of the half height by the sphere's radius, as mipbake.compare.scenes has it
+
+Picture = NDArray[np.uint8]
+"""(H, W, 3) sRGB, rows from the top."""
+
+
+@lru_cache(maxsize=1)
+def load(folder: Path) -> tuple[TextureSet, Mapping[str, MipStack]]:
+    """The set, and the two stacks that are compared: averaged with the box, and mipbake's default."""
+    texture_set = mipbake.load(folder)
+    return texture_set, {
+        PLAIN: mipbake.bake(texture_set, method="linear", pixel_filter="box"),
+        BAKED: mipbake.bake(texture_set),
+    }
+
+
+def spheres(folder: Path, lighting: environment.Lighting, side: int) -> dict[str, View]:
+    """The standard views of spheres, `side` pixels high and wide, by scale."""
+    texture_set, stacks = load(folder)
+    size = (texture_set.height, texture_set.width)
+    views = standard_views(size, lighting, len(stacks[BAKED].levels) - 1, (side, side))
+    return {view.scale: view for view in views if view.view == "sphere"}
+
+
+def turned(view: View, repeats: int, turns: float) -> View:
+    """The sphere with its texture `repeats` times around, turned by `turns` of one repeat.
+
+    A sphere looks the same from everywhere, so turning it is moving the texture along u.
+    """
+    uv = view.mesh.uv * (repeats / np.ptp(view.mesh.uv[:, 0])) + [turns, 0]
+    return replace(view, mesh=replace(view.mesh, uv=uv))
+
+
+def render(folder: Path, view: View, passes: int, target: float = 0.1) -> tuple[dict[str, Frame], Reference]:
+    """The candidates of a view, and the reference: at most `passes` samples a pixel, until it resolves both."""
+    texture_set, stacks = load(folder)
+    scene = (view.mesh, view.camera, view.lighting)
+    frames = {
+        name: mesh_render.candidate(*scene, stack.levels, stack.model, texture_set.wrap, view.resolution)
+        for name, stack in stacks.items()
+    }
+    model = texture_set.source_model
+    reference = mesh_render.reference(
+        *scene,
+        texture_set.material(model),
+        model,
+        texture_set.wrap,
+        view.resolution,
+        stacks[BAKED].provenance.pixel_filter,
+        0,
+        list(frames.values()),
+        target=target,
+        min_passes=min(32, passes),
+        max_passes=passes,
+    )
+    return frames, reference
+
+
+def shown(radiance: NDArray[np.float32]) -> Picture:
+    """A sphere as displays show it (x / (1 + x), then sRGB), on the panel's ground, its outline antialiased."""
+    side = len(radiance)
+    y, x = np.mgrid[:side, :side] + 0.5 - side / 2
+    cover = np.clip(_FILLED * side / 2 - _RIM - np.hypot(x, y) + 0.5, 0, 1)[..., None]
+    mixed = cover * displayed(radiance) * 255 + (1 - cover) * np.array(GROUND)
+    return np.round(mixed).astype(np.uint8)
+
+
+def panel(width: int, height: int) -> tuple[Image.Image, ImageDraw.ImageDraw]:
+    """An empty picture, and the pen for it."""
+    image = Image.new("RGB", (width, height), GROUND)
+    return image, ImageDraw.Draw(image)
+
+
+@lru_cache(maxsize=8)
+def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """Pillow's own, so that the pictures are the same on every machine."""
+    return ImageFont.load_default(size)
