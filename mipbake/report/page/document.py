@@ -162,8 +162,9 @@ def _curves(comparison: Comparison) -> Html | None:
     if not drawn:
         return None
     note = (
-        "Bands are 95 % intervals over light-view pairs. They say how far a figure would move with other pairs; "
-        "methods share the pairs and so what is hard in them, so differences between methods are surer than bands suggest."
+        "Bands are 95 % intervals over light-view pairs. They say how far a figure would move with other "
+        "pairs; methods share the pairs and so what is hard in them, so differences between methods are surer than "
+        "bands suggest."
     )
     return joined([drawn, element("p", note, class_="note"), _folded("The curves as tables", curve_table(comparison))])
 

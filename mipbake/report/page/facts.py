@@ -22,7 +22,9 @@ def found(source: Mapping[str, Any]) -> Html:
         size = f"{entry.get('width')} {TIMES} {entry.get('height')}" if path else ""
         stored = f"{entry.get('depth')} {entry.get('channels')}" if path else ""
         read = f"{entry.get('encoding')}{', inverted' if entry.get('inverted') else ''}" if path else ""
-        rows.append([role.replace("_", " "), origin, size, stored, read, entry.get("reason", "")])
+        rows.append(
+            [role.replace("_", " ").replace("color", "colour"), origin, size, stored, read, entry.get("reason", "")]
+        )
     parts: list[Content] = []
     if rows:
         parts.append(plain_table(("Map", "From", "Size", "Stored as", "Read as", "Why"), rows, "Maps of the set"))
@@ -50,7 +52,7 @@ def _sentence(item: Any) -> str:
 
 def bullets(sentences: Sequence[str]) -> Html:
     """A list of sentences."""
-    return element("ul", [element("li", sentence[:1].upper() + sentence[1:]) for sentence in sentences])
+    return element("ul", [element("li", sentence) for sentence in sentences])
 
 
 def methods(comparison: Comparison) -> Html:
@@ -101,8 +103,14 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else DASH if value is None else str(value)
 
 
+def _count(names: Mapping[str, str]) -> str:
+    renders = sum(name.endswith(".exr") for name in names)
+    kept = f" and {renders} renders as EXR files" if renders else ""
+    return f"{len(names) - renders} images as PNG files{kept}"
+
+
 def files(results: str, images: Mapping[str, str]) -> Html:
-    """Links to what lies beside the page; `images` is file to what it shows."""
+    """Links to what lies beside the page; `images` is file to what it shows, pictures and kept renders."""
     links = [element("li", element("a", label, href=file)) for file, label in images.items()]
     return element(
         "div",
@@ -111,7 +119,7 @@ def files(results: str, images: Mapping[str, str]) -> Html:
         ),
         element(
             "details",
-            element("summary", f"{len(links)} images as PNG files"),
+            element("summary", _count(images)),
             element("ul", links, class_="files"),
         )
         if links

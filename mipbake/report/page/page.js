@@ -37,11 +37,12 @@ class Scene {
         const [width, height] = [Number(reference.getAttribute('width')), Number(reference.getAttribute('height'))];
         const ratio = devicePixelRatio || 1, room = this.holder.clientWidth;
         const factor = Math.floor(room * ratio / width + 1e-6);
-        this.width = factor >= 1 ? factor * width / ratio : room;
+        const exact = factor >= 1 && factor * width > 0.75 * room * ratio;  // else a smooth picture beats a small one
+        this.width = exact ? factor * width / ratio : room;
         this.height = this.width * height / width;
         this.stage.style.width = `${this.width}px`;
         this.stage.style.height = `${this.height}px`;
-        this.stage.classList.toggle('crisp', factor >= 1);
+        this.stage.classList.toggle('crisp', exact || room * ratio * this.choice.zoom > 5 * width);
         this.move();
     }
 

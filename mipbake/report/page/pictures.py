@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import io
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.compare.result import file_stem
 from mipbake.metrics import images as metrics
 from mipbake.report.page.markup import Html, element
 
@@ -70,7 +70,7 @@ class Album:
             pixels: sRGB-encoded.
             names: parts of the file's name, of any characters: those that are not letters or digits become hyphens.
         """
-        stem = "--".join(_slug(name) for name in names)
+        stem = file_stem(*names)
         file, number = f"{IMAGES}/{stem}.png", 1
         while file in self.files:  # two names that differ in such characters only
             number += 1
@@ -83,10 +83,6 @@ class Album:
         path.parent.mkdir(exist_ok=True)
         image.save(path, compress_level=3)
         return Picture(file, _data_uri(image), image.width, image.height)
-
-
-def _slug(name: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image"
 
 
 def _data_uri(image: Image.Image) -> str:

@@ -87,25 +87,28 @@ def verdict_table(found: Verdict) -> Html:
     """The differences behind the verdict: a row for each pair set and rival, a column for each scale."""
     groups = (("the best closed form", found.closed), (LINEAR, found.linear))
     scales = [scale for scale in SCALES if any(d.scale == scale for _, group in groups for d in group)]
-    rows = []
+    bodies = []
     for view in PAIR_SETS:
+        rows = []
         for name, group in groups:
             here = {d.scale: d for d in group if d.view == view}
             if here:
-                head = element("th", PLACES[view], element("small", f"against {name}"), scope="row")
+                head = element("th", name, scope="row")
                 rows.append(element("tr", head, [_verdict_cell(here.get(scale)) for scale in scales]))
         gaps = [found.gap.get((view, scale)) for scale in scales]
         if any(share is not None for share in gaps):
-            head = element(
-                "th", PLACES[view], element("small", "from the best closed form to the optimum"), scope="row"
-            )
+            head = element("th", "gap to the optimum that is closed", scope="row")
             rows.append(element("tr", head, [_gap_cell(share) for share in gaps], class_="gap"))
-    if not rows:
+        if rows:
+            place = PLACES[view][0].upper() + PLACES[view][1:]
+            title_row = element("tr", element("th", f"{place}, ahead of", scope="rowgroup", colspan=len(scales) + 1))
+            bodies.append(element("tbody", title_row, rows))
+    if not bodies:
         return Html("")
     heads = [element("td"), *(element("th", scale, scope="col") for scale in scales)]
     return element(
         "div",
-        element("table", element("thead", element("tr", heads)), element("tbody", rows), class_="verdict-table"),
+        element("table", element("thead", element("tr", heads)), bodies, class_="verdict-table"),
         class_="scroll",
         tabindex=0,
         role="region",
@@ -116,8 +119,7 @@ def verdict_table(found: Verdict) -> Html:
 def _gap_cell(share: float | None) -> Html:
     if share is None:
         return element("td", DASH, title="the optimum is not ahead of the best closed form")
-    text = f"{share:.0%}" if share > 0 else "none"
-    return element("td", text, element("small", "of the way"), title=f"{share:.0%}".replace("-", MINUS))
+    return element("td", f"{share:.0%}" if share > 0 else "none", title=f"{share:.0%}".replace("-", MINUS))
 
 
 def _verdict_cell(found: Difference | None) -> Html:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -27,6 +28,7 @@ def write_report(
     source: Source | None,
     folder: Path,
     progress: Callable[[str, float], None] = lambda _stage, _share: None,
+    renders: Path | None = None,
 ) -> list[Path]:
     """Writes a report into a folder, which appears under its name when it is complete.
 
@@ -40,6 +42,7 @@ def write_report(
         source: level 0 before prefiltering, for the view's reference.
         folder: where to. Missing parent folders are made.
         progress: told "report" and the finished share, from 0 to 1.
+        renders: a folder of EXR files to copy into the report.
 
     Returns:
         The files: index.html, results.json, then the images.
@@ -52,6 +55,11 @@ def write_report(
     )
     with published(folder, is_report) as partial:
         album = Album(partial)
+        if renders is not None:
+            (partial / RENDERS).mkdir()
+            for file in sorted(renders.glob("*.exr")):
+                shutil.copyfile(file, partial / RENDERS / file.name)
+                album.files[f"{RENDERS}/{file.name}"] = f"candidate, reference, error, lod and uv of {file.stem}"
         page = document(comparison, stacks, source, album, lambda share: progress("report", share))
         text = json.dumps(results, indent=2, allow_nan=False, ensure_ascii=False)
         # Names of files need not be UTF-8: what cannot be encoded is escaped, as JSON escapes it.
