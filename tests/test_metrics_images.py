@@ -22,6 +22,8 @@ from mipbake.metrics import (
     tonemapped_error,
 )
 
+from .flip_of_the_paper import flip_of_the_paper
+
 LINEAR = (tonemapped_error, hdr_flip, delta_e_itp)
 DISPLAY = (ldr_flip, structural_similarity)
 
@@ -110,6 +112,22 @@ def flat_flip(first: tuple[float, ...], second: tuple[float, ...]) -> float:
 )
 def test_flip_of_flat_colours_follows_the_paper(first: tuple[float, ...], second: tuple[float, ...]) -> None:
     assert ldr_flip(flat(*first), flat(*second)).mean == pytest.approx(flat_flip(first, second), abs=2e-3)
+
+
+def test_flip_of_black_and_white() -> None:
+    """By hand: HyAB is 100 for black and white, 203.3 for green and blue. To the power of 0.7 that is 25.12 of 41.28,
+    0.6085, beyond the knee at 0.4: 0.95 + 0.05 (0.6085 - 0.4) / 0.6.
+    """
+    assert ldr_flip(flat(0, 0, 0), flat(1, 1, 1)).mean == pytest.approx(0.96738, abs=1e-4)
+
+
+@pytest.mark.parametrize("ppd", [15.0, 30.0, PIXELS_PER_DEGREE])
+def test_flip_of_pictures_follows_the_paper(ppd: float) -> None:
+    """Every pixel, on waves and on noise: colours, edges and points, at several viewing distances."""
+    rng = np.random.default_rng(8)
+    for first, second in ((picture(0), picture(1)), tuple(rng.random((2, 24, 40, 3)).astype(np.float32))):
+        expected = flip_of_the_paper(first.astype(np.float64), second.astype(np.float64), ppd)
+        assert ldr_flip(first, second, ppd).per_pixel == pytest.approx(expected, abs=5e-4)
 
 
 def test_flip_is_one_for_the_largest_difference() -> None:
@@ -243,6 +261,24 @@ def test_ssim_is_scikit_images() -> None:
     assert measured.mean == pytest.approx(expected, abs=1e-9)
     assert measured.per_pixel[5:-5, 5:-5].mean() == pytest.approx(expected, abs=1e-5)
     assert structural_similarity(first, second).mean == pytest.approx(expected, abs=1e-9)
+
+
+def test_ssim_follows_the_paper() -> None:
+    """Wang et al. 2004, equation 13, with the statistics of equations 14 to 16 under the Gaussian window."""
+    first, second = picture(0).astype(np.float64), picture(1).astype(np.float64)
+    x = np.arange(-5, 6)
+    window = np.exp(-(x * x) / (2 * 1.5**2))
+    window = np.outer(window, window) / window.sum() ** 2
+
+    def mean(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        views = np.lib.stride_tricks.sliding_window_view(image, (11, 11), (0, 1))
+        return np.einsum("ijcyx,yx->ijc", views, window)
+
+    a, b = mean(first), mean(second)
+    aa, bb, ab = mean(first**2) - a * a, mean(second**2) - b * b, mean(first * second) - a * b
+    c1, c2 = 0.01**2, 0.03**2
+    expected = (2 * a * b + c1) * (2 * ab + c2) / ((a * a + b * b + c1) * (aa + bb + c2))
+    assert structural_similarity(first, second).mean == pytest.approx(expected.mean(), abs=1e-9)
 
 
 def test_ssim_of_flat_images_is_that_of_their_means() -> None:
