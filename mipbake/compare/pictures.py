@@ -59,11 +59,14 @@ class Change:
 
 
 class RenderedView(NamedTuple):
-    """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, and the change."""
+    """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change, and the
+    renders that all of it is made from: each candidate's, by method name, and the reference."""
 
     rendered: Rendered
     figures: tuple[Figure, ...]
     change: Change | None
+    frames: Mapping[str, Frame]
+    reference: Reference
 
 
 def render_view(
@@ -146,7 +149,8 @@ def render_view(
         tell(0.7 + 0.3 * (index + 1) / len(still.frames))
     images = {name: frame.image for name, frame in still.frames.items()}
     rendered = Rendered(scene, reference.image, images, reference.interior, maps)
-    return RenderedView(rendered, tuple(figures), _change(scene, still, moved) if moved is not None else None)
+    change = None if moved is None else _change(scene, still, moved)
+    return RenderedView(rendered, tuple(figures), change, still.frames, reference)
 
 
 class _Renders(NamedTuple):

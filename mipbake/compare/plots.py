@@ -24,7 +24,7 @@ from mipbake.render.environment import Lighting
 SLICE_PASSES = 384
 """Samples a pixel of a temporal slice's reference, both halves together."""
 
-_BRIGHT = 0.75  # linear value after x / (1 + x) that bright parts of a plot are scaled to
+_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
 _LIGHTS = 512  # at a time: their radiance at the samples of a pixel stays small
 _RIM = 0.999  # radius of the disc of directions, off the horizon by a little

@@ -22,7 +22,7 @@ from mipbake.render.mesh_render import level_of_detail
 SPHERE_RESOLUTION = (256, 256)
 PLANE_RESOLUTION = (256, 448)
 
-EXPOSURE = 2.0
+EXPOSURE = 1.5
 """Times the environments' own scale, under which a white matte sphere has radiance 1: pictures of common materials then
 fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
 
