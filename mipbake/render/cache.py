@@ -84,13 +84,14 @@ def save(folder: Path, key: str, arrays: Mapping[str, NDArray[Any]], limit: int 
     size = sum(array.nbytes for array in arrays.values())
     if size > limit:
         return f"nothing is cached: {size:,} bytes are more than the {limit:,} that a cache may take"
+    values: dict[str, Any] = dict(arrays)
     part: Path | None = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(_PART, "", folder)
         part = Path(name)
         with os.fdopen(handle, "wb") as file:
-            np.savez(file, **arrays)
+            np.savez(file, **values)
         part.replace(folder / (key + _SUFFIX))
         part = None
         _prune(folder, limit, folder / (key + _SUFFIX))

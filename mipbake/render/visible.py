@@ -13,7 +13,9 @@ from mipbake import raster
 from mipbake.render.camera import Camera
 from mipbake.render.mesh import Mesh
 
-_BAND = 1 << 16  # pixels at a time, at least a row: their attributes, 6 MiB, are gone before memory runs out of cache
+# Pixels at a time, at least a row. Their arrays stay in the cache, and are small enough that the allocator does not
+# return their memory to the system, whose pages then cost more than what is computed in them.
+_BAND = 1 << 14
 
 _NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # of the attributes
 

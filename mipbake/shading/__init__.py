@@ -104,8 +104,8 @@ def shade_lit(
         raise UsageError(f"radiance holds a value that is not finite in {texels.dtype}: expected finite numbers")
     out = np.empty((len(texels), 3), texels.dtype)
     if out.size:
-        points = (_readable(a) for a in (texels, axes, to_view))
-        _native.shade_lit(model, *points, np.ascontiguousarray(to_light), np.ascontiguousarray(power), out)
+        lights = np.ascontiguousarray(to_light), np.ascontiguousarray(power)
+        _native.shade_lit(model, _readable(texels), _readable(axes), _readable(to_view), *lights, out)
     return out
 
 
