@@ -78,9 +78,11 @@ def read_obj(path: Path, data: bytes) -> Mesh:
 
 def _parse(path: Path, data: bytes) -> _Statements:
     said = _Statements()
+    known: dict[str, tuple[int, int, int]] = {}  # corners come back in every polygon around a vertex
     for line, (kind, *words) in _lines(data.decode("utf-8", "replace")):
         if kind == "f":
-            corners = [_corner(path, line, word, said) for word in words]
+            corners = [known.get(word) or _corner(path, line, word, said) for word in words]
+            known.update((word, corner) for word, corner in zip(words, corners, strict=True) if "-" not in word)
             if len(corners) < 3:
                 raise InputError(
                     f"line {line} of the mesh {path} has {len(corners)} corners, expected at least 3: export it again"
@@ -98,7 +100,7 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
     """Words of lines that have any, with the line's number; a backslash at the end goes on in the next line."""
     words: list[str] = []
     for number, line in enumerate(text.split("\n"), 1):
-        plain = line.split("#", 1)[0].strip()
+        plain = line.partition("#")[0].strip()
         words += plain.removesuffix("\\").split()
         if words and not plain.endswith("\\"):
             yield number, words
