@@ -49,6 +49,8 @@ class Gltf:
 
     def primitive(self, attributes: dict[str, NDArray[Any]], corners: NDArray[Any] | None, **options: Any) -> None:
         found: dict[str, Any] = {"attributes": {name: self.accessor(each) for name, each in attributes.items()}}
+        bounds = {name: getattr(attributes["POSITION"], name)(0).tolist() for name in ("min", "max")}
+        self.json["accessors"][found["attributes"]["POSITION"]] |= bounds
         if corners is not None:
             found["indices"] = self.accessor(corners)
         self.json["meshes"][0]["primitives"].append({**found, **options})
