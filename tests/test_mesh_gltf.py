@@ -87,6 +87,9 @@ def test_strips_fans_and_meshes_without_indices(tmp_path: Path) -> None:
     assert len(read_mesh(made.write(tmp_path / "x")).triangles) == 2
 
 
+BOUNDS = {"min": [0, 0, 0], "max": [2, 1, 0]}  # of the quad's positions
+
+
 def test_strided_sparse_and_integer_accessors(tmp_path: Path) -> None:
     plain = read_mesh(quad().write(tmp_path / "plain"))
     # All attributes interleaved in one view; texture coordinates as normalised bytes, normals as normalised shorts.
@@ -99,6 +102,7 @@ def test_strided_sparse_and_integer_accessors(tmp_path: Path) -> None:
     for i, (name, each) in enumerate(zip(kinds, rows, strict=True)):
         made.accessor(each, bufferView=view, byteOffset=12 * i, normalized=each.dtype.kind != "f")
         assert made.json["accessors"][-1]["type"] == ("VEC2" if name == "TEXCOORD_0" else "VEC3")
+    made.json["accessors"][0] |= BOUNDS
     indices = made.accessor(CORNERS)
     made.json["meshes"][0]["primitives"] = [{"attributes": dict(zip(kinds, range(3), strict=True)), "indices": indices}]
     made.json["extensionsUsed"] = made.json["extensionsRequired"] = ["KHR_mesh_quantization"]
@@ -108,14 +112,16 @@ def test_strided_sparse_and_integer_accessors(tmp_path: Path) -> None:
     places, values = np.array([1, 2, 3], np.uint8), QUAD["POSITION"][1:].copy()
     sparse = {"count": 3, "indices": {"bufferView": made.view(places.tobytes()), "componentType": 5121}}
     sparse["values"] = {"bufferView": made.view(values.tobytes())}
-    made.json["accessors"][0] = {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
+    made.json["accessors"][0] = {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse, **BOUNDS}
     same(read_mesh(made.write(tmp_path / "sparse")), plain)
-    made.json["accessors"][0] = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
+    made.json["accessors"][0] |= {"bufferView": 0, "max": [4, 1, 0]}
     values[:] = [[4, 0, 0], [4, 1, 0], [0, 1, 0]]
     made.data = made.data[: -values.nbytes] + values.tobytes()
     assert read_mesh(made.write(tmp_path / "sparse")).positions[:, 0].tolist() == [0, 4, 4, 0]
-    made = Gltf()
-    made.primitive({**QUAD, "POSITION": (QUAD["POSITION"] * 50).astype(np.int8)}, CORNERS)
+    made = quad()
+    small = np.pad(QUAD["POSITION"] * 50, ((0, 0), (0, 1))).astype(np.int8)
+    view = {"bufferView": made.view(small.tobytes(), byteStride=4), "componentType": 5120}
+    made.json["accessors"][0] |= {**view, "max": [100, 50, 0]}
     made.json |= {"nodes": [{"mesh": 0, "scale": [1 / 50] * 3}], "extensionsRequired": ["KHR_mesh_quantization"]}
     made.json["extensionsUsed"] = ["KHR_mesh_quantization"]
     same(read_mesh(made.write(tmp_path / "quantised")), plain)
@@ -141,7 +147,7 @@ def test_nodes_move_turn_and_mirror_with_right_frames(scale: tuple[float, float,
         {"mesh": 0, "matrix": inner.T.ravel().tolist()},
         {"mesh": 0, "scale": [0, 0, 0]},  # hidden
     ]
-    made.json["scenes"] = [{"nodes": []}, {"nodes": [0, 2]}]
+    made.json["scenes"] = [{"nodes": [2]}, {"nodes": [0, 2]}]
     made.json["scene"] = 1
     found = read_mesh(made.write(tmp_path / "x"))
 
