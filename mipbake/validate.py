@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from mipbake.errors import UsageError
-from mipbake.metrics import PAIR_SETS, Interval, LightViewPairs, pair_set, snr_interval, snr_sums
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import level_sizes
-from mipbake.render import candidate, random_points, reference
+from mipbake.compare.candidates import BAKED, bake_all, label, mismatch, opened
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, check_settings, measure
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
+__all__ = [
+    "BAKED",
+    "CLOSED_FORMS",
+    "DEFAULT_LODS",
+    "DEFAULT_POINTS",
+    "DEFAULT_SAMPLES",
+    "DEFAULT_SEED",
+    "Row",
+    "Validation",
+    "validate",
+]
+
 DEFAULT_LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
-DEFAULT_SEED = 0
-DEFAULT_POINTS = 8192
-DEFAULT_SAMPLES = 64
 
 CLOSED_FORMS = (("linear", "box"), ("linear", None), ("lean", "box"), ("lean", None))
 """Method and averaging kernel of each baseline; None stands for the pixel filter of the stack under test."""
-
-BAKED = "baked"
-"""Name of the rows that belong to the stack under test."""
 
 
 @dataclass(frozen=True)
@@ -117,63 +117,21 @@ def validate(
     Raises:
         UsageError: a negative lod, or fewer than one point or sample.
     """
-    if not lods or not all(0 <= lod < float("inf") for lod in lods):
-        raise UsageError(f"lods must be one or more numbers from 0 up, got {list(lods)}")
-    if points < 1 or samples < 1:
-        raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
-    source = texture_set.source_model
-    stored = texture_set.material(source)
-    last = len(level_sizes(*stored.shape[:2])) - 1
-    measured = tuple(dict.fromkeys(min(float(lod), float(last)) for lod in lods))
-    notes = []
-    if measured != tuple(float(lod) for lod in lods):
-        notes.append(f"lods beyond the last level were measured there, at lod {last}.")
-    if stack.provenance.source_hash != texture_set.source_hash:
-        notes.append("the stack was not baked from this texture set (source hashes differ): its figures mean little.")
+    check_settings(lods, points, samples)
     kernel = stack.provenance.pixel_filter
-
-    candidates = {BAKED: stack.levels}
-    for method, averaging in baselines:
-        filtered = averaging or kernel
-        label = f"{method} ({filtered})"
-        if label not in candidates:
-            bake = METHODS[method]
-            result = bake(stored, source, stack.model, filtered, texture_set.wrap, lambda _: None)
-            candidates[label] = result.levels
-
-    sets = {name: pair_set(name, seed) for name in PAIR_SETS}
-    every = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets.values()]) for a in ("light", "view")))
-    figures: dict[tuple[str, str, float], Interval] = {}
-    for index, lod in enumerate(measured):
-        rng = np.random.default_rng([seed, index])
-        uv = random_points(rng, points)
-        first, second = (
-            reference(stored, source, texture_set.wrap, uv, lod, kernel, every, samples, rng) for _ in range(2)
-        )
-        for label, levels in candidates.items():
-            shaded = candidate(levels, stack.model, texture_set.wrap, uv, lod, every)
-            for name, part in _parts(sets).items():
-                figures[label, name, lod] = snr_interval(snr_sums(shaded[part], first[part], second[part]))
-        progress("validate", (index + 1) / len(measured))
+    names = dict.fromkeys(label(method, averaging or kernel) for method, averaging in baselines)
+    wrong = mismatch(stack, texture_set)
+    with bake_all(texture_set, stack.model, kernel, tuple(names)) as baked:
+        candidates = [opened(stack), *baked]
+        measured = measure(texture_set, candidates, kernel, lods, (), seed, points, samples, progress, "validate")
     return Validation(
         name=texture_set.name,
         method=stack.provenance.method,
         model=stack.model,
         pixel_filter=kernel,
-        rows=tuple(
-            Row(*key, figures[key].estimate, figures[key].low, figures[key].high)
-            for key in itertools.product(candidates, sets, measured)
-        ),
-        notes=tuple(notes),
+        rows=tuple(Row(f.method, f.view, f.lod, f.value, f.low, f.high) for f in measured.curve),
+        notes=(*measured.notes, *([wrong] if wrong else ())),
         points=points,
         samples=samples,
         seed=seed,
     )
-
-
-def _parts(sets: dict[str, LightViewPairs]) -> dict[str, slice]:
-    parts, start = {}, 0
-    for name, pairs in sets.items():
-        parts[name] = slice(start, start + len(pairs.light))
-        start += len(pairs.light)
-    return parts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from mipbake.errors import OutputError, UsageError
 from mipbake.material import model_named
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
 from mipbake.stack import Levels, MipStack
 from mipbake.texture_set import TextureSet
 
@@ -66,32 +66,33 @@ def label(method: str, kernel: str) -> str:
     return f"{method} ({kernel})" if METHODS[method].averages else method
 
 
-def labels(pixel_filter: str) -> Mapping[str, tuple[str, str]]:
-    """Label to method and kernel of everything that can be baked for a pixel filter, methods that learn first."""
-    learned = [(name, pixel_filter) for name, method in METHODS.items() if not method.averages]
-    return {label(*each): each for each in (*learned, *closed_forms(pixel_filter))}
-
-
 def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]]:
     """Label to method and kernel of what was asked for, in that order, each once.
 
     Args:
-        names: labels (`lean (box)`), or methods (`lean`), which stand for all of their forms.
+        names: methods (`lean`), which stand for all of their forms, or labels: of a closed form with any kernel of
+            `mipbake.prefilter.pixel_filter.FILTERS` (`lean (box)`).
         pixel_filter: that the stacks are for.
 
     Raises:
         UsageError: a name that is neither.
     """
-    known = labels(pixel_filter)
+    forms = closed_forms(pixel_filter)
+    usual = {label(*each): each for each in forms}
+    possible = {label(method, kernel): (method, kernel) for method, _ in forms for kernel in FILTERS}
     wanted: dict[str, tuple[str, str]] = {}
     for name in names:
-        found = {key: value for key, value in known.items() if name in (key, value[0])}
-        if not found:
+        if name in possible:
+            wanted[name] = possible[name]
+        elif name not in METHODS:
             raise UsageError(
-                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or one form of a method: "
-                f"{', '.join(key for key, value in known.items() if key != value[0])}"
+                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or one form of a closed form, for "
+                f"example {next(iter(usual))!r}"
             )
-        wanted |= found
+        elif METHODS[name].averages:
+            wanted |= {key: form for key, form in usual.items() if form[0] == name}
+        else:
+            wanted[name] = (name, pixel_filter)
     return wanted
 
 

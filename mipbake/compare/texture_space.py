@@ -109,6 +109,14 @@ def scale_lods(texture_set: TextureSet, scale: str) -> tuple[float, ...]:
     return _steps(low, high)
 
 
+def check_settings(lods: Sequence[float] | None, points: int, samples: int) -> None:
+    """UsageError for what `measure` would refuse, so that nobody bakes for it."""
+    if lods is not None and not (lods and all(0 <= lod < float("inf") for lod in lods)):
+        raise UsageError(f"lods must be one or more numbers from 0 up, got {list(lods)}")
+    if points < 1 or samples < 1:
+        raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
+
+
 def measure(
     texture_set: TextureSet,
     candidates: Sequence[Candidate],
@@ -147,10 +155,7 @@ def measure(
         UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
     """
     asked = curve_lods(texture_set) if lods is None else tuple(float(lod) for lod in lods)
-    if not asked or not all(0 <= lod < float("inf") for lod in asked):
-        raise UsageError(f"lods must be one or more numbers from 0 up, got {list(asked)}")
-    if points < 1 or samples < 1:
-        raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
+    check_settings(asked, points, samples)
     last = last_lod(texture_set)
     curve = tuple(dict.fromkeys(min(lod, last) for lod in asked))
     notes = () if curve == asked else (f"lods beyond the last level were measured there, at lod {last:g}.",)
