@@ -17,12 +17,10 @@ from pathlib import Path
 import numpy as np
 
 import mipbake
+from mipbake.bake import DEFAULT_FILTER
+from mipbake.compare.candidates import closed_forms
 from mipbake.metrics import PAIR_SETS
-from mipbake.prefilter import METHODS
 from mipbake.validate import BAKED, DEFAULT_LODS, Validation
-
-LEARNED = ("neural", "optimum")
-BASELINES = [(name, kernel) for name in METHODS if name not in LEARNED for kernel in ("box", None)]
 
 
 def measure(folder: Path, method: str, seed: int) -> Validation:
@@ -30,7 +28,7 @@ def measure(folder: Path, method: str, seed: int) -> Validation:
     start = time.perf_counter()
     stack = mipbake.bake(texture_set, method=method)
     baked = time.perf_counter()
-    result = mipbake.validate(texture_set, stack, seed=seed, baselines=BASELINES)
+    result = mipbake.validate(texture_set, stack, seed=seed, baselines=closed_forms(DEFAULT_FILTER))
     print(f"{folder.name}: bake {baked - start:.1f} s, validate {time.perf_counter() - baked:.1f} s", flush=True)
     return result
 
