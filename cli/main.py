@@ -15,6 +15,7 @@ import typer
 
 from mipbake import MipbakeError
 from mipbake.cli.bake import bake
+from mipbake.cli.compare import compare
 from mipbake.cli.inspect import inspect
 from mipbake.cli.session import Session
 from mipbake.cli.validate import validate
@@ -25,7 +26,8 @@ EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
 _EPILOG = (
-    "Exit codes: 0 done, 1 unexpected (a defect), 2 usage, 3 unusable input, 4 unwritable output, 130 interrupted. "
+    "Exit codes: 0 done, 1 unexpected (a defect), 2 usage, 3 unusable input, 4 unwritable output, 5 a condition of "
+    "--fail-if holds, 130 interrupted. "
     "With several folders, the highest."
 )
 
@@ -36,7 +38,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog=_EPILOG,
 )
-for command in (bake, validate, inspect):
+for command in (bake, compare, validate, inspect):
     app.command(epilog=_EPILOG)(command)
 
 # typer's own errors share an ancestor that is not part of its documented interface: older versions take it from click.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -379,3 +382,9 @@ def test_the_list_of_measures_calls_each_as_it_says(name: str) -> None:
 def test_too_much_and_too_little_flicker_are_as_bad() -> None:
     loss = MEASURES["flicker"].loss
     assert loss(2.0) == pytest.approx(loss(0.5)) and loss(1.0) == 0 < loss(1.1) < loss(0.0)
+
+
+def test_colour_science_leaves_in_silence() -> None:
+    lines = "import OpenImageIO, torch", "from mipbake._colour_science import colour_science", "colour_science()"
+    done = subprocess.run([sys.executable, "-c", "; ".join(lines)], capture_output=True, text=True, check=True)
+    assert done.stdout == done.stderr == ""

@@ -235,8 +235,9 @@ class _Pictures:
                 if self._exposures is not None:
                     found = measure.function(linear, self._linear, exposures=self._exposures)
                     values[name] = _mean(found, self._inside)
-            elif measure.needs == "linear":
-                values[name] = _mean(measure.function(linear, self._linear), self._inside)
+            elif measure.needs == "linear":  # pixel by pixel
+                found = measure.function(linear[self._inside], self._linear[self._inside])
+                values[name] = _mean(found, None)
             elif measure.needs == "display":
                 found = measure.function(display, self._display)
                 values[name] = _mean(found, self._inside)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -196,6 +197,11 @@ class Comparison:
             "settings": dict(self.settings),
             "seconds": dict(self.seconds),
         }
+
+
+def file_stem(*names: str) -> str:
+    """Names of scenes and methods as a part of a file's name: what is no letter or digit becomes a hyphen."""
+    return "--".join(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image" for name in names)
 
 
 def _only(figures: Iterable[Figure], wanted: tuple[object, ...], keys: tuple[str, ...]) -> Figure:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._colour_science import colour_science
 from mipbake.errors import UsageError
 
 SRGB, LINEAR = "sRGB", "linear Rec.709"
@@ -49,7 +50,7 @@ def canonical_colour_space(name: str) -> str:
         return SRGB
     if lowered in _LINEAR_NAMES:
         return LINEAR
-    import colour
+    colour = colour_science()
 
     linear = lowered.startswith("linear ")
     wanted = lowered.removeprefix("linear ")
@@ -82,7 +83,7 @@ def decode(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
 
 
 def _decode_named(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
-    import colour
+    colour = colour_science()
 
     space = colour.RGB_COLOURSPACES[colour_space.removeprefix("linear ")]
     if colour_space.startswith("linear ") or space.cctf_decoding is None:

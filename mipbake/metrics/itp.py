@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import warnings
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._colour_science import colour_science
 from mipbake.errors import UsageError
 from mipbake.metrics.images import ImageArray, Measured, radiance_pair
 
@@ -39,21 +38,14 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
     """
     if not 0 < nits_per_unit < math.inf:
         raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")
-    colour = _colour_science()
+    colour = colour_science()
     p, r = (_ictcp(image, nits_per_unit) for image in radiance_pair(candidate, reference))
     per_pixel = np.asarray(colour.delta_E(p, r, method="ITP"), np.float64)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
 
 
-def _colour_science() -> ModuleType:
-    with warnings.catch_warnings():  # it warns of packages that plot or fit, which nothing here uses
-        warnings.simplefilter("ignore")
-        import colour
-    return colour
-
-
 def _ictcp(image: ImageArray, nits_per_unit: float) -> NDArray[np.float64]:
-    colour = _colour_science()
+    colour = colour_science()
     spaces = colour.RGB_COLOURSPACES
     matrix = np.asarray(colour.matrix_RGB_to_RGB(spaces["ITU-R BT.709"], spaces["ITU-R BT.2020"]), np.float64)
     nits = np.minimum(image * nits_per_unit @ matrix.T, MAX_NITS)

@@ -1,0 +1,199 @@
+"""`mipbake compare`: every method on one set, as figures and pictures on a page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+import mipbake
+from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
+from mipbake.cli import options
+from mipbake.cli.options import one_of
+from mipbake.cli.session import Session, plain, stages
+from mipbake.cli.tables import set_report, table
+from mipbake.compare.comparing import Settings
+from mipbake.compare.comparing import compare as compare_methods
+from mipbake.compare.conditions import GRAMMAR, parse
+from mipbake.compare.pictures import MAX_PASSES
+from mipbake.compare.result import SCALES, Comparison
+from mipbake.compare.scenes import SPHERE_RESOLUTION
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.io.options import LoadOptions
+from mipbake.metrics import PAIR_SETS
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.render.cache import default_folder
+from mipbake.render.environment import ENVIRONMENTS, lighting_named
+from mipbake.render.mesh_file import read_mesh
+from mipbake.report.page import check_report, write_report
+from mipbake.report.page.verdict import verdict
+from mipbake.report.page.writing import PAGE
+from mipbake.report.viewer import Source
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+EXIT_CONDITION = 5
+
+_LIST = "one or more, separated by commas"
+
+
+@options.reads_sets
+def compare(
+    session: Session,
+    load: LoadOptions,
+    folder: options.Folder,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="REPORT",
+            help="Folder of the report: index.html, results.json, images.",
+            show_default=False,
+        ),
+    ],
+    baked: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            metavar="STACK",
+            help="A stack that was baked from the set, OUT/<set>: compared as `baked`, and what the verdict is about.",
+        ),
+    ] = None,
+    methods: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="NAMES",
+            help=f"What is baked: {_LIST}, of {', '.join(METHODS)}, or one form of a closed form, as 'lean (box)'.",
+            show_default="neural and all closed forms",
+        ),
+    ] = None,
+    target: Annotated[
+        str,
+        typer.Option(metavar=one_of(TARGETS), help="Material model of the stacks; that of --baked where it is given."),
+    ] = AUTO_TARGET,
+    pixel_filter: Annotated[
+        str,
+        typer.Option(
+            "--filter",
+            metavar=one_of(FILTERS),
+            help="Pixel filter of the reference; that of --baked where it is given.",
+        ),
+    ] = DEFAULT_FILTER,
+    fail_if: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            metavar="CONDITION", help=f"End with exit code {EXIT_CONDITION} when it holds; repeat for more. {GRAMMAR}"
+        ),
+    ] = None,
+    light: Annotated[
+        str,
+        typer.Option(
+            metavar=f"{one_of(ENVIRONMENTS)}|FILE",
+            help="Light of the renders: generated, or a latitude-longitude HDR image.",
+        ),
+    ] = next(iter(ENVIRONMENTS)),
+    mesh: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(metavar="FILE", help="Render this mesh (.obj, .gltf, .glb) instead of spheres and a plane."),
+    ] = None,
+    anisotropic: Annotated[
+        bool,
+        typer.Option(
+            "--anisotropic", help="Look stacks up 16x anisotropically in renders, as engines can, not trilinearly."
+        ),
+    ] = False,
+    keep_renders: Annotated[
+        bool,
+        typer.Option(
+            "--keep-renders", help="Keep every render as a multi-part EXR: candidate, reference, error, lod, uv."
+        ),
+    ] = False,
+    size: Annotated[int, typer.Option(help="Height of the renders in pixels; 16 or more.")] = SPHERE_RESOLUTION[0],
+    passes: Annotated[
+        int, typer.Option(help="Samples a pixel of a render's reference, at most; even, 32 or more.")
+    ] = MAX_PASSES,
+    points: Annotated[
+        int, typer.Option(help="Pixels per level of detail in texture space; 1 or more.")
+    ] = DEFAULT_POINTS,
+    samples: Annotated[
+        int, typer.Option(help="Samples per pixel in each of two estimates of the reference there; 1 or more.")
+    ] = DEFAULT_SAMPLES,
+    seed: Annotated[int, typer.Option(help="Fixes everything that is drawn at random; 0 or more.")] = DEFAULT_SEED,
+    cache: Annotated[
+        bool, typer.Option("--cache/--no-cache", help="Keep references of renders for the next comparison.")
+    ] = True,
+) -> None:
+    """Compare methods on a texture set: measures, renders and a report that opens in a browser."""
+
+    conditions = [parse(text) for text in fail_if or []]
+    check_report(out)
+    settings = Settings(
+        lighting=lighting_named(light),
+        mesh=read_mesh(mesh) if mesh else None,
+        anisotropic=anisotropic,
+        side=size,
+        max_passes=passes,
+        points=points,
+        samples=samples,
+        seed=seed,
+        cache=default_folder() if cache else None,
+    )
+    stack = mipbake.open_stack(baked) if baked else None
+    names = None if methods is None else tuple(name.strip() for name in methods.split(","))
+    texture_set = mipbake.load(folder, load)
+    with stages(session, texture_set.name) as progress, TemporaryDirectory(prefix="mipbake-") as kept:
+        renders = Path(kept) if keep_renders else None
+        found = compare_methods(
+            texture_set, stack, baked, names, target, pixel_filter, settings, conditions, renders, progress
+        )
+        comparison = replace(found.comparison, source=plain(set_report(texture_set)))
+        source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
+        files = write_report(comparison, found.stacks, source, out, progress, renders)
+    outcomes = [condition.check(comparison) for condition in conditions]
+    session.print(verdict(comparison).sentence)
+    for pairs in PAIR_SETS:
+        session.print("", scale_table(comparison, pairs))
+    session.print("", *(f"warning: {warning}" for warning in comparison.warnings))
+    session.print(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
+    size_of = sum(file.stat().st_size for file in files)
+    session.print(f"wrote {out / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
+    for outcome in outcomes:
+        if outcome.failed:
+            session.fail(outcome.sentence, EXIT_CONDITION)
+        else:
+            session.print(outcome.sentence)
+    session.dump(
+        {
+            "version": mipbake.__version__,
+            "exit_code": session.exit_code,
+            "folder": folder,
+            "out": out,
+            "files": files,
+            "conditions": outcomes,
+            **comparison.to_dict(),
+        }
+    )
+
+
+def scale_table(comparison: Comparison, pairs: str) -> Table:
+    """Methods by scale, for one pair set, with 95 % intervals; the best of each column is bold."""
+    from rich.text import Text
+
+    made = table(f"{pairs}, SNR in dB", *SCALES)
+    for column in made.columns[1:]:
+        column.justify = "right"
+    names = [method.name for method in comparison.methods]
+    found = {scale: {name: comparison.figure(name, "snr", pairs, scale) for name in names} for scale in SCALES}
+    for name in names:
+        cells = []
+        for column in found.values():
+            each = column[name]
+            best = each.value == max(other.value for other in column.values())
+            cells.append(Text(f"{each.value:.1f} [{each.low:.1f}, {each.high:.1f}]", "bold" if best else ""))
+        made.add_row(name, *cells)
+    return made

@@ -1,0 +1,266 @@
+"""The whole comparison: stacks, figures in texture space, renders with theirs, the paper's figures for one material."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
+from mipbake.compare import plots, texture_space
+from mipbake.compare.candidates import BAKED, Candidate, bake_all, chosen, default_names, mismatch, opened
+from mipbake.compare.conditions import Condition
+from mipbake.compare.pictures import MAX_PASSES, render_view
+from mipbake.compare.ranking import best_closed_form
+from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Plot, Rendered, Scene, file_stem
+from mipbake.compare.scenes import SPHERE_RESOLUTION, View, mesh_views, standard_views
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
+from mipbake.errors import UsageError
+from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.render import environment
+from mipbake.render.environment import Lighting
+from mipbake.render.mesh import Mesh
+from mipbake.render.render_file import write_render
+from mipbake.stack import MipStack, Provenance
+from mipbake.texture_set import TextureSet
+
+StageProgress = Callable[[str, float], None]
+"""Told the name of the stage and its finished share, from 0 to 1."""
+
+_SLICE, _LOBE = "temporal slice", "apparent BRDF"  # stages
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """How a comparison is made.
+
+    Args:
+        lighting: of the renders; None for the studio.
+        mesh: what is rendered in place of spheres and plane.
+        anisotropic: look stacks up 16x anisotropically in renders, rather than trilinearly.
+        side: of a square render, in pixels; the plane is 7/4 as wide.
+        max_passes: samples a pixel of a render's reference, at most.
+        points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
+        seed: of everything that is drawn.
+        cache: folder where references of renders are kept for the next comparison; None for nowhere.
+
+    Raises:
+        UsageError: numbers that no comparison can be made with.
+    """
+
+    lighting: Lighting | None = None
+    mesh: Mesh | None = None
+    anisotropic: bool = False
+    side: int = SPHERE_RESOLUTION[0]
+    max_passes: int = MAX_PASSES
+    points: int = DEFAULT_POINTS
+    samples: int = DEFAULT_SAMPLES
+    seed: int = DEFAULT_SEED
+    cache: Path | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types; lighting and mesh by name, the cache left out, which changes nothing."""
+        named = {"lighting": self.lights.name, "mesh": self.mesh.name if self.mesh else None}
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in (*named, "cache")}
+        return named | fields
+
+    @property
+    def lights(self) -> Lighting:
+        """The lighting of the renders."""
+        return self.lighting or environment.studio()
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A comparison and what a report shows beside it.
+
+    Args:
+        comparison: the figures and images.
+        stacks: of the subject, the best closed form and `linear (box)`, by method name.
+    """
+
+    comparison: Comparison
+    stacks: Mapping[str, MipStack]
+
+
+def compare(
+    texture_set: TextureSet,
+    stack: MipStack | None = None,
+    path: Path | None = None,
+    methods: Sequence[str] | None = None,
+    target: str = AUTO_TARGET,
+    pixel_filter: str = DEFAULT_FILTER,
+    settings: Settings | None = None,
+    conditions: Sequence[Condition] = (),
+    renders: Path | None = None,
+    progress: StageProgress = lambda _stage, _share: None,
+) -> Compared:
+    """Measures prefilters of one texture set against the supersampled, pixel-filtered reference, and each other.
+
+    Args:
+        texture_set: the source.
+        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of `target` and
+            `pixel_filter`. path: the folder it came from, for readers.
+        methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
+            stack; None for neural and all closed forms.
+        target, pixel_filter: as in `mipbake.bake`.
+        settings: how thoroughly, and what is rendered; None for the defaults.
+        conditions: that the figures will be asked for; those that cannot be decided are found before any work.
+        renders: an existing folder for every render as a multi-part EXR file, SCENE--METHOD.exr; None keeps none.
+        progress: told stage and share as the work goes on.
+
+    Raises:
+        UsageError: unknown names, settings that are impossible, a condition on what is not measured.
+        InputError: a mesh that cannot be seen.
+        OutputError: temporary files cannot be written.
+    """
+    settings = settings or Settings()
+    clock = _Clock(progress)
+    model = stack.model if stack else resolve_target(texture_set, target)
+    kernel = stack.provenance.pixel_filter if stack else filter_named(pixel_filter).name
+    names, notes = default_names(model, kernel) if methods is None else (tuple(methods), ())
+    labels = tuple(chosen(names, kernel))
+    for condition in conditions:
+        condition.require([*([BAKED] if stack else []), *labels], texture_space.curve_lods(texture_set))
+    warnings = list(texture_set.warnings)
+    if stack and (wrong := mismatch(stack, texture_set)):
+        warnings.append(wrong)
+    with bake_all(texture_set, model, kernel, labels, clock) as baked:
+        candidates = [*([opened(stack, path)] if stack else []), *baked]
+        if not candidates:
+            raise UsageError("no method was named: expected at least one to compare")
+        comparison = _compared(texture_set, candidates, kernel, settings, renders, clock)
+        shown = (comparison.subject, best_closed_form(comparison), "linear (box)")
+        stacks = {
+            each.name: _stack(texture_set, each) if each.method.path is None or stack is None else stack
+            for each in candidates
+            if each.name in shown
+        }
+    settled = dataclasses.replace(
+        comparison, notes=(*notes, *comparison.notes), warnings=(*warnings, *comparison.warnings), seconds=clock.seconds
+    )
+    return Compared(settled, stacks)
+
+
+def _compared(
+    texture_set: TextureSet,
+    candidates: Sequence[Candidate],
+    pixel_filter: str,
+    settings: Settings,
+    renders: Path | None,
+    clock: _Clock,
+) -> Comparison:
+    subject = candidates[0].method
+    measured = texture_space.measure(
+        texture_set, candidates, pixel_filter, None, seed=settings.seed, points=settings.points,
+        samples=settings.samples, progress=clock,
+    )  # fmt: skip
+    clock("texture space", 1.0)
+    comparison = Comparison(
+        name=texture_set.name,
+        subject=subject.name,
+        model=subject.model,
+        pixel_filter=pixel_filter,
+        methods=tuple(each.method for each in candidates),
+        curve=measured.curve,
+        figures=(*measured.figures, *_gains(measured, candidates)),
+        notes=measured.notes,
+        settings=settings.to_dict(),
+    )
+    best = best_closed_form(comparison)
+    drawn = (subject.name, best, "linear (box)", f"linear ({pixel_filter})", "optimum")
+    few = [each for each in candidates if each.name in drawn]
+    source = texture_set.source_model
+    stored = texture_set.material(source)
+    views = _views(texture_set, settings)
+    rendered: list[Rendered] = []
+    figures: list[Figure] = []
+    pictures: list[Plot] = []
+    for view in views:
+        made = render_view(
+            view, stored, source, texture_set.wrap, candidates, pixel_filter, settings.seed, settings.max_passes,
+            clock, settings.anisotropic, cache=settings.cache,
+        )  # fmt: skip
+        clock(view.name, 1.0)
+        rendered.append(made.rendered)
+        figures += made.figures
+        if renders is not None:
+            for name, frame in made.frames.items():
+                write_render(
+                    renders / f"{file_stem(view.name, name)}.exr", frame, made.reference, method=name,
+                    pixel_filter=pixel_filter, source_hash=texture_set.source_hash,
+                )  # fmt: skip
+        if made.change is not None and not pictures:  # of the nearest view, where shimmer is the worst
+            pictures.append(plots.half_pixel_shift(made.change))
+    scene = (stored, source, texture_set.wrap)
+    turning = plots.temporal_slice(
+        *scene, few, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share)
+    )
+    lobe = plots.apparent_brdf(*scene, few, pixel_filter, settings.seed)
+    clock(_LOBE, 1.0)
+    return dataclasses.replace(
+        comparison,
+        figures=(*comparison.figures, *figures, *turning.figures),
+        rendered=tuple(rendered),
+        plots=(turning.plot, *pictures, lobe),
+        warnings=tuple(_unsettled(each.scene) for each in rendered if not each.scene.converged),
+    )
+
+
+def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
+    size, square = (texture_set.height, texture_set.width), (settings.side, settings.side)
+    if settings.mesh:
+        return mesh_views(settings.mesh, size, settings.lights, square)
+    last = int(texture_space.last_lod(texture_set))
+    return standard_views(size, settings.lights, last, square, (settings.side, settings.side * 7 // 4))
+
+
+def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[Figure]:
+    """The subject's SNR minus that of every other method, over the same light-view pairs."""
+    subject, *others = (each.name for each in candidates)
+    for figure in measured.figures:
+        if figure.measure == "snr" and figure.method in others:
+            gain = measured.gain(subject, figure.method, figure.view, figure.scale)
+            yield dataclasses.replace(figure, measure=SNR_GAIN, value=gain.estimate, low=gain.low, high=gain.high)
+
+
+def _unsettled(scene: Scene) -> str:
+    share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
+    return (
+        f"the reference of {scene.name} still has {share:.0%} of the best candidate's error after {scene.passes} "
+        "samples a pixel: its figures for the best methods are a little too low; more samples would settle it."
+    )
+
+
+def _stack(texture_set: TextureSet, candidate: Candidate) -> MipStack:
+    """A candidate as a stack of its own, which outlives temporary files."""
+    made = candidate.method
+    return MipStack(
+        name=texture_set.name,
+        model=made.model,
+        levels=[np.array(level, np.float32) for level in candidate.levels],
+        extra={},
+        wrap=texture_set.wrap,
+        provenance=Provenance(made.method, made.kernel, source_hash=texture_set.source_hash),
+    )
+
+
+class _Clock:
+    """Passes progress on and keeps how long each stage took: the time since the one before ended."""
+
+    def __init__(self, progress: StageProgress) -> None:
+        self._progress, self._last = progress, time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, share: float) -> None:
+        self._progress(stage, share)
+        if share >= 1:
+            now = time.perf_counter()
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+            self._last = now
