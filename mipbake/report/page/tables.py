@@ -97,7 +97,7 @@ def verdict_table(found: Verdict) -> Html:
                 rows.append(element("tr", head, [_verdict_cell(here.get(scale)) for scale in scales]))
         gaps = [found.gap.get((view, scale)) for scale in scales]
         if any(share is not None for share in gaps):
-            head = element("th", "gap to the optimum that is closed", scope="row")
+            head = element("th", "share of the gap to the optimum", scope="row")
             rows.append(element("tr", head, [_gap_cell(share) for share in gaps], class_="gap"))
         if rows:
             place = PLACES[view][0].upper() + PLACES[view][1:]

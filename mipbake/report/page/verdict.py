@@ -70,9 +70,9 @@ def verdict(comparison: Comparison) -> Verdict:
     linear = [d for key in _measured(comparison) if subject != LINEAR and (d := difference(comparison, LINEAR, *key))]
     gap = {(d.view, d.scale): share for d in best if (share := _closed_gap(comparison, d)) is not None}
     names = {d.rival for d in best}
-    against = f"the best closed form, {names.pop()}," if len(names) == 1 else "the best closed form of each scale"
+    against = f"{next(iter(names))}, the best closed form," if len(names) == 1 else "the best closed form of each scale"
     clauses: list[str] = []
-    for name, found in ((against, best), (LINEAR, linear)):
+    for name, found in ((against, best), (LINEAR, linear if names != {LINEAR} else [])):
         if found:
             clauses.append(f"{'it' if clauses else subject} {_outcome(name, found)}")
     sentence = f"{'; '.join(clauses)}." if clauses else f"Nothing was measured that {subject} could be compared by."
@@ -134,7 +134,7 @@ def _outcome(rival: str, found: Sequence[Difference]) -> str:
             parts.append(f"{verb} {'it' if named else rival} {listed(place for place in places if place)}")
             named = True
     if not parts:
-        return f"shows no difference from {rival.rstrip(',')} at any scale"
+        return f"shows no difference from {rival} at any scale"
     if any(d.outcome == 0 for d in found):
         parts.append("shows no difference elsewhere")
     return listed(parts)

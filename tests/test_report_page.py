@@ -1,0 +1,547 @@
+"""The page of a comparison without a browser: what is written, what it says, and that names cannot break it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Method
+from mipbake.errors import OutputError
+from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.report.page import check_report, write_report
+from mipbake.report.page.charts import curves
+from mipbake.report.page.markup import Html, element, joined, listed
+from mipbake.report.page.pictures import displayed, heat, ramp
+from mipbake.report.page.plain import plain
+from mipbake.report.page.scenes import flip_top
+from mipbake.report.page.tables import measure_tables, number, verdict_table
+from mipbake.report.page.texels import WINDOW, cropped, view, view_names, window_side
+from mipbake.report.page.verdict import difference, verdict
+from mipbake.report.viewer import Source
+from mipbake.stack import MipStack
+
+from .report_cases import NAMES, made_up, made_up_stacks, method
+from .viewer_scenes import PROVENANCE, material, scene_of, stack_of
+
+FEW = ("neural", "linear (box)", "lean (gaussian)")
+VOID = {"meta", "link", "img", "input", "br", "col"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes in order, the text outside scripts and styles, and whether all are closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: Any) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & set(self.open):
+            self.text.append(data)
+
+    def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
+        return [
+            a for t, a in self.elements if t == tag and all(a.get(k.rstrip("_")) == v for k, v in attributes.items())
+        ]
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, list[Path], Page]:
+    comparison = made_up(FEW, 24)
+    stacks, source = made_up_stacks(comparison, (16, 32))
+    files = write_report(comparison, stacks, source, tmp_path_factory.mktemp("reports") / "new" / "report")
+    return comparison, files, Page(files[0].read_text(encoding="utf-8"))
+
+
+# ---- what is written
+
+
+def test_a_report_holds_what_it_names_and_nothing_else(report: Any) -> None:
+    _, files, _ = report
+    folder = files[0].parent
+    assert [f.name for f in files[:2]] == ["index.html", "results.json"]
+    assert sorted(files) == sorted(path for path in folder.rglob("*") if path.is_file())
+    scenes = {"sphere-near", "sphere-1-1", "sphere-middle", "sphere-far", "plane"}
+    names = {path.stem for path in files}
+    for scene in scenes:
+        assert {f"{scene}--reference", f"{scene}--neural", f"{scene}--neural--flip"} <= names
+        assert {f"{scene}--linear-box", f"{scene}--linear-box--flip"} <= names
+    assert {f"{plot}--lean-gaussian" for plot in ("temporal-slice", "half-pixel-shift", "apparent-brdf")} <= names
+    assert list(folder.parent.iterdir()) == [folder]
+
+
+def test_nothing_is_loaded_from_elsewhere(report: Any) -> None:
+    _, files, page = report
+    for tag, attributes in page.elements:
+        if "src" in attributes:
+            assert str(attributes["src"]).startswith("data:image/webp;base64,"), tag
+        if "href" in attributes:
+            href = str(attributes["href"])
+            inside = href.startswith("#") and page.all(href and "section", id=href[1:])
+            assert inside or href == "data:," or (files[0].parent / href).is_file(), href
+    styles = files[0].read_text(encoding="utf-8")
+    assert "@import" not in styles and not re.search(r"url\((?!#)", styles)
+
+
+def test_pictures_are_described_and_parts_are_named(report: Any) -> None:
+    _, _, page = report
+    pictures = page.all("img")
+    assert len(pictures) > 60
+    assert all(picture["alt"] for picture in pictures)
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    assert all(a["aria-labelledby"] in ids for _, a in page.elements if "aria-labelledby" in a)
+    assert all(a.get("aria-label") for _, a in page.elements if a.get("role") == "region")
+    assert [t for t, _ in page.elements if t == "h1"] == ["h1"]
+    assert page.all("html", lang="en")
+
+
+def test_figures_as_json(report: Any) -> None:
+    comparison, files, _ = report
+    text = files[1].read_text(encoding="utf-8")
+    assert "NaN" not in text
+    results = json.loads(text)
+    assert (results["schema"], results["schema_version"]) == ("mipbake-comparison", 1)
+    assert list(results)[3:] == list(comparison.to_dict())
+    flicker = next(f for f in results["figures"] if f["measure"] == "flicker")
+    assert flicker["low"] is None and flicker["value"] == pytest.approx(comparison.figure(
+        flicker["method"], "flicker", flicker["view"], flicker["scale"]).value)  # fmt: skip
+    assert results["source"]["maps"]["base_color"]["path"] == str(Path("in/bricks_Color.png"))
+
+
+def test_the_same_comparison_gives_the_same_bytes(tmp_path: Path) -> None:
+    comparison = made_up(FEW[:2], 16)
+    stacks, source = made_up_stacks(comparison, (8, 8))
+    first, second = (write_report(comparison, stacks, source, tmp_path / name) for name in ("a", "b"))
+    assert [f.read_bytes() for f in first] == [f.read_bytes() for f in second]
+
+
+def test_files_hold_what_is_displayed(tmp_path: Path) -> None:
+    comparison = made_up(FEW, 16)
+    files = write_report(comparison, {}, None, tmp_path / "r")
+    rendered = comparison.rendered[0]
+    pixels = np.asarray(Image.open(next(f for f in files if f.name == "sphere-near--neural.png")))
+    shown = rendered.images["neural"] / (1 + rendered.images["neural"])
+    encoded = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * np.maximum(shown, 0.0031308) ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(pixels, 255 * encoded, atol=0.51)
+    flip = np.asarray(Image.open(next(f for f in files if f.name == "sphere-near--neural--flip.png")))
+    np.testing.assert_array_equal(flip, heat(rendered.flip["neural"], flip_top(comparison)))
+
+
+def test_the_page_shows_the_pixels_of_the_files(report: Any, tmp_path: Path) -> None:
+    import base64
+    import io
+
+    _, files, page = report
+    uri = next(str(a["src"]) for a in page.all("img", class_="render"))
+    embedded = Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))
+    reference = Image.open(files[0].parent / "images" / "sphere-near--reference.png")
+    np.testing.assert_array_equal(np.asarray(embedded.convert("RGB")), np.asarray(reference))
+
+
+def test_progress_rises_to_one(tmp_path: Path) -> None:
+    told: list[float] = []
+    comparison = made_up(FEW, 16)
+    stacks, source = made_up_stacks(comparison, (8, 8))
+    write_report(comparison, stacks, source, tmp_path / "r", lambda stage, share: told.append(share))
+    assert told == sorted(told) and told[-1] == 1 and told[-2] < 1 and len(set(told)) > 40
+
+
+def test_an_earlier_report_is_replaced(tmp_path: Path) -> None:
+    write_report(made_up(FEW, 16), {}, None, tmp_path / "r")
+    check_report(tmp_path / "r")
+    files = write_report(made_up(FEW[:2], 16, name="other"), {}, None, tmp_path / "r")
+    assert not list((tmp_path / "r").rglob("*lean*"))
+    assert "other" in files[0].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("foreign", ["mine.txt", "images/mine.txt", "renders/mine.png", "other/x.png"])
+def test_a_folder_that_holds_anything_else_is_left_alone(tmp_path: Path, foreign: str) -> None:
+    write_report(made_up(FEW[:2], 16), {}, None, tmp_path / "r")
+    other = tmp_path / "r" / foreign
+    other.parent.mkdir(exist_ok=True)
+    other.write_text("keep me")
+    for attempt in (check_report, lambda folder: write_report(made_up(FEW, 16), {}, None, folder)):
+        with pytest.raises(OutputError, match="holds files that are not mipbake's"):
+            attempt(tmp_path / "r")
+    assert other.read_text() == "keep me"
+    assert "lean" not in (tmp_path / "r" / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
+    def fail(stage: str, share: float) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_report(made_up(FEW, 16), {}, None, tmp_path / "a" / "r", fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_kept_renders_come_along(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "plane--neural.exr").write_bytes(b"exr")
+    files = write_report(made_up(FEW[:2], 16), {}, None, tmp_path / "r", renders=tmp_path / "kept")
+    assert (tmp_path / "r" / "renders" / "plane--neural.exr").read_bytes() == b"exr"
+    assert tmp_path / "r" / "renders" / "plane--neural.exr" in files
+    check_report(tmp_path / "r")  # may be replaced
+
+
+# ---- names
+
+NASTY = "<mark-x onclick=\"alert('1')\">&amp; $body ${style} \\u003c</script></style>]]>"
+
+
+def test_names_cannot_break_the_page(tmp_path: Path) -> None:
+    names = (f"neural {NASTY}", "linear (box)", f"lean {NASTY}")
+    plain_page = Page(write_report(made_up(FEW, 16), {}, None, tmp_path / "plain")[0].read_text(encoding="utf-8"))
+    made = made_up(names, 16)
+    rendered = [replace(each, scene=replace(each.scene, title=NASTY, lighting=NASTY)) for each in made.rendered]
+    source: dict[str, Any] = {
+        "maps": {NASTY: {"path": Path(NASTY), "reason": NASTY, "width": 1, "height": 1, "encoding": NASTY}},
+        "notes": [NASTY],
+        "warnings": [NASTY],
+        "ignored": [{"path": NASTY, "reason": NASTY}],
+        "normal_convention": {"name": NASTY, "decided_by": NASTY, "confidence": 1.0},
+    }
+    comparison = replace(
+        made,
+        name=NASTY,
+        model=NASTY,
+        rendered=tuple(rendered),
+        plots=tuple(replace(plot, title=NASTY, caption=NASTY) for plot in made.plots),
+        source=source,
+        notes=(NASTY,),
+        warnings=(NASTY,),
+        settings={NASTY: NASTY},
+        seconds={NASTY: 1.0},
+    )
+    page = Page(write_report(comparison, {}, None, tmp_path / "nasty")[0].read_text(encoding="utf-8"))
+    assert "mark-x" not in {tag for tag, _ in page.elements}
+    assert {name for _, a in page.elements for name in a if name.startswith("on")} == set()
+    assert {tag for tag, _ in page.elements} <= {tag for tag, _ in plain_page.elements} | {"aside"}
+    text = "".join(page.text)
+    assert text.count(NASTY) > 20
+    options = page.all("option", value=names[0])
+    assert len(options) == 2
+
+
+def test_names_that_make_the_same_file_name_keep_their_files(tmp_path: Path) -> None:
+    comparison = made_up(("linear (box)", "linear box", "LINEAR-BOX"), 16)
+    files = write_report(comparison, {}, None, tmp_path / "r")
+    near = sorted(f.name for f in files if f.name.startswith("sphere-near--linear-box"))
+    assert len(near) == 6 and len({(tmp_path / "r" / "images" / name).read_bytes() for name in near}) == 6
+
+
+def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
+    comparison = made_up(FEW[:2], 16, source={"ignored": [{"path": "a\udcff.png", "reason": "no map"}]})
+    files = write_report(comparison, {}, None, tmp_path / "r")
+    assert json.loads(files[1].read_text(encoding="utf-8"))["source"]["ignored"][0]["path"] == "a\udcff.png"
+    assert "no map" in files[0].read_text(encoding="utf-8")
+
+
+def test_markup_is_escaped_by_construction() -> None:
+    made = element("p", "a < b", Html("<b>c</b>"), [1, None, ["&"]], title='"x"', hidden=True, id=None, class_="k")
+    assert made == '<p title="&quot;x&quot;" hidden class="k">a &lt; b<b>c</b>1&amp;</p>'
+    assert element("img", alt="") == '<img alt="">' and element("line", x1=0) == '<line x1="0"/>'
+    assert joined(["a", "<"], " & ") == "a &amp; &lt;"
+    assert [listed(words) for words in ((), ("a",), ("a", "b"), ("a", "b", "c"))] == ["", "a", "a and b", "a, b and c"]
+
+
+# ---- the verdict
+
+
+def snr(name: str, view_name: str, scale: str, value: float, spread: float = 0.2) -> Figure:
+    return Figure(name, "snr", view_name, scale, 0.0, value, value - spread, value + spread)
+
+
+def compared(figures: Sequence[Figure], names: Sequence[str] = FEW) -> Comparison:
+    return Comparison("s", names[0], "gltf", "gaussian", tuple(method(n) for n in names), (), tuple(figures))
+
+
+def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
+    values = {  # near the mirror at near and far, over the hemisphere at near and far
+        "neural": (15.0, 12.0, 20.0, 22.0),
+        "linear (box)": (11.0, 8.0, 20.1, 18.0),
+        "lean (gaussian)": (14.0, 7.0, 23.0, 19.5),
+    }
+    places = [("near-mirror", "near"), ("near-mirror", "far"), ("hemisphere", "near"), ("hemisphere", "far")]
+    figures = [snr(name, *place, v) for name, row in values.items() for place, v in zip(places, row, strict=True)]
+    found = verdict(compared(figures))
+    assert found.sentence == (
+        "neural beats the best closed form of each scale near the mirror at every scale (by 1.0 to 4.0 dB) and over "
+        "the hemisphere at far (by 2.5 dB) and loses to it over the hemisphere at near (by 3.0 dB); it beats linear "
+        "(box) near the mirror at every scale (by 4.0 dB) and over the hemisphere at far (by 4.0 dB) and shows no "
+        "difference elsewhere."
+    )
+    assert [(d.rival, d.outcome) for d in found.closed] == [
+        ("lean (gaussian)", 1), ("linear (box)", 1), ("lean (gaussian)", -1), ("lean (gaussian)", 1),
+    ]  # fmt: skip
+    assert not found.paired and found.gap == {}
+    cells = Page(verdict_table(found)).all("td")
+    assert [c.get("class") for c in cells[1:]] == ["win", "win", "win", "win", "loss", "win", "tie", "win"]
+
+
+def test_intervals_that_overlap_show_no_difference() -> None:
+    names = FEW[:2]
+    figures = [snr("neural", "near-mirror", "near", 15, 2), snr("linear (box)", "near-mirror", "near", 12, 1.5)]
+    assert verdict(compared(figures, names)).sentence == (
+        "neural shows no difference from linear (box), the best closed form, at any scale."
+    )
+    apart = [figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)]
+    assert verdict(compared(apart, names)).linear[0].outcome == 1
+    without = [replace(f, low=math.nan, high=math.nan) for f in figures]
+    assert verdict(compared(without, names)).linear[0].outcome == 1
+    equal = [without[0], replace(without[1], value=15.03)]
+    assert verdict(compared(equal, names)).linear[0].outcome == 0
+
+
+@pytest.mark.parametrize(("low", "high", "outcome"), [(0.4, 5.0, 1), (-0.1, 5.0, 0), (-5.0, -0.2, -1)])
+def test_paired_intervals_decide_where_they_are(low: float, high: float, outcome: int) -> None:
+    gain = (low + high) / 2
+    figures = [
+        snr("neural", "hemisphere", "near", 15 + gain, 9),
+        snr("linear (box)", "hemisphere", "near", 15, 9),
+        Figure("linear (box)", SNR_GAIN, "hemisphere", "near", 0, gain, low, high),
+    ]
+    comparison = compared(figures, FEW[:2])
+    found = difference(comparison, "linear (box)", "hemisphere", "near")
+    assert found is not None and (found.gain, found.low, found.high, found.outcome) == (gain, low, high, outcome)
+    assert verdict(comparison).paired
+    assert "over the same light-view pairs" in "".join(Page(page_of(comparison)).text)
+
+
+def page_of(comparison: Comparison) -> str:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        return write_report(comparison, {}, None, Path(folder) / "r")[0].read_text(encoding="utf-8")
+
+
+def test_the_optimum_is_a_limit_and_no_rival() -> None:
+    names = ("neural", "linear (box)", "optimum")
+    values = {"neural": (15.0, 9.0, 12.0), "linear (box)": (12.0, 10.0, 11.0), "optimum": (18.0, 14.0, 11.0)}
+    figures = [
+        snr(name, "near-mirror", scale, value)
+        for name, row in values.items()
+        for scale, value in zip(("near", "middle", "far"), row, strict=True)
+    ]
+    found = verdict(compared(figures, names))
+    assert {d.rival for d in found.closed} == {"linear (box)"}
+    assert found.gap == {("near-mirror", "near"): pytest.approx(0.5), ("near-mirror", "middle"): pytest.approx(-0.25)}
+    tables = measure_tables(compared(figures, names))
+    best = re.findall(r'<th[^>]*class="method[^>]*>([^<]*)</th>((?:<td.*?</td>)+)', tables)
+    assert {name for name, cells in best if 'class="best"' in cells} == {"neural", "linear (box)"}
+
+
+def test_a_verdict_without_figures() -> None:
+    assert verdict(compared([])).sentence == "Nothing was measured that neural could be compared by."
+    only = verdict(compared([snr("neural", "hemisphere", "near", 20)], FEW[:1]))
+    assert only.closed == only.linear == ()
+    nan = [snr("neural", "hemisphere", "near", math.nan), snr("linear (box)", "hemisphere", "near", 3)]
+    assert verdict(compared(nan)).closed == ()
+
+
+def test_a_page_of_figures_alone(tmp_path: Path) -> None:
+    """Parts that were not measured are left out."""
+    page = Page(page_of(compared([snr(n, "hemisphere", "near", 20) for n in FEW])))
+    sections = [a["id"] for a in page.all("section")]
+    assert sections == ["figures", "details"]
+    assert not page.all("div", class_="bar js")
+    opened = Comparison(
+        "s", "baked", "gltf", "gaussian", (Method("baked", "neural", "gaussian", "gltf", None, tmp_path),), (), ()
+    )
+    assert f"opened from {tmp_path}" in page_of(opened)
+
+
+# ---- tables and curves
+
+
+def test_the_best_of_each_column_is_marked_by_what_its_measure_means() -> None:
+    rows = {"neural": (1.3, 0.10), "linear (box)": (0.9, 0.30), "lean (gaussian)": (math.nan, 0.2)}
+    figures = [
+        Figure(name, measure, "sphere", "near", 0, value, math.nan, math.nan)
+        for name, values in rows.items()
+        for measure, value in zip(("flicker", "flip"), values, strict=True)
+    ]
+    tables = measure_tables(compared(figures))
+    flicker, flip = (next(t for t in tables.split("<table")[1:] if f"<b>{name}" in t) for name in ("Flicker", "FLIP"))
+    assert re.search(r"linear \(box\)</th><td class=\"best\"", flicker)
+    assert re.search(r"neural</th><td class=\"best\"", flip)
+    assert flicker.count('class="best"') == flip.count('class="best"') == 1
+    assert ">\N{EN DASH}</td>" in flicker
+
+
+def test_intervals_are_visible() -> None:
+    text = measure_tables(compared([Figure("neural", "snr", "hemisphere", "near", 0, 15.04, -1.21, 20.96)]))
+    assert "15.0" in text and "<small>\N{MINUS SIGN}1.2 to 21.0</small>" in text
+    assert 'title="95 % interval \N{MINUS SIGN}1.2 to 21.0"' in text
+
+
+def test_numbers() -> None:
+    assert number(12.345, "snr") == "12.3" and number(-3, "snr") == "\N{MINUS SIGN}3.0"
+    assert (
+        number(1.26, SNR_GAIN) == "+1.3"
+        and number(math.inf, "snr") == "∞"
+        and number(math.nan, "flip") == "\N{EN DASH}"
+    )
+    assert [number(v, "flip") for v in (0.12345, 0.0123, 123.4)] == ["0.123", "0.0123", "123"]
+    assert number(0.0123, "flip", 0.5) == "0.012"
+
+
+def test_every_curve_is_drawn_and_a_gap_breaks_it() -> None:
+    comparison = made_up(NAMES, 16)
+    page = Page(curves(comparison))
+    lines = [a for a in page.all("path") if str(a["class"]).startswith("line ")]
+    assert {a["data-method"] for a in lines} == set(NAMES) and len(lines) == 2 * len(NAMES)
+    on = {a["data-method"] for a in lines if " on" in str(a["class"])}
+    assert on == {"neural", "linear (box)", "unreal (gaussian)", "optimum"}
+    assert {a["data-method"] for a in page.all("input") if "checked" in a} == on
+    colours = {a["data-method"]: str(a["class"]).split()[1] for a in lines}
+    assert colours["linear (box)"] == colours["linear (gaussian)"] and len(set(colours.values())) == 5
+    dashed = {a["data-method"] for a in lines if "dashed" in str(a["class"])}
+    assert dashed == {"linear (box)", "lean (box)"}
+    broken = [replace(p, value=math.nan) if p.lod == 3 and p.method == "neural" else p for p in comparison.curve]
+    page = Page(curves(replace(comparison, curve=tuple(broken))))
+    lines = [a for a in page.all("path") if str(a["class"]).startswith("line ")]
+    assert {str(a["d"]).count("M") for a in lines if a["data-method"] == "neural"} == {2}
+    assert not any(re.search("nan|inf", str(a["d"])) for a in page.all("path"))
+
+
+def test_a_curve_of_one_level() -> None:
+    """A set of one texel has level 0 only."""
+    comparison = made_up(FEW, 16)
+    page = Page(curves(replace(comparison, curve=tuple(p for p in comparison.curve if p.lod == 0))))
+    assert len([a for a in page.all("path") if str(a["class"]).startswith("line ")]) == 6
+
+
+# ---- colours
+
+
+def test_the_ramp_is_even_and_rises() -> None:
+    linear = np.asarray(ramp(), np.float64) / 255
+    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+    # Forwards, by the published matrices: from linear sRGB to Oklab's lightness.
+    cones = linear @ np.array(
+        [[0.4122214708, 0.2119034982, 0.0883024619], [0.5363325363, 0.6806995451, 0.2817188376],
+         [0.0514459929, 0.1073969566, 0.6299787005]]
+    )  # fmt: skip
+    lightness = np.cbrt(cones) @ [0.2104542553, 0.7936177850, -0.0040720468]
+    assert (np.diff(lightness[8:]) > 0).all()  # the darkest are as few bytes
+    np.testing.assert_allclose(np.diff(lightness[16::24]), 0.88 * 24 / 255, atol=0.012)
+    grey = linear @ [0.2126, 0.7152, 0.0722]
+    assert grey[0] < 0.003 and grey[-1] > 0.8
+
+
+def test_heat_clips_and_uses_few_shades() -> None:
+    values = np.linspace(-1, 2, 3000, dtype=np.float32).reshape(30, 100)
+    pixels = heat(values, 0.5)
+    assert (pixels[0, 0] == ramp()[0]).all() and (pixels[-1, -1] == ramp()[-1]).all()
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) <= 128
+    assert (heat(np.array([[np.nan, np.inf]]), 1.0)[0, 0] == ramp()[0]).all()
+
+
+def test_what_is_no_number_is_black() -> None:
+    pixels = displayed(np.array([[[np.nan, -1.0, np.inf], [1.0, 0.0, 3.0]]], np.float32))
+    assert pixels.tolist() == [[[0, 0, 255], [188, 0, 225]]]
+
+
+def test_the_scale_of_error_maps_fits_the_errors() -> None:
+    comparison = made_up(FEW, 16)
+    for size, top in ((0.0, 0.1), (0.15, 0.2), (0.3, 0.3), (1.0, 1.0)):
+        rendered = [replace(r, flip={n: np.full_like(f, size) for n, f in r.flip.items()}) for r in comparison.rendered]
+        assert flip_top(replace(comparison, rendered=tuple(rendered))) == pytest.approx(top)
+    assert flip_top(replace(comparison, rendered=())) == 1
+
+
+# ---- stacks
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 64), (64, 16), (16, 64), (48, 40)])
+def test_a_cropped_stack_is_the_window_of_every_level(height: int, width: int) -> None:
+    stack = stack_of(material("gltf", height, width), "gltf")
+    small = cropped(stack, 32)
+    assert [level.shape[:2] for level in small.levels] == level_sizes(min(height, 32), min(width, 32))
+    for level, whole in zip(small.levels, stack.levels, strict=False):
+        np.testing.assert_array_equal(level, whole[: level.shape[0], : level.shape[1]])
+
+
+def test_the_window_fits_into_the_page() -> None:
+    stack = stack_of(material("gltf", 4, 4), "gltf")
+    source = Source(stack.levels[0], "gltf")
+    assert window_side([stack], None) == window_side([stack] * 3, source) == WINDOW
+    other = stack_of(material("ggx", 4, 4), "ggx")
+    assert window_side([other] * 3, source) == 512
+
+
+def test_the_view_holds_three_stacks_and_says_what_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    comparison = made_up(NAMES, 16)
+    stacks, source = made_up_stacks(comparison, (32, 64))
+    assert view_names(comparison, stacks) == ["neural", "unreal (gaussian)", "linear (box)"]
+    live, note = view(comparison, stacks, source)
+    assert [s["name"] for s in scene_of(live)["stacks"]] == ["neural", "unreal (gaussian)", "linear (box)"]
+    assert scene_of(live)["source"]["sizes"] == [[32, 64]] and note == ""
+    monkeypatch.setattr("mipbake.report.page.texels.WINDOW", 16)
+    live, note = view(comparison, stacks, source)
+    assert scene_of(live)["stacks"][0]["sizes"][0] == scene_of(live)["source"]["sizes"][0] == [16, 16]
+    assert "16 \N{MULTIPLICATION SIGN} 16 of the set's 64 \N{MULTIPLICATION SIGN} 32 texels" in note
+    assert view(comparison, {}, source) == ("", "")
+
+
+@pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic", "ggx"])
+def test_every_map_is_shown_level_by_level(tmp_path: Path, model: str) -> None:
+    comparison = made_up(("neural", "linear (box)"), 16, model=model)
+    chain = [np.full((*size, 1), 0.5, np.float32) for size in level_sizes(4, 4)]
+    stack = replace(stack_of(material(model, 8, 256), model), extra={"occlusion": chain})
+    files = write_report(comparison, {"neural": stack, "linear (box)": stack}, None, tmp_path / "r")
+    maps = [f for f in files if f.name.startswith("map--")]
+    shading = len(stack.maps()) - 1
+    assert len(maps) == 2 * shading * 6 + 3  # the map that does not shade is the same in both: once, of three levels
+    sizes = [Image.open(f).size for f in maps if "normal--neural" in f.name]
+    assert sizes == [(128, 4), (128, 4), (64, 2), (32, 1), (16, 1), (8, 1)]
+    occlusion = np.asarray(Image.open(next(f for f in maps if "occlusion" in f.name)))
+    assert (occlusion == 128).all()
+    normal = np.asarray(Image.open(next(f for f in maps if "normal--neural--level-0" in f.name)))
+    assert normal[..., 2].mean() > 200  # blue is up, in the model that stores no z too
+
+
+def test_a_stack_without_levels_to_show_in_the_view_is_no_error(tmp_path: Path) -> None:
+    comparison = made_up(FEW[:2], 16)
+    one = MipStack("s", "gltf", [material("gltf", 1, 1)], {}, ("clamp", "wrap"), PROVENANCE)
+    page = write_report(comparison, {"neural": one}, None, tmp_path / "r")[0].read_text(encoding="utf-8")
+    assert scene_of(page)["stacks"][0]["sizes"] == [[1, 1]]
+
+
+def test_records_as_plain_types() -> None:
+    made = plain(
+        {"p": Path("a/b"), "n": np.float32(0.5), "a": np.arange(2), "i": math.inf, "m": Method("m", "m", "k", "g")}
+    )
+    assert made == {
+        "p": "a/b", "n": 0.5, "a": [0, 1], "i": None,
+        "m": {"name": "m", "method": "m", "kernel": "k", "model": "g", "seconds": None, "path": None},
+    }  # fmt: skip
