@@ -26,7 +26,7 @@ from mipbake.report.page.plain import plain
 from mipbake.report.page.scenes import flip_top
 from mipbake.report.page.tables import measure_tables, number, verdict_table
 from mipbake.report.page.texels import WINDOW, cropped, view, view_names, window_side
-from mipbake.report.page.verdict import difference, verdict
+from mipbake.report.page.verdict import best_in_renders, difference, verdict
 from mipbake.report.viewer import Source
 from mipbake.stack import MipStack
 
@@ -359,6 +359,21 @@ def test_the_optimum_is_a_limit_and_no_rival() -> None:
     assert {name for name, cells in best if 'class="best"' in cells} == {"neural", "linear (box)"}
 
 
+def test_renders_have_a_say() -> None:
+    comparison = made_up(FEW, 16)
+    assert best_in_renders(comparison) == (
+        "In renders, FLIP is the lowest with neural on the sphere at near, 1:1, middle and far and on the plane."
+    )
+    changed = [
+        replace(f, value=0.01) if (f.method, f.measure, f.scale) == ("linear (box)", "flip", "near") else f
+        for f in comparison.figures
+    ]
+    assert "with linear (box) on the sphere at near and with neural on the sphere at 1:1, middle and far" in (
+        best_in_renders(replace(comparison, figures=tuple(changed)))
+    )
+    assert best_in_renders(replace(comparison, figures=())) == ""
+
+
 def test_a_verdict_without_figures() -> None:
     assert verdict(compared([])).sentence == "Nothing was measured that neural could be compared by."
     only = verdict(compared([snr("neural", "hemisphere", "near", 20)], FEW[:1]))
@@ -399,8 +414,8 @@ def test_the_best_of_each_column_is_marked_by_what_its_measure_means() -> None:
 
 def test_intervals_are_visible() -> None:
     text = measure_tables(compared([Figure("neural", "snr", "hemisphere", "near", 0, 15.04, -1.21, 20.96)]))
-    assert "15.0" in text and "<small>\N{MINUS SIGN}1.2 to 21.0</small>" in text
-    assert 'title="95 % interval \N{MINUS SIGN}1.2 to 21.0"' in text
+    bounds = "\N{MINUS SIGN}1.2\N{NO-BREAK SPACE}to 21.0"
+    assert "15.0" in text and f"<small>{bounds}</small>" in text and f'title="95 % interval {bounds}"' in text
 
 
 def test_numbers() -> None:
@@ -411,7 +426,7 @@ def test_numbers() -> None:
         and number(math.nan, "flip") == "\N{EN DASH}"
     )
     assert [number(v, "flip") for v in (0.12345, 0.0123, 123.4)] == ["0.123", "0.0123", "123"]
-    assert number(0.0123, "flip", 0.5) == "0.012"
+    assert number(0.0123, "flip", 0.5) == "0.012" and number(1.0, "flicker", 30.0) == "1.00"
 
 
 def test_every_curve_is_drawn_and_a_gap_breaks_it() -> None:

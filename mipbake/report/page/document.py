@@ -17,7 +17,7 @@ from mipbake.report.page.plain import plain
 from mipbake.report.page.scenes import colour_bar, flip_top, picture_choices, plots, scenes
 from mipbake.report.page.tables import curve_table, measure_tables, verdict_table
 from mipbake.report.page.texels import thumbnail_count, thumbnails, view
-from mipbake.report.page.verdict import Verdict, verdict
+from mipbake.report.page.verdict import Verdict, best_in_renders, verdict
 from mipbake.report.viewer import Source
 from mipbake.stack import MipStack
 
@@ -96,6 +96,7 @@ def _head(comparison: Comparison, found: Verdict) -> Html:
         element("p", found.sentence, class_="verdict"),
         _sentences(comparison.warnings, "Warnings", "warnings"),
         verdict_table(found),
+        element("p", best_in_renders(comparison), class_="note") if comparison.rendered else None,
         element("p", _PAIRED if found.paired else _SEPARATE, class_="note") if found.closed or found.linear else None,
         _sentences(comparison.notes, "Notes", "notes"),
     )

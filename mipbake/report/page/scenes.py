@@ -41,7 +41,7 @@ def scenes(comparison: Comparison, album: Album, progress: Callable[[], None]) -
 
 def colour_bar(top: float) -> Html:
     """What the colours of the error maps stand for."""
-    ticks = [round(top * share / 4, 3) for share in range(5)]
+    ticks = [0, round(top / 2, 2), top]
     last = f"{ticks[-1]:g}" + ("" if top >= 1 else " and more")
     stops = ", ".join(f"{colour} {100 * share:.1f}%" for share, colour in gradient_stops())
     return element(
@@ -145,8 +145,9 @@ def _described(scene: Scene) -> str:
     share = scene.standard_error / scene.candidate_error if scene.candidate_error > 0 else math.nan
     error = "" if math.isnan(share) else f", its standard error {share:.2g} of the closest method's error"
     less = "" if scene.converged else " (more than was wanted: small differences here are noise)"
-    lod = f"Median level of detail {scene.lod:.1f}"
-    return f"{lod}; {scene.lighting}; reference of {scene.passes} samples a pixel{error}{less}."
+    lod = "" if "median" in scene.title else f"Median level of detail {scene.lod:.1f}; "
+    text = f"{lod}{scene.lighting}; reference of {scene.passes} samples a pixel{error}{less}."
+    return text[0].upper() + text[1:]
 
 
 # ---- the paper's figures

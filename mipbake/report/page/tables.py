@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure
 from mipbake.metrics import MEASURES, PAIR_SETS
-from mipbake.report.page.markup import DASH, MINUS, Content, Html, element
+from mipbake.report.page.markup import DASH, MINUS, SPACE, Content, Html, element
 from mipbake.report.page.methods import looks
 from mipbake.report.page.verdict import LINEAR, OPTIMUM, PLACES, Difference, Verdict
 
@@ -62,13 +62,18 @@ def unit(measure: str) -> str:
 
 
 def number(value: float, measure: str, largest: float | None = None) -> str:
-    """A figure as text: one decimal of decibels, three digits of anything else; `largest` sets them for a column."""
+    """A figure as text: one decimal of decibels, two of ratios, three digits of anything else.
+
+    `largest` of the figures it stands beside sets how many decimals those are.
+    """
     if math.isnan(value):
         return DASH
     if math.isinf(value):
         return "∞" if value > 0 else f"{MINUS}∞"
     if unit(measure) == "dB":
         text = f"{value:+.1f}" if measure == SNR_GAIN else f"{value:.1f}"
+    elif measure in MEASURES and MEASURES[measure].direction == "one":
+        text = f"{value:.2f}"
     else:
         size = max(abs(value if largest is None else largest), 1e-12)
         decimals = min(max(2 - math.floor(math.log10(size)), 0), 4)
@@ -80,7 +85,8 @@ def interval(figure: Figure, largest: float | None = None) -> str:
     """`14.6 to 15.5`, or nothing where a figure has no interval."""
     if math.isnan(figure.low) or math.isnan(figure.high):
         return ""
-    return f"{number(figure.low, figure.measure, largest)} to {number(figure.high, figure.measure, largest)}"
+    low, high = (number(bound, figure.measure, largest) for bound in (figure.low, figure.high))
+    return f"{low}{SPACE}to {high}"  # a narrow column breaks it once
 
 
 def verdict_table(found: Verdict) -> Html:
@@ -193,7 +199,7 @@ def _by_method(figures: Sequence[Figure], measure: str, scale: str) -> dict[str,
 
 
 def _place(view: str) -> str:
-    return PLACES.get(view, f"on the {view}")
+    return (PLACES | {"rotation": "in a slow rotation"}).get(view, f"on the {view}")
 
 
 def _with_unit(measure: str) -> str:

@@ -80,6 +80,25 @@ def verdict(comparison: Comparison) -> Verdict:
     return Verdict(sentence, tuple(best), tuple(linear), gap, paired)
 
 
+def best_in_renders(comparison: Comparison) -> str:
+    """A sentence on which method has the lowest FLIP in which render, the optimum aside; empty without such figures.
+
+    SNR is ruled by highlights, FLIP by what a viewer notices: they need not agree, so the verdict is never alone.
+    """
+    places: dict[str, dict[str, list[str]]] = {}
+    for view, scale in dict.fromkeys((each.scene.view, each.scene.scale) for each in comparison.rendered):
+        found = [f for f in comparison.figures if (f.measure, f.view, f.scale) == ("flip", view, scale)]
+        found = [f for f in found if not math.isnan(f.value) and f.method != OPTIMUM]
+        if found:
+            best = min(found, key=lambda f: f.value).method
+            places.setdefault(best, {}).setdefault(view, []).append(scale)
+    parts = []
+    for method, views in places.items():
+        where = [f"on the {view}" + (f" at {listed(scales)}" if all(scales) else "") for view, scales in views.items()]
+        parts.append(f"with {method} {listed(where)}")
+    return f"In renders, FLIP is the lowest {listed(parts)}." if parts else ""
+
+
 def difference(comparison: Comparison, rival: str, view: str, scale: str) -> Difference | None:
     """How far the subject is ahead of a method; None where one of them was not measured."""
     own, other = (_figure(comparison, name, "snr", view, scale) for name in (comparison.subject, rival))
