@@ -185,8 +185,8 @@ def scale_table(comparison: Comparison, pairs: str) -> Table:
     from rich.text import Text
 
     made = table(f"{pairs}, SNR in dB", *SCALES)
-    for column in made.columns[1:]:
-        column.justify = "right"
+    for shown in made.columns[1:]:
+        shown.justify = "right"
     names = [method.name for method in comparison.methods]
     found = {scale: {name: comparison.figure(name, "snr", pairs, scale) for name in names} for scale in SCALES}
     for name in names:

@@ -244,3 +244,13 @@ def test_lights_given_one_by_one_are_checked() -> None:
         environment.directional("x", [[0, 1, 0]], [[1, 1]])
     with pytest.raises(UsageError, match="some length"):
         environment.directional("x", [[0, 0, 0]], [[1, 1, 1]])
+
+
+def test_a_sun_of_one_texel_is_one_light_with_all_its_energy():
+    sky = np.full((8, 16, 3), 1e-3)
+    sky[1, 3] = 4000
+    lights = environment.from_map("sun", sky, 64)
+    brightest = int(np.argmax(lights.radiance.sum(-1)))
+    assert 2 < len(lights.direction) < 64
+    assert lights.radiance[brightest].sum() > 0.99 * lights.radiance.sum()
+    assert np.allclose(lights.direction[brightest], environment.directions_of(8, 16)[1, 3], atol=1e-3)

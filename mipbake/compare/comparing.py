@@ -19,7 +19,7 @@ from mipbake.compare.conditions import Condition
 from mipbake.compare.pictures import MAX_PASSES, render_view
 from mipbake.compare.ranking import best_closed_form
 from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Plot, Rendered, Scene, file_stem
-from mipbake.compare.scenes import SPHERE_RESOLUTION, View, mesh_views, standard_views
+from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
 from mipbake.errors import UsageError
 from mipbake.prefilter.pixel_filter import filter_named
@@ -64,8 +64,16 @@ class Settings:
     seed: int = DEFAULT_SEED
     cache: Path | None = None
 
+    def __post_init__(self) -> None:
+        least = {"seed": 0, "points": 1, "samples": 1, "side": SMALLEST, "max_passes": 32}
+        for name, low in least.items():
+            if getattr(self, name) < low:
+                raise UsageError(f"{name} of the comparison is {getattr(self, name)}: expected {low} or more")
+        if self.max_passes % 2:
+            raise UsageError(f"max_passes of the comparison is {self.max_passes}: expected an even number")
+
     def to_dict(self) -> dict[str, Any]:
-        """Plain types; lighting and mesh by name, the cache left out, which changes nothing."""
+        """Plain types; lighting and mesh by name, without the cache, a place on this machine."""
         named = {"lighting": self.lights.name, "mesh": self.mesh.name if self.mesh else None}
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in (*named, "cache")}
         return named | fields
@@ -232,9 +240,10 @@ def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[
 
 def _unsettled(scene: Scene) -> str:
     share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
+    left = f"{share:.0%} of" if share < 1 else "no less than"
     return (
-        f"the reference of {scene.name} still has {share:.0%} of the best candidate's error after {scene.passes} "
-        "samples a pixel: its figures for the best methods are a little too low; more samples would settle it."
+        f"the reference of {scene.name} still has {left} the best candidate's error after {scene.passes} samples a "
+        "pixel: its noise counts as error in all measures of this render but SNR and flicker; more samples would settle it."
     )
 
 

@@ -253,22 +253,23 @@ def _solid_angles(height: int, width: int) -> Array:
 
 
 def _median_cut(energy: Array, count: int) -> list[tuple[slice, slice]]:
-    """`count` regions of about equal energy. A region is cut across the side that is the longer on the sphere."""
+    """`count` regions of about equal energy, a power of two; fewer where texels hold more than their share. A region is
+    cut across the side that is the longer on the sphere."""
     height, width = energy.shape
     regions = [(slice(0, height), slice(0, width))]
-    while len(regions) < count:
+    for _ in range(count.bit_length() - 1):
         regions = [half for region in regions for half in _halves(energy, region)]
     return regions
 
 
 def _halves(energy: Array, region: tuple[slice, slice]) -> list[tuple[slice, slice]]:
-    """The region in two; itself and nothing where it is one texel."""
+    """The region in two; itself where it is one texel."""
     rows, columns = region
     tall, wide = rows.stop - rows.start, columns.stop - columns.start
     latitude = np.pi * ((rows.start + rows.stop) / 2 / energy.shape[0] - 0.5)
     across = wide > 1 and (tall == 1 or wide * np.cos(latitude) > tall)
     if not across and tall == 1:
-        return [region, (slice(rows.start, rows.start), columns)]
+        return [region]
     sums = np.cumsum(energy[region].sum(0 if across else 1))
     # The cut nearest to the half, with something on both sides.
     at = int(np.argmin(np.abs(sums[:-1] - sums[-1] / 2))) + 1

@@ -1,0 +1,127 @@
+"""`mipbake compare`: what it writes, what it says of broken conditions, meshes, lights and foreign stacks."""
+
+import json
+
+import numpy as np
+import OpenImageIO
+import pytest
+
+from mipbake.cli.main import main
+
+from .command_line import bumps, fails, tree, write_set
+
+QUICK = ["--points", "64", "--samples", "8", "--size", "32", "--passes", "32", "--no-cache"]
+FEW = ["--methods", "linear,lean (gaussian)"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_set(tmp_path / "metal")
+
+
+def run(folder, out, *arguments):
+    return main(["compare", str(folder), "-o", str(out), *QUICK, *arguments])
+
+
+def test_a_report_with_its_renders(folder, tmp_path, capsys):
+    out = tmp_path / "report"
+    assert run(folder, out, *FEW, "--keep-renders", "--fail-if", "near_mirror@0 < -90") == 0
+    printed = capsys.readouterr().out
+    assert "near-mirror, SNR in dB" in printed and "does not hold" in printed and str(out / "index.html") in printed
+    results = json.loads((out / "results.json").read_text())
+    names = [method["name"] for method in results["methods"]]
+    assert names == ["linear (box)", "linear (gaussian)", "lean (gaussian)"]
+    assert results["source"]["maps"]["normal"]["path"].endswith("normal.png")
+    lods = [point["lod"] for point in results["curve"] if (point["method"], point["view"]) == (names[0], "hemisphere")]
+    assert lods == list(np.arange(0, 4.01, 0.25))  # 16 x 16 texels have five levels
+    scenes = {scene["name"] for scene in results["scenes"]}
+    assert len(list((out / "renders").glob("*.exr"))) == len(scenes) * len(names)
+    for view in ("near-mirror", "hemisphere", "sphere", "plane", "rotation"):
+        assert {f["method"] for f in results["figures"] if f["view"] == view} == set(names), view
+    page = (out / "index.html").read_text()
+    assert 'src="http' not in page and 'href="http' not in page
+
+
+def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, capsys):
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--filter", "box", "-q"]) == 0
+    baked = ["--baked", str(tmp_path / "out" / "metal"), "--methods", "linear"]
+    assert run(folder, tmp_path / "report", *baked, "--json", "--fail-if", "linear (box):near_mirror@0 > -90") == 5
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert found["subject"] == "baked" and found["pixel_filter"] == "box" and found["exit_code"] == 5
+    assert [c["failed"] for c in found["conditions"]] == [True]
+    assert not any("not baked from" in warning for warning in found["warnings"])
+    assert err.count("\n") == 1 and "holds" in err
+
+
+def test_a_stack_of_another_set_is_flagged(folder, tmp_path, capsys):
+    other = write_set(tmp_path / "other", roughness=bumps()["roughness"] // 2)
+    assert main(["bake", str(other), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 0
+    baked = ["--baked", str(tmp_path / "out" / "other"), "--methods", "linear (box)"]
+    assert run(folder, tmp_path / "report", *baked) == 0
+    assert "not baked from this texture set" in capsys.readouterr().out
+    assert any(
+        "not baked from" in w for w in json.loads((tmp_path / "report" / "results.json").read_text())["warnings"]
+    )
+    assert "not baked from this texture set" in (tmp_path / "report" / "index.html").read_text()
+
+
+def write_mesh(path, uv=True):
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["vt 0 0", "vt 1 0", "vt 1 1"] * uv
+    path.write_text("\n".join([*lines, "f 1/1 2/2 3/3" if uv else "f 1 2 3"]) + "\n")
+    return path
+
+
+def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
+    mesh = write_mesh(tmp_path / "triangle.obj")
+    sky = np.full((8, 16, 3), 0.2, np.float32)
+    sky[1, 3] = 40
+    OpenImageIO.ImageBuf(sky).write(str(tmp_path / "sky.exr"))
+    given = ["--mesh", str(mesh), "--light", str(tmp_path / "sky.exr"), "--methods", "linear (box)", "--anisotropic"]
+    assert run(folder, tmp_path / "report", *given) == 0
+    results = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert [scene["view"] for scene in results["scenes"]] == ["mesh"] * 3
+    assert results["settings"]["anisotropic"] is True and "sky.exr" in results["settings"]["lighting"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "part"),
+    [
+        (["--fail-if", "near_mirror@0 <"], 2, "near_mirror@0 <"),
+        (["--fail-if", "shininess@0 < 1"], 2, "shininess"),
+        (["--fail-if", "near_mirror@0.3 < 1"], 2, "0.25"),
+        (["--fail-if", "optimum:near_mirror@0 < 1"], 2, "optimum"),
+        (["--methods", "best"], 2, "'best'"),
+        (["--light", "moon"], 2, "'moon'"),
+        (["--size", "8"], 2, "16"),
+        (["--passes", "33"], 2, "even"),
+        (["--points", "0"], 2, "points"),
+        (["--seed", "-1"], 2, "-1"),
+        (["--mesh", "none.obj"], 3, "none.obj"),
+        (["--baked", "none"], 3, "none"),
+    ],
+)
+def test_what_cannot_be_compared_is_said_before_any_work(folder, tmp_path, capsys, monkeypatch, arguments, code, part):
+    monkeypatch.chdir(tmp_path)
+    before = tree(tmp_path)
+    given = [str(a) for a in QUICK] + ([] if "--methods" in arguments else FEW)
+    assert part in fails(capsys, code, "compare", folder, "-o", tmp_path / "report", *given, *arguments)
+    assert tree(tmp_path) == before
+
+
+def test_bad_meshes_and_lights_exit_3(folder, tmp_path, capsys):
+    bare = write_mesh(tmp_path / "bare.obj", uv=False)
+    assert "texture coordinates" in fails(capsys, 3, "compare", folder, "-o", tmp_path / "r", *QUICK, "--mesh", bare)
+    sky = np.full((8, 16, 3), np.nan, np.float32)
+    OpenImageIO.ImageBuf(sky).write(str(tmp_path / "sky.exr"))
+    assert "not finite" in fails(
+        capsys, 3, "compare", folder, "-o", tmp_path / "r", *QUICK, "--light", tmp_path / "sky.exr"
+    )
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_folder_with_something_else_in_it_is_left_alone(folder, tmp_path, capsys):
+    before = tree(folder)
+    assert "metal" in fails(capsys, 4, "compare", folder, "-o", folder, *QUICK)
+    assert tree(folder) == before
