@@ -221,6 +221,17 @@ def test_every_field_is_named(opened: Any) -> None:
     ) == 0  # fmt: skip
 
 
+def test_tab_stops_at_what_scrolls_only(opened: Any) -> None:
+    page = opened()
+    page.wait_for_function("() => document.querySelector('.strip:not([tabindex])')")
+    wrong = page.evaluate(
+        "() => [...document.querySelectorAll('.scroll, .strip')].filter((part) => !part.closest('details:not([open])') && "
+        "part.hasAttribute('tabindex') !== part.scrollWidth > part.clientWidth + 1).length"
+    )
+    assert wrong == 0
+    assert page.locator(".strip[tabindex='0']").count() > 3
+
+
 def test_methods_can_be_made_to_stand_out(opened: Any) -> None:
     page = opened()
     line = page.locator(".panel .line[data-method='lean (box)']").first

@@ -229,6 +229,14 @@ all('table.figures').forEach((table) => {
     });
 });
 
+// ---- only what scrolls is a stop for the Tab key
+
+const scrolling = new ResizeObserver((entries) => entries.forEach(({ target }) => {
+    if (target.scrollWidth > target.clientWidth + 1) target.tabIndex = 0;
+    else target.removeAttribute('tabindex');
+}));
+all('.scroll, .strip').forEach((part) => scrolling.observe(part));
+
 // ---- paper shows what is folded away
 
 let unfolded = [];

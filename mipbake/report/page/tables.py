@@ -107,7 +107,7 @@ def verdict_table(found: Verdict) -> Html:
             rows.append(element("tr", head, [_gap_cell(share) for share in gaps], class_="gap"))
         if rows:
             place = PLACES[view][0].upper() + PLACES[view][1:]
-            title_row = element("tr", element("th", f"{place}, ahead of", scope="rowgroup", colspan=len(scales) + 1))
+            title_row = element("tr", element("th", f"{place}, dB ahead of", scope="rowgroup", colspan=len(scales) + 1))
             bodies.append(element("tbody", title_row, rows))
     if not bodies:
         return Html("")
@@ -139,7 +139,7 @@ def _verdict_cell(found: Difference | None) -> Html:
     )
     return element(
         "td",
-        element("b", f"{number(found.gain, SNR_GAIN)} dB"),
+        element("b", number(found.gain, SNR_GAIN)),
         element("small", word),
         element("small", found.rival) if found.rival != LINEAR else None,
         class_=kind,
