@@ -226,7 +226,8 @@ def test_tab_stops_at_what_scrolls_only(opened: Any) -> None:
     page.wait_for_function("() => document.querySelector('.strip:not([tabindex])')")
     wrong = page.evaluate(
         "() => [...document.querySelectorAll('.scroll, .strip')].filter((part) => "
-        "!part.closest('details:not([open])') && part.hasAttribute('tabindex') !== part.scrollWidth > part.clientWidth + 1).length"
+        "!part.closest('details:not([open])') && "
+        "part.hasAttribute('tabindex') !== part.scrollWidth > part.clientWidth + 1).length"
     )
     assert wrong == 0
     assert page.locator(".strip[tabindex='0']").count() > 3
