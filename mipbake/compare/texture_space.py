@@ -11,6 +11,7 @@ those of `mipbake.metrics.snr_sums` and `flicker_sums`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -46,9 +47,8 @@ STEP = 0.25
 SHIFTS = ((0.5, 0.0), (0.0, 0.5))
 """How far pixels move for flicker, in pixels: along u, and along v."""
 
-_CHANGE_SHARE = 0.5  # of the samples of a reference estimate, that an estimate for flicker takes
-_CHANGE_WORK = _CHANGE_SHARE * (1 + len(SHIFTS))  # of all estimates for flicker, beside those for the SNR
-_POINTS_A_PIXEL = 4  # points for flicker where a set has few pixels: samples are worth more, noise drowns the change
+_POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail
+_FEW_PIXELS_WORK = 4  # times the samples are spent on flicker there: the reference hardly changes, and noise drowns it
 _LEAST_CHANGE_POINTS = 256
 _TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
 
@@ -136,8 +136,8 @@ def measure(
     flicker. The tonemapped error takes the mean of both estimates, and counts its noise as error.
 
     For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
-    that noise is no change in one estimate that the other one knows of. Where the set has few pixels at a level of
-    detail, fewer points take more samples each: the reference hardly changes there, and its noise must be less.
+    that noise in one estimate is no change that the other one knows of. Where the set has few pixels at a level of
+    detail, fewer points take many more samples each: the reference hardly changes there, and its noise must be less.
 
     Args:
         texture_set: the source.
@@ -167,14 +167,16 @@ def measure(
     pairs, parts = _all_pairs(seed)
     scene = _Scene(texture_set.material(source), source, texture_set.wrap, pixel_filter, pairs)
     sums: _Collected = {}
-    work, done = len(every) + _CHANGE_WORK * len(shifted), 0.0
+    drawn = {lod: _draws(texture_set.width * texture_set.height / 4**lod, points, samples) for lod in shifted}
+    moving = {lod: (1 + len(SHIFTS)) * math.prod(draws) / (points * samples) for lod, draws in drawn.items()}
+    work, done = len(every) + sum(moving.values()), 0.0
     for index, lod in enumerate(every):
         _at_rest(scene, candidates, lod, lod in shifted, points, samples, np.random.default_rng([seed, index]), sums)
         done += 1
         progress(stage, done / work)
         if lod in shifted:
-            _in_motion(scene, candidates, lod, points, samples, np.random.default_rng([seed, index, 1]), sums)
-            done += _CHANGE_WORK
+            _in_motion(scene, candidates, lod, *drawn[lod], np.random.default_rng([seed, index, 1]), sums)
+            done += moving[lod]
             progress(stage, done / work)
     named = [(each.name, view, part) for each in candidates for view, part in parts.items()]
     pooled = {
@@ -289,13 +291,9 @@ def _in_motion(
 ) -> None:
     """Flicker and the SNR of the change at a level of detail, both shifts together."""
     height, width = scene.stored.shape[:2]
-    pixels = height * width / 4**lod
-    budget = max(1, round(_CHANGE_SHARE * points * samples))
-    count = min(max(1, points // 2), max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
-    uv = random_points(rng, count)
+    uv = random_points(rng, points)
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
-    each_samples = max(1, budget // count)
-    first, second = ([scene.estimate(place, lod, each_samples, rng) for place in places] for _ in range(2))
+    first, second = ([scene.estimate(place, lod, samples, rng) for place in places] for _ in range(2))
     targets = [_Target(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
     del first, second
     for each in candidates:
@@ -304,6 +302,13 @@ def _in_motion(
         pairs = list(zip(targets, changes, strict=True))
         sums["flicker", each.name, lod] = np.sum([target.flicker_sums(change) for target, change in pairs], 0)
         sums["flicker-snr", each.name, lod] = np.sum([target.snr_sums(change) for target, change in pairs], 0)
+
+
+def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
+    """Points and samples for flicker where the set has so many pixels: half of the samples of the SNR, or more."""
+    most = max(1, points // 2)
+    count = min(most, max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
+    return count, samples if count == most else max(samples, _FEW_PIXELS_WORK * most * samples // count)
 
 
 def _displayed(radiance: Radiance) -> NDArray[np.float64]:

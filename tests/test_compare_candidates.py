@@ -1,0 +1,116 @@
+"""What is compared: names, both forms of closed forms, levels in memory or in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake import OutputError, TextureSet, UsageError
+from mipbake.compare.candidates import BAKED, bake_all, chosen, closed_forms, default_names, label, mismatch, opened
+from mipbake.compare.texture_space import measure
+from mipbake.prefilter import METHODS
+
+
+def noisy(height: int = 32, width: int = 32, seed: int = 0) -> TextureSet:
+    rng = np.random.default_rng(seed)
+    normal = np.concatenate([0.3 * rng.standard_normal((height, width, 2)), np.ones((height, width, 1))], -1)
+    return TextureSet.from_arrays("noisy", normal=normal, roughness=rng.uniform(0.2, 0.6, (height, width)))
+
+
+def test_closed_forms_come_with_the_box_and_with_the_pixel_filter() -> None:
+    forms = closed_forms("gaussian")
+    assert {("linear", "box"), ("linear", "gaussian"), ("unreal", "box"), ("lean", "gaussian")} <= set(forms)
+    assert not any(name in ("neural", "optimum") for name, _ in forms)
+    assert len(forms) == 2 * sum(method.averages for method in METHODS.values())
+    assert len(closed_forms("box")) == len(forms) // 2
+
+
+def test_names_stand_for_forms() -> None:
+    assert label("neural", "gaussian") == "neural"
+    assert chosen(["neural", "lean"], "tent") == {
+        "neural": ("neural", "tent"),
+        "lean (box)": ("lean", "box"),
+        "lean (tent)": ("lean", "tent"),
+    }
+    assert chosen(["lean (mitchell)", "lean"], "box") == {
+        "lean (mitchell)": ("lean", "mitchell"),
+        "lean (box)": ("lean", "box"),
+    }
+
+
+@pytest.mark.parametrize("name", ["polish", "lean (polish)", "neural (box)", "lean(box)", ""])
+def test_unknown_names_are_refused_with_those_there_are(name: str) -> None:
+    with pytest.raises(UsageError, match=r"expected one of .*linear.*'lean \(box\)'"):
+        chosen(["linear", name], "gaussian")
+
+
+def test_neural_is_left_out_where_it_has_no_weights() -> None:
+    names, notes = default_names("gltf", "gaussian")
+    assert names[0] == "neural"
+    assert notes == ()
+    names, notes = default_names("gltf", "mitchell")
+    assert "neural" not in names
+    assert "linear (mitchell)" in names
+    assert "left out: no trained weights" in notes[0]
+
+
+def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
+    texture_set = noisy(512, 256)
+    names = ["linear", "lean (box)"]
+    reported: list[float] = []
+    figures = []
+    for limit in (1 << 30, 0):
+        with bake_all(
+            texture_set, "gltf", "gaussian", names, lambda _, share: reported.append(share), limit, tmp_path
+        ) as candidates:
+            assert [each.name for each in candidates] == ["linear (box)", "linear (gaussian)", "lean (box)"]
+            assert isinstance(candidates[0].levels[0], np.memmap) == (limit == 0)
+            assert any(tmp_path.iterdir()) == (limit == 0)
+            expected = mipbake.bake(texture_set, "linear", "gltf", "gaussian").levels
+            assert all(np.array_equal(a, b) for a, b in zip(candidates[1].levels, expected, strict=True))
+            assert all(each.method.seconds and each.method.seconds > 0 for each in candidates)
+            figures.append(measure(texture_set, candidates, "gaussian", (0, 2), (), points=64, samples=4).curve)
+    assert figures[0] == figures[1]
+    assert not any(tmp_path.iterdir())
+    assert max(reported) == 1.0
+    assert reported.count(1.0) == 2
+
+
+def test_temporary_files_are_removed_when_a_comparison_fails(tmp_path: Path) -> None:
+    with (
+        pytest.raises(RuntimeError, match="elsewhere"),
+        bake_all(noisy(512, 256), "gltf", "gaussian", ["linear"], memory_limit=0, folder=tmp_path),
+    ):
+        assert any(tmp_path.iterdir())
+        raise RuntimeError("elsewhere")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_for_temporary_files_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match="no temporary files in"),
+        bake_all(noisy(), "gltf", "gaussian", ["linear"], memory_limit=0, folder=tmp_path / "none"),
+    ):
+        pass
+
+
+def test_a_stack_that_was_opened(tmp_path: Path) -> None:
+    texture_set = noisy()
+    stack = mipbake.bake(texture_set, "lean", "gltf", "tent")
+    stack.save(tmp_path / "noisy")
+    candidate = opened(mipbake.open_stack(tmp_path / "noisy"), tmp_path / "noisy")
+    assert candidate.name == BAKED
+    assert (candidate.method.method, candidate.method.kernel, candidate.method.model) == ("lean", "tent", "gltf")
+    assert candidate.method.seconds is None
+    assert candidate.method.path == tmp_path / "noisy"
+    assert [level.shape for level in candidate.levels] == [level.shape for level in stack.levels]
+
+
+def test_a_stack_of_another_set_is_said() -> None:
+    stack = mipbake.bake(noisy(), "linear")
+    assert mismatch(stack, noisy()) is None
+    assert "source hashes differ" in str(mismatch(stack, noisy(seed=1)))
+    assert "it is 32 x 32 and the set 64 x 16" in str(mismatch(stack, noisy(16, 64)))

@@ -1,0 +1,229 @@
+"""Measures of many candidates at once: against the metrics, against computations on paper, against themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mipbake import TextureSet, UsageError, shading
+from mipbake.compare.candidates import Candidate, bake_all
+from mipbake.compare.result import Figure, Method
+from mipbake.compare.texture_space import TextureSpace, curve_lods, measure, scale_lods
+from mipbake.metrics import (
+    MEASURES,
+    PAIR_SETS,
+    pair_set,
+    snr_from_sums,
+    snr_interval,
+    snr_sums,
+    tonemapped_error,
+)
+from mipbake.render import candidate, random_points, reference
+
+
+def flat(height: int, width: int, base: np.ndarray | float = 0.5) -> TextureSet:
+    return TextureSet.from_arrays(
+        "flat",
+        base_color=np.broadcast_to(np.asarray(base, np.float32), (height, width, 3)),
+        normal=np.broadcast_to(np.array([0, 0, 1], np.float32), (height, width, 3)),
+        roughness=np.full((height, width), 0.4, np.float32),
+    )
+
+
+def bumpy(size: int = 64, slope: float = 0.25) -> TextureSet:
+    rng = np.random.default_rng(2)
+    normal = np.concatenate([slope * rng.standard_normal((size, size, 2)), np.ones((size, size, 1))], -1)
+    return TextureSet.from_arrays(
+        "bumpy", base_color=rng.random((size, size, 3)), normal=normal, roughness=np.full((size, size), 0.35)
+    )
+
+
+def measured(
+    texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: object
+) -> TextureSpace:
+    with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
+        return measure(texture_set, candidates, pixel_filter, **settings)  # type: ignore[arg-type]
+
+
+def figure(found: TextureSpace, method: str, measure_name: str, view: str, scale: str) -> Figure:
+    (only,) = (
+        f for f in found.figures if (f.method, f.measure, f.view, f.scale) == (method, measure_name, view, scale)
+    )
+    return only
+
+
+def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
+    texture_set = bumpy(32)
+    stored = texture_set.material("gltf")
+    with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
+        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), seed=3, points=200, samples=8)
+        for index, lod in enumerate((1.5, 0.25)):
+            rng = np.random.default_rng([3, index])
+            uv = random_points(rng, 200)
+            lit = {}
+            for name in PAIR_SETS:
+                rng = np.random.default_rng([3, index])
+                random_points(rng, 200)
+                pairs = pair_set(name, 3)
+                arguments = (stored, "gltf", texture_set.wrap, uv, lod, "tent", pairs, 8, rng)
+                first, second = (reference(*arguments) for _ in range(2))
+                for each in candidates:
+                    shown = candidate(each.levels, "gltf", texture_set.wrap, uv, lod, pairs)
+                    lit[each.name, name] = snr_interval(snr_sums(shown, first, second))
+            for point in found.curve:
+                if point.lod == lod:
+                    expected = lit[point.method, point.view]
+                    assert point.value == pytest.approx(expected.estimate, abs=1e-3)
+                    assert (point.low, point.high) == pytest.approx((expected.low, expected.high), abs=1e-3)
+    assert len(found.curve) == 8
+    assert found.figures == ()
+
+
+def test_flicker_of_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
+    """Base colour 0 and 1 in a 2 x 1 texture; radiance is linear in base colour, and nothing changes along v.
+
+    x in texels from the centre of the black one: a lookup gives t(x) = |x|, the box filter of one texel
+    g(x) = x^2 + 1/4 for |x| < 1/2 and 3/4 - (1 - |x|)^2 up to 1. Over half a texel, t changes by 1/2 for x in
+    [0, 1/2] and by 3/2 - 2 x in [1/2, 1], whose mean square is 1/6. g changes by 3/8 - 2 (x - 1/4)^2 and by 3/4 - x:
+    1/15. Their difference, 1/8 + 2 (x - 1/4)^2 and 3/4 - x, has the mean square 1/40.
+    """
+    checker = flat(1, 2, np.array([[[0.0], [1.0]]]))
+    found = measured(checker, ["linear"], "box", lods=(0,), scales=("near",), points=2048, samples=64)
+    for view in PAIR_SETS:
+        flicker = figure(found, "linear (box)", "flicker", view, "near")
+        assert flicker.value == pytest.approx((1 / 6) / (1 / 15), rel=0.01)
+        assert flicker.low <= flicker.value <= flicker.high < 1.02 * flicker.low
+        change = figure(found, "linear (box)", "flicker-snr", view, "near")
+        assert change.value == pytest.approx(10 * math.log10(40 / 15), abs=0.05)
+
+
+@pytest.mark.parametrize("view", PAIR_SETS)
+def test_noise_of_the_reference_biases_neither_flicker_nor_its_snr(view: str) -> None:
+    """Few samples leave noise of several times the change: did both estimates share any of it, figures would move."""
+    samples = {"near-mirror": 8, "hemisphere": 2}[view]
+    name = "toksvig (gaussian)"
+    few, many = (measured(bumpy(), [name], scales=("near",), lods=(0,), points=4096, samples=n) for n in (samples, 128))
+    flicker, change = (
+        [figure(f, name, m, view, "near").value for f in (few, many)] for m in ("flicker", "flicker-snr")
+    )
+    assert flicker[0] == pytest.approx(flicker[1], rel=0.1)
+    assert change[0] == pytest.approx(change[1], abs=0.5)
+
+
+def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
+    texture_set = bumpy()
+    levels = texture_set.material("gltf")
+    with bake_all(texture_set, "gltf", "gaussian", ["linear (gaussian)"]) as candidates:
+        filtered = candidates[0].levels
+        blurred = [np.broadcast_to(filtered[-1], level.shape) for level in filtered]
+        picked = [levels[:: 1 << step, :: 1 << step] for step in range(len(filtered))]
+        more = [
+            *candidates,
+            Candidate(Method("blurred", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in blurred]),
+            Candidate(Method("picked", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in picked]),
+        ]
+        found = measure(texture_set, more, "gaussian", (0,), ("middle",), points=2048, samples=32)
+    for view in PAIR_SETS:
+        flicker = [figure(found, each.name, "flicker", view, "middle").value for each in more]
+        assert flicker[1] < 1e-3 < flicker[0] < flicker[2]
+        assert flicker[2] > 3
+
+
+def test_nothing_flickers_on_a_constant_material() -> None:
+    found = measured(flat(8, 8), ["lean (box)"], points=64, samples=16)
+    for each in found.figures:
+        if each.measure == "snr":
+            assert each.value > 60
+        elif each.measure == "tonemapped":
+            assert each.value < 1e-5
+    assert {math.isnan(f.value) for f in found.figures if f.measure == "flicker" and f.scale == "far"} == {True}
+
+
+def test_the_tonemapped_error_is_that_of_the_metrics() -> None:
+    source, other = flat(4, 4, 0.5), flat(4, 4, 0.2)
+    wrong = Candidate(Method("wrong", "linear", "box", "gltf"), [other.material("gltf")])
+    found = measure(source, [wrong], "gaussian", (0,), ("near",), points=8, samples=16)
+    for view in PAIR_SETS:
+        pairs = pair_set(view, 0)
+        p, r = (
+            shading.shade("gltf", each.material("gltf")[0, :1], pairs.light, pairs.view) for each in (other, source)
+        )
+        error = figure(found, "wrong", "tonemapped", view, "near")
+        assert error.value == pytest.approx(tonemapped_error(p, r).mean, rel=1e-4)
+        assert 0 < error.low < error.value < error.high
+
+
+def test_a_scale_pools_the_sums_of_its_levels_of_detail() -> None:
+    found = measured(bumpy(16), ["linear"], points=64, samples=8)
+    assert {f.scale: f.lod for f in found.figures} == {"near": 0.0, "1:1": 0.5, "middle": 3.0, "far": 4.0}
+    for view in PAIR_SETS:
+        pooled = figure(found, "linear (box)", "snr", view, "1:1")
+        rows = sum(found.sums["linear (box)", view, lod] for lod in (0.0, 0.25, 0.5, 0.75, 1.0))
+        assert pooled.value == pytest.approx(float(snr_from_sums(np.sum(rows, 0))))
+        at_3 = next(f for f in found.curve if (f.method, f.view, f.lod) == ("linear (box)", view, 3.0))
+        assert figure(found, "linear (box)", "snr", view, "middle").value == at_3.value
+    assert {f.measure for f in found.figures} == {"snr", "tonemapped", "flicker", "flicker-snr"} <= set(MEASURES)
+    assert len(found.figures) == 2 * 2 * 4 * 4
+
+
+def test_curves_run_to_the_far_scale_or_to_the_last_level() -> None:
+    assert curve_lods(flat(2, 1024)) == tuple(n / 4 for n in range(29))
+    assert curve_lods(flat(3, 5)) == (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
+    assert curve_lods(flat(1, 1)) == (0.0,)
+    assert [scale_lods(flat(3, 5), scale) for scale in ("near", "middle", "far")] == [(0.0,), (2.0,), (2.0,)]
+    assert scale_lods(flat(64, 64), "1:1") == (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert scale_lods(flat(1, 1), "1:1") == (0.0,)
+
+
+def test_levels_beyond_the_last_are_measured_there_once_and_said() -> None:
+    found = measured(bumpy(8), ["linear (box)"], lods=(0, 5, 9), scales=(), points=16, samples=4)
+    assert found.lods == (0.0, 3.0)
+    assert [f.lod for f in found.curve if f.view == "hemisphere"] == [0.0, 3.0]
+    assert "lod 3" in found.notes[0]
+
+
+def test_scales_do_not_change_the_curve() -> None:
+    one, two = (measured(bumpy(8), ["linear"], scales=s, points=16, samples=4) for s in ((), ("near", "far")))
+    assert one.curve == two.curve
+
+
+def test_gains_are_over_the_same_pairs() -> None:
+    found = measured(
+        bumpy(), ["linear (box)", "linear (gaussian)"], scales=("1:1",), lods=(0, 2), points=512, samples=16
+    )
+    for where in (0.0, 2.0, "1:1"):
+        for view in PAIR_SETS:
+            a, b = (snr_from_sums(found.sums[f"linear ({k})", view, where].sum(0)) for k in ("gaussian", "box"))
+            gain = found.gain("linear (gaussian)", "linear (box)", view, where)
+            assert gain.estimate == pytest.approx(float(a - b))
+            assert gain.low <= gain.estimate <= gain.high
+    with pytest.raises(KeyError):
+        found.gain("linear (box)", "lean (box)", "hemisphere", 0.0)
+
+
+def test_progress_runs_from_0_to_1() -> None:
+    told: list[tuple[str, float]] = []
+    measured(bumpy(8), ["linear (box)"], points=16, samples=4, progress=lambda *args: told.append(args), stage="s")
+    shares = [share for _, share in told]
+    assert {stage for stage, _ in told} == {"s"}
+    assert shares == sorted(shares)
+    assert 0 < shares[0] < shares[-1] == pytest.approx(1.0)
+    assert shares.count(shares[-1]) == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"lods": (-1,)}, "lods must be"),
+        ({"lods": ()}, "lods must be"),
+        ({"lods": (math.inf,)}, "lods must be"),
+        ({"lods": (math.nan,)}, "lods must be"),
+        ({"points": 0}, "points and samples must be"),
+        ({"samples": 0}, "points and samples must be"),
+    ],
+)
+def test_impossible_settings_are_refused(settings: dict[str, object], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        measured(flat(2, 2), ["linear (box)"], **settings)
