@@ -139,6 +139,7 @@ def test_nothing_flickers_on_a_constant_material() -> None:
         elif each.measure == "tonemapped":
             assert each.value < 1e-5
     assert {math.isnan(f.value) for f in found.figures if f.measure == "flicker" and f.scale == "far"} == {True}
+    assert "flicker has no figure at near (near-mirror), " in found.notes[-1]
 
 
 def test_the_tonemapped_error_is_that_of_the_metrics() -> None:

@@ -190,13 +190,14 @@ def measure(
     }
     snr |= {(name, view, scale): rows for (measure, name, view, scale), rows in pooled.items() if measure == "snr"}
     middle = {scale: (at[0] + at[-1]) / 2 for scale, at in at_scale.items()}
+    figures = tuple(_figure(*key, middle[key[-1]], rows) for key, rows in pooled.items())
     return TextureSpace(
         curve=tuple(
             _figure("snr", name, view, "", lod, snr[name, view, lod]) for name, view, _ in named for lod in curve
         ),
-        figures=tuple(_figure(*key, middle[key[-1]], rows) for key, rows in pooled.items()),
+        figures=figures,
         lods=curve,
-        notes=notes,
+        notes=(*notes, *_unresolved(figures)),
         sums=snr,
     )
 
@@ -216,6 +217,21 @@ _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
 def _figure(measure: str, method: str, view: str, scale: str, lod: float, sums: Sums) -> Figure:
     interval = _MEASURES[measure](sums)
     return Figure(method, measure, view, scale, lod, interval.estimate, interval.low, interval.high)
+
+
+def _unresolved(figures: Sequence[Figure]) -> list[str]:
+    """A sentence where flicker has no figure: what the reference changes by is the same for all methods."""
+    at = dict.fromkeys(
+        f"{figure.scale} ({figure.view})"
+        for figure in figures
+        if figure.measure == "flicker" and math.isnan(figure.value)
+    )
+    if not at:
+        return []
+    return [
+        f"flicker has no figure at {', '.join(at)}: half a pixel changes the reference by less than its noise, or by "
+        "nothing; more samples may tell."
+    ]
 
 
 @dataclass(frozen=True, eq=False)
