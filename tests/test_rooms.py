@@ -17,7 +17,8 @@ ROOMS["mipbake.cli"] = ROOT / "cli"
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
-    r"|mipbake\.prefilter\.texel_descent$"  # gradients by texels; optimum.py imports it when it is called
+    # Gradients by texels; optimum.py imports them when it is called.
+    r"|mipbake\.prefilter\.(texel_descent|texel_coordinates|pixel_samples|pair_weights)$"
 )
 
 

@@ -14,12 +14,13 @@ from mipbake.prefilter.godot import GODOT
 from mipbake.prefilter.lean import Lean
 from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.optimum import Optimum
 from mipbake.prefilter.toksvig import TOKSVIG
 from mipbake.prefilter.unreal import UNREAL
 from mipbake.prefilter.vmf import VMF
 
 METHODS: Mapping[str, Prefilter] = {
-    m.name: m for m in (Neural(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
+    m.name: m for m in (Neural(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
 }
 
 __all__ = ["METHODS", "Prefilter", "PrefilterResult", "method_named"]

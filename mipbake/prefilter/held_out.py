@@ -22,11 +22,16 @@ Image = NDArray[np.float32]
 SET_SIZE = 64
 """Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set)."""
 
+LOBES = 2  # that half vectors of pixels are drawn from (pixel_samples.py)
+
+SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])
+"""Additive recurrence of low discrepancy (Roberts 2018): powers of 1 / plastic number."""
+
+QUANTILES = 1 << 14  # of the pixel filter, in a table
+
 _PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128
 _HELD_OUT_STREAM = 104729  # keeps these pairs apart from every set that pair_set draws
-_TABLE = 1 << 14  # quantiles of the pixel filter
 _RADIANCES = 1 << 17  # at a time: they stay in the cache
-_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: powers of 1 / plastic number
 
 
 @dataclass(frozen=True)
@@ -34,38 +39,34 @@ class Budget:
     """How long to optimise; whichever ends first.
 
     Args:
-        rounds: most rounds of a block; held-out pairs are looked at after each.
-        steps: descent steps of a round. pairs: light-view pairs of a step, half of them near the mirror direction.
-        shrinks: a round that no longer improves shrinks the steps so many times, then the block is done.
-        samples: reference samples of a pixel of level 0; they double with each level.
-        pool: light-view pairs of each set that the steps draw from.
+        rounds: most rounds of a block. A round draws pixels, pairs and targets anew; after every few of them held-out
+            pairs say whether that still helps.
+        steps: Gauss-Newton steps of a round.
+        pairs: light-view pairs of each pixel in a round, a multiple of 2 + LOBES: each has its own.
+        samples: reference samples of a pixel of level 0; they double with every second level.
         points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
         window: blocks of large sets are at most so many texels a side.
-        seconds: wall-clock limit, checked after each step; None for none. Only without one are results reproducible.
+        seconds: wall-clock limit, checked after each round; None for none. Only without one are results reproducible.
     """
 
-    rounds: int = 30
-    steps: int = 16
-    pairs: int = 16
-    shrinks: int = 4
-    samples: int = 16
-    pool: int = 1024
-    points: int = 512
-    held_out_pairs: int = 512
+    rounds: int = 50
+    steps: int = 2
+    pairs: int = 32
+    samples: int = 8
+    points: int = 256
+    held_out_pairs: int = 1024
     window: int = 512
     seconds: float | None = None
 
     def __post_init__(self) -> None:
-        least = {"rounds": 0, "steps": 1, "pairs": 2, "shrinks": 0, "samples": 2, "pool": 1, "window": 8}
-        for name, low in (least | {"points": 1, "held_out_pairs": 1}).items():
+        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "points": 1, "held_out_pairs": 2, "window": 8}
+        for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:
                 raise UsageError(f"{name} of the budget is {value!r}: expected a whole number from {low} up")
-        for name in ("pairs", "samples"):
-            if getattr(self, name) % 2:
-                raise UsageError(f"{name} of the budget is {getattr(self, name)}: expected an even number")
-        if self.pool < self.pairs // 2:
-            raise UsageError(f"pool of the budget is {self.pool}: expected at least half of pairs, {self.pairs // 2}")
+        for name, factor in (("pairs", len(PAIR_SETS) + LOBES), ("samples", 2)):
+            if getattr(self, name) % factor:
+                raise UsageError(f"{name} of the budget is {getattr(self, name)}: expected a multiple of {factor}")
         if self.seconds is not None and not self.seconds > 0:
             raise UsageError(f"seconds of the budget is {self.seconds!r}: expected a positive number, or None")
 
@@ -93,6 +94,11 @@ class Problem:
         """(height, width) of every level."""
         return level_sizes(*self.stored.shape[:2])
 
+    @property
+    def last(self) -> int:
+        """Index of the coarsest level."""
+        return len(self.sizes) - 1
+
 
 @dataclass(frozen=True)
 class Region:
@@ -115,52 +121,58 @@ class Region:
         return np.array([self.right - self.left, self.bottom - self.top])
 
 
+def whole(problem: Problem) -> Region:
+    """All of the texture and all of its levels."""
+    return Region(0, 1, 0, 1, range(problem.last + 1))
+
+
 class HeldOut:
     """Reference renders of held-out pairs at fixed pixels, to measure any stack by.
 
     The SNR of a set of pairs hangs on its few brightest, so it varies by decibels from one set of 64 to the next. So
-    several sets are measured, and all their pairs together, where the brightest have most of the say.
+    several sets are measured.
 
     Args:
-        region: where the pixels lie.
-        lods: levels of detail, an index into which says where to measure.
+        region: where the pixels lie, and for which levels: levels of detail run from the first to the last of them in
+            steps of 1/2, and half a level further where there is one more.
         stream: of random numbers.
         part: divides the budget's points and pairs.
     """
 
-    def __init__(
-        self, problem: Problem, region: Region, lods: list[float], budget: Budget, stream: list[int], part: int = 1
-    ) -> None:
-        self._problem, self._lods, self._each = problem, lods, max(1, budget.held_out_pairs // part)
+    def __init__(self, problem: Problem, region: Region, budget: Budget, stream: list[int], part: int = 1) -> None:
+        self._problem, self.each = problem, max(2, budget.held_out_pairs // part)
+        self.lods = [level + half for level in region.levels for half in (0.0, 0.5) if level + half <= problem.last]
         rng = np.random.default_rng([_HELD_OUT_STREAM, *stream])
-        self._pairs = draw_pairs(rng, self._each)
+        self.pairs = draw_pairs(rng, self.each)
         self._renders = [
             (uv, *estimates)
-            for lod in lods
+            for lod in self.lods
             for uv in [random_points(problem, region, lod, max(1, budget.points // part), rng)]
-            for estimates in [estimate_twice(problem, uv, lod, self._pairs, budget, rng)]
+            for estimates in [estimate_twice(problem, uv, lod, self.pairs, budget, rng)]
         ]
 
-    def log_errors(self, levels: Sequence[Image], index: int) -> NDArray[np.float64]:
-        """(S, G + 1) natural logarithm of the error relative to the signal, of pairs drawn like each of S pair sets.
-
-        For G sets of them, and in the last column for all together. 0 where nothing is lit.
-        """
+    def sums(self, levels: Sequence[Image], index: int) -> NDArray[np.float64]:
+        """(S, K, 3) signal, error and noise of every pair of S pair sets, means over pixels (metrics.snr.snr_sums)."""
         from mipbake.render import candidate
 
         uv, first, second = self._renders[index]
         problem = self._problem
-        shaded = candidate(levels, problem.target, problem.wrap, uv, self._lods[index], self._pairs)
-        sums = snr_sums(shaded, first, second).reshape(-1, self._each, 3)
-        groups = max(1, self._each // SET_SIZE)
-        sums = sums[:, : self._each // groups * groups].reshape(len(sums), groups, -1, 3).sum(2)
-        sums = np.concatenate([sums, sums.sum(1, keepdims=True)], 1)
+        shaded = candidate(levels, problem.target, problem.wrap, uv, self.lods[index], self.pairs)
+        return snr_sums(shaded, first, second).reshape(-1, self.each, 3) / len(uv)
+
+    def log_errors(self, levels: Sequence[Image], index: int) -> NDArray[np.float64]:
+        """(S, G) natural logarithm of the error relative to the signal, of G sets of pairs like each of S pair sets.
+
+        0 where nothing is lit.
+        """
+        sums = self.sums(levels, index)
+        groups = max(1, self.each // SET_SIZE)
+        sums = sums[:, : self.each // groups * groups].reshape(len(sums), groups, -1, 3).sum(2)
         return np.nan_to_num(-snr_from_sums(sums) * (math.log(10) / 10))
 
-
-def typical(log_errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(S,) of what HeldOut.log_errors gives: halfway between the mean over sets and all pairs together."""
-    return np.asarray((log_errors[..., :-1].mean(-1) + log_errors[..., -1]) / 2)
+    def typical(self, levels: Sequence[Image]) -> NDArray[np.float64]:
+        """(S, M) means over sets of pairs of `log_errors` at every level of detail."""
+        return np.stack([self.log_errors(levels, index).mean(-1) for index in range(len(self.lods))], 1)
 
 
 def random_points(
@@ -170,7 +182,7 @@ def random_points(
     height, width = problem.sizes[int(lod)]
     texels = math.ceil(height * width * region.extent.prod())
     count = max(1, min(most, max(_PIXELS_A_TEXEL * texels, _LEAST_POINTS)))
-    spread = (rng.random(2) + np.arange(count)[:, None] * _SEQUENCE) % 1
+    spread = (rng.random(2) + np.arange(count)[:, None] * SEQUENCE) % 1
     return np.asarray(region.origin + spread * region.extent)
 
 
@@ -181,11 +193,6 @@ def draw_pairs(rng: np.random.Generator, each: int) -> LightViewPairs:
     return LightViewPairs(np.concatenate(lights).astype(np.float32), np.concatenate(views).astype(np.float32))
 
 
-def samples_at(budget: Budget, lod: float) -> int:
-    """Reference samples of a pixel in each of two estimates: pixels of coarse levels cover more texels."""
-    return int(budget.samples // 2 * 2 ** min(round(lod), 4))
-
-
 def estimate_twice(
     problem: Problem,
     uv: NDArray[np.float64],
@@ -194,15 +201,15 @@ def estimate_twice(
     budget: Budget,
     rng: np.random.Generator,
 ) -> tuple[Image, Image]:
-    """Two independent estimates of the reference, (K, P, 3) each."""
-    samples = samples_at(budget, lod)
+    """Two independent estimates of the reference, (K, P, 3) each: pixels of coarse levels cover more texels."""
+    samples = int(budget.samples * 2 ** min(round(lod), 4))
     return estimate(problem, uv, lod, pairs, samples, rng), estimate(problem, uv, lod, pairs, samples, rng)
 
 
 @lru_cache(maxsize=8)
-def _quantiles(pixel_filter: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(table,) offsets in pixels at the midpoints of equally likely bins of |p|, and their weights."""
-    offsets, weights = filter_named(pixel_filter).offsets((np.arange(_TABLE) + 0.5) / _TABLE)
+def quantiles(pixel_filter: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(QUANTILES,) offsets in pixels at the midpoints of equally likely bins of |p|, and their weights."""
+    offsets, weights = filter_named(pixel_filter).offsets((np.arange(QUANTILES) + 0.5) / QUANTILES)
     return offsets.astype(np.float32), weights.astype(np.float32)
 
 
@@ -219,11 +226,11 @@ def estimate(
     Offsets come from a table; the sequence of a pixel has a shift of its own, in integers, whose sums modulo the
     table's length are exact.
     """
-    offsets, weights = _quantiles(problem.pixel_filter)
+    offsets, weights = quantiles(problem.pixel_filter)
     signed = bool((weights < 0).any())
     height, width = problem.stored.shape[:2]
     pixel = 2.0**lod / np.array([width, height])
-    sequence = (np.arange(samples)[:, None, None] * _SEQUENCE % 1 * _TABLE).astype(np.int64)
+    sequence = (np.arange(samples)[:, None, None] * SEQUENCE % 1 * QUANTILES).astype(np.int64)
     out = np.empty((len(pairs.light), len(uv), 3), np.float32)
     chunk = max(1, _RADIANCES // len(pairs.light) // samples)
 
@@ -235,7 +242,7 @@ def estimate(
     for start in range(0, len(uv), chunk):
         some = slice(start, start + chunk)
         centres = uv[some]
-        quantile = (rng.integers(_TABLE, size=centres.shape) + sequence) & (_TABLE - 1)
+        quantile = (rng.integers(QUANTILES, size=centres.shape) + sequence) & (QUANTILES - 1)
         radiance = shaded(centres + offsets[quantile] * pixel).reshape(len(out), samples, len(centres), 3)
         if signed:
             weight = weights[quantile].prod(-1) / samples

@@ -5,18 +5,19 @@ the stack up trilinearly, are shaded once under random light-view pairs, and are
 of level 0 (equation 3 of Kemppinen et al. 2023): levels are coupled as they are in an engine. It starts from the best
 closed form of each level and keeps what held-out pairs confirm.
 
-Plain descent is not safe: a few very bright pairs drive single texels to mirrors, and the noise of one-sample targets
-makes a random walk of fine levels. So:
+Plain descent is not safe: a few very bright pairs drive single texels to mirrors, and the noise of few pairs makes a
+random walk of fine levels. So:
 
-- targets are means of many samples, half of the pairs lie near the mirror direction;
-- a render counts by the inverse of the start's own error, estimated from samples independent of its target, so that a
-  decibel counts the same on easy and hard levels and no bright pair rules;
-- texels move in natural units (texel_descent.py), and steps shrink when held-out pairs stop improving;
+- pixels have pairs of their own, drawn where their lobes are (pixel_samples.py);
+- renders weigh so that decibels of sets of pairs are gained, and where the fit is behind the best closed form, of
+  whatever level of detail and pair set, it gains weight (pair_weights.py);
+- each texel has a curvature matrix, which remembers: steps shrink as evidence grows (texel_descent.py);
 - in the end each level takes the share of its change that held-out pairs like best, and none where they are worse off.
 
-Large sets are worked on in blocks: the coarse levels as a whole, then the fine ones window by window, with everything
-else held at its latest values. Pixels up to a texel beyond a window take part in it, so the texels on both sides of a
-border are fitted to the same renders, and the shares of the end hold for whole levels: there is no seam to see.
+It ends when held-out pairs stop improving, and says what the last rounds gained. Large sets are worked on in blocks:
+the coarse levels as a whole, then the fine ones window by window, with everything else held at its latest values.
+Pixels up to a texel beyond a window take part in it, so the texels on both sides of a border are fitted to the same
+renders, and the shares of the end hold for whole levels: there is no seam to see.
 """
 
 from __future__ import annotations
@@ -33,11 +34,8 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.material import model_named
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region, typical
+from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region, whole
 from mipbake.prefilter.pixel_filter import Wrap, filter_named
-
-STARTS = ("linear", "lean", "toksvig", "vmf")
-"""Closed forms to start from, each with the box and with the pixel filter as its averaging kernel."""
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of a level's change that may be kept
@@ -57,6 +55,8 @@ class Refined:
         before, after: (S, M) SNR in dB of the start and of the result, the mean over held-out sets of 64 pairs, one row
             for each kind of set (mipbake.metrics.pairs.PAIR_SETS).
         shares: of each level's change, how much was kept, from 0 to 1.
+        last_gain: (L,) dB that each level gained in the last rounds before the descent ended, on held-out pairs: how
+            far it is from having converged. 0 for levels that were left alone.
         rounds: that were worked, in all blocks.
         seconds: that it took.
     """
@@ -66,8 +66,23 @@ class Refined:
     before: NDArray[np.float64]
     after: NDArray[np.float64]
     shares: tuple[float, ...]
+    last_gain: NDArray[np.float64]
     rounds: int
     seconds: float = field(compare=False)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A stack to start from, and what else there is.
+
+    Args:
+        levels: (H_L, W_L, C) valid stored channels of the target, every level to 1 x 1.
+        ahead: (S, M) logarithms of the error by which the best closed form is ahead of it, at levels of detail in steps
+            of 1/2; 0 where none is.
+    """
+
+    levels: list[Image]
+    ahead: NDArray[np.float64]
 
 
 class Optimum:
@@ -77,45 +92,50 @@ class Optimum:
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
     averages = False
 
-    def __init__(self, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> None:
+    def __init__(self, budget: Budget | None = None, seed: int = 0) -> None:
         self.budget, self.seed = budget, seed
 
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        problem = Problem(stored, source, target, pixel_filter, wrap)
-        start = best_closed_form(problem, self.budget, self.seed)
-        return PrefilterResult(refine(problem, start, self.budget, self.seed, progress).levels)
+        problem, budget = Problem(stored, source, target, pixel_filter, wrap), self.budget or DEFAULT_BUDGET
+        start = best_closed_form(problem, budget, self.seed)
+        return PrefilterResult(refine(problem, start, budget, self.seed, progress).levels)
 
 
-def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> list[Image]:
-    """Each level from the closed form (STARTS, both averaging kernels) that held-out pairs like best at that level.
+def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> Start:
+    """Each level from the closed form that held-out pairs like best at that level.
 
-    The measure is the mean of the SNR on all pair sets.
+    All closed forms take part, each with the pixel filter and with the box as its averaging kernel. The measure is the
+    mean of the SNR on all pair sets.
     """
     from mipbake.prefilter import METHODS
 
-    whole = Region(0, 1, 0, 1, range(len(problem.sizes)))
-    held_out = HeldOut(problem, whole, [float(level) for level in whole.levels], budget, [seed, 1], 2)
+    held_out = HeldOut(problem, whole(problem), budget, [seed, 1], 2)
     best: list[Image] = []
-    scores: list[float] = []
+    every: list[NDArray[np.float64]] = []
+    scores = np.zeros(0)
     for kernel in dict.fromkeys((problem.pixel_filter, "box")):
-        for name in STARTS:
-            arguments = (problem.stored, problem.source, problem.target, kernel, problem.wrap, lambda _: None)
-            levels = METHODS[name](*arguments).levels
-            score = [float(typical(held_out.log_errors(levels, level)).mean()) for level in whole.levels]
+        for method in METHODS.values():
+            if not method.averages:
+                continue
+            levels = method(problem.stored, problem.source, problem.target, kernel, problem.wrap, lambda _: None).levels
+            every.append(held_out.typical(levels))
+            score = every[-1].mean(0)[::2]
             if not best:
                 best, scores = levels, score
-            for level in whole.levels:
+            for level in range(len(levels)):
                 if score[level] < scores[level] - 1e-3:  # no mixture of methods that measure the same
                     best[level], scores[level] = levels[level], score[level]
-    return material.align_directions(best) if problem.target == "gltf-anisotropic" else best
+    if problem.target == "gltf-anisotropic":
+        best = material.align_directions(best)
+    return Start(best, np.maximum(held_out.typical(best) - np.min(every, 0), 0))
 
 
 def refine(
     problem: Problem,
-    start: Sequence[Image],
+    start: Start | Sequence[Image],
     budget: Budget = DEFAULT_BUDGET,
     seed: int = 0,
     progress: Progress = lambda _: None,
@@ -132,43 +152,67 @@ def refine(
     Raises:
         UsageError: a start that is no complete stack of the target model, or an unknown pixel filter.
     """
+    from mipbake.prefilter.pixel_samples import Lobes
     from mipbake.prefilter.texel_descent import descend
 
     began = time.monotonic()
     filter_named(problem.pixel_filter)
-    _check_stack(problem, start)
-    last = len(problem.sizes) - 1
-    lods = np.arange(2 * last + 1) / 2
-    whole = Region(0, 1, 0, 1, range(last + 1))
-    judge = HeldOut(problem, whole, [float(lod) for lod in lods], budget, [seed, 2])
-    before = np.stack([-_DECIBEL * judge.log_errors(start, index) for index in range(len(lods))], 1)
-    open_at = before.min((0, 2)) < _SOLVED_DB
+    last = problem.last
+    if not isinstance(start, Start):
+        start = Start(list(start), np.zeros((2, 2 * last + 1)))
+    _check_stack(problem, start.levels)
+    judge = HeldOut(problem, whole(problem), budget, [seed, 2])
+    before = -_DECIBEL * judge.typical(start.levels)
+    open_at = before.min(0) < _SOLVED_DB
     moving = [bool(open_at[max(0, 2 * level - 1) : 2 * level + 2].any()) for level in range(last + 1)]
-    levels = [np.array(level, np.float32) for level in start]
+    levels = [np.array(level, np.float32) for level in start.levels]
     blocks = [block for block in _blocks(problem, budget.window) if any(moving[level] for level in block.levels)]
-    rounds = 0
+    lobes = [Lobes(each) for each in _lobes(problem)] if blocks else []
+    rounds, last_gain = 0, np.zeros(last + 1)
     for index, block in enumerate(blocks):
         deadline = math.inf
         if budget.seconds is not None:
             now = time.monotonic()
             deadline = now + max(0.0, began + budget.seconds - now) / (len(blocks) - index)
-        rounds += descend(
+        done = descend(
             problem,
             levels,
             block,
             moving,
+            lobes,
+            start.ahead,
             budget,
             np.random.default_rng([seed, 3, index]),
             deadline,
             lambda share, done=index: progress((done + share) / len(blocks)),  # type: ignore[misc]
         )
+        rounds += done.rounds
+        inside = slice(block.levels.start, block.levels.stop)
+        last_gain[inside] = np.maximum(last_gain[inside], done.gains)
     shares = _shares(judge, start, levels, problem.target)
-    kept = _blended(start, levels, shares, problem.target)
-    after = np.stack([-_DECIBEL * judge.log_errors(kept, index) for index in range(len(lods))], 1)
+    kept = _blended(start.levels, levels, shares, problem.target)
+    after = -_DECIBEL * judge.typical(kept)
     progress(1.0)
     return Refined(
-        kept, lods, before[..., :-1].mean(-1), after[..., :-1].mean(-1), tuple(shares), rounds, time.monotonic() - began
+        kept,
+        np.array(judge.lods),
+        before,
+        after,
+        tuple(shares),
+        last_gain * np.array(moving),
+        rounds,
+        time.monotonic() - began,
     )
+
+
+def _lobes(problem: Problem) -> list[list[Image]]:
+    """Stacks of `gltf` whose lobes cover those under a texel: that of the mean material, and a wide one of all."""
+    from mipbake.prefilter import METHODS
+
+    return [
+        METHODS[name](problem.stored, problem.source, "gltf", problem.pixel_filter, problem.wrap, lambda _: None).levels
+        for name in ("linear", "lean")
+    ]
 
 
 def _check_stack(problem: Problem, start: Sequence[Image]) -> None:
@@ -208,30 +252,31 @@ def _blended(start: Sequence[Image], end: Sequence[Image], shares: Sequence[floa
     return [one(*each) for each in zip(start, end, shares, strict=True)]
 
 
-def _shares(judge: HeldOut, start: Sequence[Image], end: Sequence[Image], model: str) -> list[float]:
+def _shares(judge: HeldOut, start: Start, end: Sequence[Image], model: str) -> list[float]:
     """Of each level's change the share to keep, so that no lod and no pair set is worse off than at the start.
 
     Levels are settled one after the other, twice: a lod between two levels sees both. Where the mean over sets of pairs
     is then still worse by more than its standard error, the levels around keep less.
     """
-    last = len(start) - 1
+    last = len(start.levels) - 1
     near = [range(max(0, 2 * level - 1), min(2 * last, 2 * level + 1) + 1) for level in range(last + 1)]
-    initial = [judge.log_errors(start, index) for index in range(2 * last + 1)]
-    changed = [level for level in range(last + 1) if not np.array_equal(start[level], end[level])]
+    initial = [judge.log_errors(start.levels, index) for index in range(2 * last + 1)]
+    changed = [level for level in range(last + 1) if not np.array_equal(start.levels[level], end[level])]
     shares = [float(level in changed) for level in range(last + 1)]
-    current = _blended(start, end, shares, model)
+    current = _blended(start.levels, end, shares, model)
 
     def set_share(level: int, share: float) -> None:
         shares[level] = share
-        current[level] = _blended([start[level]], [end[level]], [share], model)[0]
+        current[level] = _blended([start.levels[level]], [end[level]], [share], model)[0]
 
     def excess(index: int) -> NDArray[np.float64]:
         return judge.log_errors(current, index) - initial[index]
 
     def cost(level: int, share: float) -> float:
         set_share(level, share)
-        lost = np.stack([typical(excess(index)) for index in near[level]])
-        return float((lost + _WORSE * np.maximum(lost, 0)).sum())
+        lost = np.stack([excess(index).mean(-1) for index in near[level]], 1)
+        behind = np.maximum(lost + start.ahead[:, near[level]], 0)
+        return float((lost + _WORSE * behind).sum())
 
     for _ in range(2):
         for level in changed:
@@ -241,8 +286,8 @@ def _shares(judge: HeldOut, start: Sequence[Image], end: Sequence[Image], model:
         beyond = []
         for index in range(2 * last + 1):
             lost = excess(index)
-            noise = lost[:, :-1].std(-1) / math.sqrt(lost.shape[1] - 1)
-            beyond.append(float((typical(lost) - noise).max()))
+            noise = lost.std(-1) / math.sqrt(max(1, lost.shape[1] - 1))
+            beyond.append(float((lost.mean(-1) - noise).max()))
         worst = int(np.argmax(beyond))
         around = [level for level in {worst // 2, -(-worst // 2)} if shares[level]]
         if beyond[worst] <= 1e-6 or not around:

@@ -1,10 +1,12 @@
-"""Descent on the texels of a stack (optimum.py says what for).
+"""Gauss-Newton descent on the texels of a stack (optimum.py says what for).
 
-Texels move in coordinates whose unit is about as large a change everywhere: colours as they are, roughness as
-ln alpha^2, normals in units of the lobe's width alpha, since what turns a mirror over is nothing to a rough surface.
+A round draws pixels, pairs and targets anew (pixel_samples.py) and takes a few steps on them. Each texel is divided by
+a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each weighted by the texel's
+share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled matrix from above: all
+texels step at once without overshooting, and Nesterov's momentum makes up for what that costs in speed.
 
-Adam (Kingma and Ba 2015) divides each coordinate by its own mean gradient, so that texels that are right already walk
-at random as fast as wrong ones move. Here the divisor has the mean over the level added to it: they stay.
+The noise of a round is averaged in two ways. Curvature of past rounds holds texels where they are, as in recursive
+least squares, so steps shrink like 1 / rounds; and what is kept is an average over rounds, later ones counting more.
 """
 
 from __future__ import annotations
@@ -19,178 +21,44 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material, sampling
-from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
-from mipbake.models import parameters
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.held_out import (
-    Budget,
-    HeldOut,
-    Image,
-    Problem,
-    Region,
-    draw_pairs,
-    estimate,
-    estimate_twice,
-    random_points,
-    samples_at,
-    typical,
-)
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region
+from mipbake.prefilter.pair_weights import PairWeights
+from mipbake.prefilter.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
+from mipbake.prefilter.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
 from mipbake.shading.ops import shade
 
-_COLOUR, _LOG_ALPHA2, _NORMAL, _DIRECTION, _STRENGTH = 0.004, 0.02, 0.02, 0.01, 0.004
-_RATES = {
-    "gltf": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2,
-    "gltf-anisotropic": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2 + (_DIRECTION,) * 2 + (_STRENGTH,),
-    "ggx": (_COLOUR,) * 6 + (_NORMAL,) * 2 + (_LOG_ALPHA2,) * 3,
-}
-"""Length of a first step along each coordinate."""
+CHECK = 5
+"""Rounds between two looks at held-out pairs."""
 
-_NORMALS = {"gltf": slice(5, 7), "gltf-anisotropic": slice(5, 7), "ggx": slice(6, 8)}
-_MEAN_DECAY, _SQUARE_DECAY = 0.9, 0.98
-_LEAST_STRENGTH = 1e-3  # strength enters shading squared: from 0 itself no gradient leads away
-_LEAST_ALPHA = 0.02
-_POOL_POINTS = 256  # pixels that the start's errors are estimated at, for each level
-_CEILING = 1e-6  # error in units of the signal below which a level counts as right
-_STALLED_DB = 0.02  # a round that gains less than this on held-out pairs shrinks the steps
-_SHRINK = 0.4
-_RING = 4  # texels around a block that its pixels read: one of their own level, two or three of the finer one, a half
-_LEAST_PIXELS = 64  # of a level and step: the coarsest levels have a texel or two
+_CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
+_OWN_PAIRS = 3  # levels whose pixels have pairs of their own
+_COMMON = 4  # times as many common pairs: they cost little
+_LEAST_PIXELS = 256  # of a level and round: the coarsest levels have a texel or two
+_MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
+_RECENT = 3.0  # of the average over rounds: the last round counts (_RECENT + 1) / (_RECENT + rounds)
+_DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
 
 
-def to_coordinates(stored: Tensor, model: str) -> Tensor:
-    """(..., C) valid stored channels to (..., P) parameters without constraints."""
-    if model != "gltf-anisotropic":
-        return parameters.to_parameters(stored, model)
-    strength = stored[..., 10:11].clamp(_LEAST_STRENGTH, 1)
-    return torch.cat([parameters.to_parameters(stored[..., :8], "gltf"), stored[..., 8:10], strength.square()], -1)
+@dataclass(frozen=True)
+class Descended:
+    """What became of a block.
 
+    Args:
+        rounds: that were worked.
+        gains: (levels of the block,) decibels that the last look at held-out pairs saw gained since the one before.
+    """
 
-def to_stored(coordinates: Tensor, model: str) -> Tensor:
-    """(..., P) parameters to (..., C) valid stored channels, differentiable."""
-    if model != "gltf-anisotropic":
-        return parameters.to_stored(coordinates, model)
-    direction = coordinates[..., 7:9]
-    direction = direction / direction.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
-    strength = parameters.clamp(coordinates[..., 9:10], _LEAST_STRENGTH**2, 1).sqrt()
-    return torch.cat([parameters.to_stored(coordinates[..., :7], "gltf"), direction, strength], -1)
-
-
-def lobe_width(coordinates: Tensor, model: str) -> Tensor:
-    """(..., 1) alpha, the geometric mean of both axes for `ggx`; at least 0.02, at most 1."""
-    half = coordinates[..., 4:5] / 2 if model != "ggx" else (coordinates[..., 8:9] + coordinates[..., 9:10]) / 4
-    return half.clamp(math.log(_LEAST_ALPHA), 0).exp()
+    rounds: int
+    gains: NDArray[np.float64]
 
 
 @dataclass
-class _Axis:
-    """Where the free texels of a level lie along one axis, and what is around them."""
+class _State:
+    """Of the texels of a level, between rounds."""
 
-    size: int
-    first: int
-    last: int
-    mode: str
-
-    @classmethod
-    def of(cls, size: int, low: float, high: float, mode: str) -> _Axis:
-        # Rounded alike for neighbours: windows share no texel and leave none out.
-        first, last = round(low * size), round(high * size)
-        return cls(size, first, last, mode)
-
-    @property
-    def whole(self) -> bool:
-        return self.last - self.first == self.size
-
-    @property
-    def index(self) -> NDArray[np.int64]:
-        """Texels of the crop: the free ones, with a ring of more around them where the level goes on."""
-        if self.whole:
-            return np.arange(self.size)
-        index = np.arange(self.first - _RING, self.last + _RING)
-        return index % self.size if self.mode == "wrap" else np.clip(index, 0, self.size - 1)
-
-    @property
-    def inside(self) -> slice:
-        """The free texels in the crop."""
-        return slice(None) if self.whole else slice(_RING, -_RING)
-
-    @property
-    def boundary(self) -> str:
-        return self.mode if self.whole else "clamp"
-
-    def local(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coordinates in units of the texture to coordinates in units of the crop."""
-        ring = 0 if self.whole else _RING
-        return np.asarray((u * self.size - self.first + ring) / (self.last - self.first + 2 * ring))
-
-    def pixels(self) -> tuple[int, int]:
-        """First and last cell of pixels that see free texels."""
-        low, high = (self.first, self.last) if self.whole else (self.first - 1, self.last + 1)
-        return (low, high) if self.mode == "wrap" else (max(low, 0), min(high, self.size))
-
-
-class _Level:
-    """The part of a level that a block sees, and the state of its descent."""
-
-    def __init__(self, level: Image, region: Region, model: str, wrap: Wrap, free: bool) -> None:
-        self.model = model
-        self.columns = _Axis.of(level.shape[1], region.left, region.right, wrap[0])
-        self.rows = _Axis.of(level.shape[0], region.top, region.bottom, wrap[1])
-        self.start = torch.from_numpy(np.ascontiguousarray(level[np.ix_(self.rows.index, self.columns.index)]))
-        self.now = self.start
-        self.free = free and self.rows.last > self.rows.first and self.columns.last > self.columns.first
-        if self.free:
-            origin = to_coordinates(self.start[self.rows.inside, self.columns.inside], model)
-            self.origin, self.unit = origin, torch.ones_like(origin)
-            self.unit[..., _NORMALS[model]] = lobe_width(origin, model)
-            self.moved = torch.zeros_like(origin, requires_grad=True)
-            self.mean, self.square, self.count = torch.zeros_like(origin), torch.zeros_like(origin), 0
-            self.rates = torch.tensor(_RATES[model])
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        """The free texels in the level."""
-        return slice(self.rows.first, self.rows.last), slice(self.columns.first, self.columns.last)
-
-    def inside(self) -> Tensor:
-        """(h, w, C) stored channels of the free texels, differentiable in `moved`."""
-        return to_stored(self.origin + self.unit * self.moved, self.model)
-
-    def values(self) -> Image:
-        """(h, w, C) stored channels of the free texels, unit vectors to the last digit."""
-        with torch.no_grad():
-            return np.asarray(material.regularise(self.inside().numpy(), self.model), np.float32)
-
-    def update(self) -> None:
-        """Sets `now`, (h', w', C), from the coordinates."""
-        if self.free:
-            now = self.start.clone()
-            now[self.rows.inside, self.columns.inside] = self.inside()
-            self.now = now
-
-    def look_up(self, uv: NDArray[np.float64]) -> Tensor:
-        """(P, C): the level as it is now at (P, 2) uv of the texture, bilinearly."""
-        where = np.stack([self.columns.local(uv[:, 0]), self.rows.local(uv[:, 1])], -1)
-        return sampling.texture(
-            self.now[None],
-            torch.from_numpy(where.astype(np.float32))[None, None],
-            filter_mode="linear",
-            boundary_mode=(self.columns.boundary, self.rows.boundary),
-        )[0, 0]
-
-    def step(self, rate: float) -> None:
-        """One step along the gradient of `moved`, which is cleared."""
-        if not self.free or self.moved.grad is None:
-            return
-        grad, self.moved.grad = self.moved.grad, None
-        self.count += 1
-        self.mean.lerp_(grad, 1 - _MEAN_DECAY)
-        self.square.lerp_(grad.square(), 1 - _SQUARE_DECAY)
-        square = self.square / (1 - _SQUARE_DECAY**self.count)
-        size = (square + square.sqrt().mean((0, 1)).square()).sqrt() + 1e-30
-        with torch.no_grad():
-            self.moved -= rate * self.rates * self.mean / (1 - _MEAN_DECAY**self.count) / size
+    held: Tensor | None = None  # (h, w, P, P) curvature of past rounds
+    mean: Tensor | None = None  # (h, w, P)
 
 
 def descend(
@@ -198,133 +66,198 @@ def descend(
     levels: list[Image],
     block: Region,
     moving: Sequence[bool],
+    lobes: Sequence[Lobes],
+    ahead: NDArray[np.float64],
     budget: Budget,
     rng: np.random.Generator,
     deadline: float,
     progress: Progress,
-) -> int:
+) -> Descended:
     """Optimises the texels of a block and writes the best that held-out pixels of the block saw into `levels`.
 
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the block.
         moving: whether the texels of each level may move.
-        deadline: time.monotonic() after which no step begins.
-
-    Returns:
-        The rounds worked.
+        lobes: to draw half vectors from, as many as held_out.LOBES.
+        ahead: (S, M) logarithms of the errors that `levels` has more than is asked for, at all levels of detail in
+            steps of 1/2.
+        deadline: time.monotonic() after which no round begins.
     """
     near = range(max(0, block.levels.start - 1), min(len(levels), block.levels.stop + 1))
-    parts = {i: _Level(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
-    halves = [i + half for i in block.levels for half in (0.0, 0.5) if i + half <= len(levels) - 1]
-    held_out = HeldOut(problem, block, halves, budget, [int(rng.integers(1 << 31))], 2)
-    pool = _Pool(problem, levels, block, budget, rng)
-
-    def error() -> float:
-        """In decibels, the mean over pair sets and levels of detail."""
-        logs = [typical(held_out.log_errors(levels, index)).mean() for index in range(len(halves))]
-        return float(np.mean(logs)) * 10 / math.log(10)
-
-    free = {i: part for i, part in parts.items() if part.free}
-    best = {i: part.moved.detach().clone() for i, part in free.items()}
-    before = {i: levels[i][part.window].copy() for i, part in free.items()}
-    least, rate, shrunk, worked, improved = error(), 1.0, 0, 0, False
-    for done in range(budget.rounds):
-        for _ in range(budget.steps):
-            if time.monotonic() > deadline:
-                break
-            _step(problem, parts, block, pool, budget, rng, rate)
-        for i, part in free.items():
-            levels[i][part.window] = part.values()
-        worked += 1
-        now = error()
-        stalled = now > least - _STALLED_DB
-        if now < least:
-            least, best, improved = now, {i: part.moved.detach().clone() for i, part in free.items()}, True
-        progress((done + 1) / budget.rounds)
-        if time.monotonic() > deadline:
+    crops = {i: Crop(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
+    free = {i: crop for i, crop in crops.items() if crop.free}
+    for crop in free.values():
+        crop.move(crop.coordinates)
+    held_out = HeldOut(problem, block, budget, [int(rng.integers(1 << 31))])
+    asked = held_out.typical(levels)
+    first = 2 * block.levels.start
+    asked = asked - ahead[:, first : first + asked.shape[1]]
+    weights = PairWeights(held_out, lobes[-1].levels[-1][0, 0], asked)
+    states = {i: _State() for i in free}
+    best = {i: levels[i][crop.window].copy() for i, crop in free.items()}
+    last = weights.update(levels)
+    least, gains, still, began = last.mean(), np.zeros(len(block.levels)), 0, time.monotonic()
+    done = 0
+    while done < budget.rounds and free:
+        batches = _draw(problem, crops, free, weights, lobes, block, budget, rng)
+        _round(problem, crops, free, states, batches, budget.steps, done, rng)
+        del batches
+        done += 1
+        spent = (time.monotonic() - began) / max(1e-9, deadline - began)
+        progress(min(1.0, max(done / budget.rounds, spent)))
+        if done % CHECK and done < budget.rounds and time.monotonic() < deadline:
+            continue
+        for i, crop in free.items():
+            mean = states[i].mean
+            assert mean is not None
+            levels[i][crop.window] = crop.values(mean)
+        now = weights.update(levels)
+        gains = _per_level(last - now, block, held_out.lods)
+        last = now
+        if now.mean() < least:
+            least, best = now.mean(), {i: levels[i][crop.window].copy() for i, crop in free.items()}
+        still = still + 1 if (gains < _CONVERGED_DB).all() else 0
+        if still == 2 or time.monotonic() > deadline:
             break
-        if stalled:
-            shrunk += 1
-            rate *= _SHRINK
-            if shrunk > budget.shrinks:
-                break
-            if now > least:
-                for i, part in free.items():
-                    part.moved.detach().copy_(best[i])
-    for i, part in free.items():
-        part.moved.detach().copy_(best[i])
-        levels[i][part.window] = part.values() if improved else before[i]
-    return worked
+    for i, crop in free.items():
+        levels[i][crop.window] = best[i]
+    return Descended(done, gains)
 
 
-class _Pool:
-    """Light-view pairs to draw from, with what each weighs at each level.
-
-    A render weighs the inverse of the start's error, its own and the mean of its pair set, so that neither the few
-    pairs that have most of the error rule, nor those that have none. Errors are estimated from samples of their own.
-    """
-
-    def __init__(
-        self, problem: Problem, levels: Sequence[Image], block: Region, budget: Budget, rng: np.random.Generator
-    ) -> None:
-        from mipbake.render import candidate
-
-        self._pairs = draw_pairs(rng, budget.pool)
-        self._each, self._drawn = budget.pool, budget.pairs // len(PAIR_SETS)
-        self._weights: dict[int, NDArray[np.float64]] = {}
-        for level in block.levels:
-            uv = random_points(problem, block, level, _POOL_POINTS, rng)
-            first, second = estimate_twice(problem, uv, level, self._pairs, budget, rng)
-            shaded = candidate(levels, problem.target, problem.wrap, uv, level, self._pairs)
-            error = ((shaded - first) * (shaded - second)).sum((1, 2), dtype=np.float64).reshape(-1, self._each)
-            signal = (first * second).sum((1, 2), dtype=np.float64).reshape(-1, self._each)
-            # Of a few pixels the product may come out below zero; and what is nearly right needs no more weight.
-            error = np.maximum(error, _CEILING * signal.mean(1, keepdims=True) + 1e-12)
-            self._weights[level] = (len(uv) / (error + error.mean(1, keepdims=True))).reshape(-1)
-
-    def draw(self, rng: np.random.Generator) -> tuple[LightViewPairs, dict[int, Tensor]]:
-        """Pairs of a step, the same number of each pair set, and for each level the (K,) weights of their renders."""
-        kinds = range(len(PAIR_SETS))
-        place = np.concatenate([k * self._each + rng.choice(self._each, self._drawn, replace=False) for k in kinds])
-        weights = {level: torch.from_numpy(w[place].astype(np.float32)) for level, w in self._weights.items()}
-        return LightViewPairs(self._pairs.light[place], self._pairs.view[place]), weights
+def _per_level(gains: NDArray[np.float64], block: Region, lods: Sequence[float]) -> NDArray[np.float64]:
+    """(levels,) decibels of (S, M) logarithms: means over pair sets and the levels of detail within 1/2."""
+    near = [np.abs(np.array(lods) - level) <= 0.5 for level in block.levels]
+    return 10 / math.log(10) * np.array([gains[:, each].mean() for each in near])
 
 
-def _step(
+def _draw(
     problem: Problem,
-    parts: dict[int, _Level],
+    crops: dict[int, Crop],
+    free: dict[int, Crop],
+    weights: PairWeights,
+    lobes: Sequence[Lobes],
     block: Region,
-    pool: _Pool,
     budget: Budget,
     rng: np.random.Generator,
-    rate: float,
-) -> None:
-    pairs, weights = pool.draw(rng)
-    light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
-    last = len(problem.sizes) - 1
-    for part in parts.values():
-        part.update()
-    losses = []
+) -> list[tuple[Batch, Tensor, Tensor]]:
+    """The batches of a round, with (K, P, 3) targets and (K, P) weights; every level counts the same."""
+    out = []
     for level in block.levels:
-        lod = float(np.clip(level + rng.uniform(-0.5, 0.5), 0, last))
-        lower, share = min(int(lod), last), lod - int(lod)
-        seen = [(parts[lower], 1 - share)] + ([(parts[lower + 1], share)] if share else [])
-        if not any(part.free for part, _ in seen):
-            continue
-        uv = _pixels(parts[level], rng)
-        texels = [part.look_up(uv) * weight for part, weight in seen]
-        prediction = shade(problem.target, texels[0] if len(texels) == 1 else texels[0] + texels[1], light, view)
-        target = torch.from_numpy(estimate(problem, uv, lod, pairs, 2 * samples_at(budget, lod), rng))
-        losses.append(((prediction - target).square().sum((1, 2)) * weights[level]).sum() / len(uv))
-    if losses:
-        torch.stack(losses).sum().backward()  # type: ignore[no-untyped-call]
-    for part in parts.values():
-        part.step(rate)
+        uv = crops[level].pixels(_LEAST_PIXELS, rng)
+        if level < _OWN_PAIRS:
+            batches = own_pairs(problem, lobes, level, uv, budget.pairs, rng)
+        else:
+            batches = common_pairs(problem, weights.pairs, level, uv, _COMMON * budget.pairs, rng)
+        for batch in batches:
+            if any(index in free for index, _ in batch.seen):
+                out.append((batch, targets(problem, batch, budget.samples, rng), weights.of(batch) / len(uv)))
+    return out
 
 
-def _pixels(part: _Level, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(P, 2) uv: a random place in every texel that the block sees, several where there are few."""
-    (top, bottom), (left, right) = part.rows.pixels(), part.columns.pixels()
-    cells = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), -1).reshape(-1, 2)
-    cells = np.tile(cells, (-(-_LEAST_PIXELS // len(cells)), 1))
-    return np.asarray((cells + rng.random(cells.shape)) / [part.columns.size, part.rows.size])
+def _round(
+    problem: Problem,
+    crops: dict[int, Crop],
+    free: dict[int, Crop],
+    states: dict[int, _State],
+    batches: list[tuple[Batch, Tensor, Tensor]],
+    steps: int,
+    index: int,
+    rng: np.random.Generator,
+) -> None:
+    """One round on its batches: curvature where the texels are, then steps with momentum."""
+    model = problem.target
+    curvature = _curvature(problem, crops, free, batches, rng)
+    start = {i: crop.coordinates for i, crop in free.items()}
+    unit = {i: units(start[i], model) for i in free}
+    matrix, hold = {}, {}
+    for i, state in states.items():
+        scale = unit[i][..., :, None] * unit[i][..., None, :]
+        own = curvature[i] * scale
+        hold[i] = torch.zeros_like(own) if state.held is None else state.held * scale
+        both = own + hold[i]
+        diagonal = both.diagonal(dim1=-2, dim2=-1)
+        damping = _DAMPING * diagonal + _ABSOLUTE * diagonal.mean((0, 1)) + 1e-12
+        matrix[i] = both + torch.diag_embed(damping)
+    previous = dict(start)
+    for step in range(steps):
+        for batch, target, weight in batches:
+            texels = _look_up(crops, batch)
+            shaded = shade(model, texels, batch.light[None], batch.view[None])[0]
+            torch.autograd.backward(shaded, (shaded.detach() - target) * weight[..., None])
+        for i, crop in free.items():
+            here = crop.coordinates
+            gradient = crop.gradient()
+            fixed = at_limits(here, gradient, model)
+            pull = gradient * unit[i] + (hold[i] @ ((here - start[i]) / unit[i])[..., None])[..., 0]
+            moved = here - unit[i] * _solved(matrix[i], pull, ~fixed)
+            ahead = step / (step + 3) if step < steps - 1 else 0.0
+            crop.move(moved + ahead * (moved - previous[i]))
+            previous[i] = moved
+    memory = 1 - 1 / min(1 + _MEMORY * index, _MOST_MEMORY)
+    for i, state in states.items():
+        state.held = memory * (curvature[i] if state.held is None else state.held + curvature[i])
+        here = free[i].coordinates
+        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + index + 1))
+
+
+def _look_up(crops: dict[int, Crop], batch: Batch) -> Tensor:
+    """(P, C): what the pixels of a batch see."""
+    parts = [crops[i].look_up(batch.uv) * (1.0 if share is None else share[:, None]) for i, share in batch.seen]
+    return parts[0] if len(parts) == 1 else parts[0] + parts[1]
+
+
+def _curvature(
+    problem: Problem,
+    crops: dict[int, Crop],
+    free: dict[int, Crop],
+    batches: list[tuple[Batch, Tensor, Tensor]],
+    rng: np.random.Generator,
+) -> dict[int, Tensor]:
+    """(h, w, P, P) of each level: sum over pixels of share times J^T w J, with J the derivative by its coordinates.
+
+    Of the three colour channels of a render a combination with random signs is differentiated: over many renders, the
+    mean of (J^T s)(J^T s)^T is J^T J.
+    """
+    model = problem.target
+    sums: dict[int, Tensor] = {}
+    for batch, _, weight in batches:
+        with torch.no_grad():
+            texels = _look_up(crops, batch)
+        each = texels.expand(len(weight), *texels.shape).detach().requires_grad_()
+        shaded = shade(model, each, batch.light[:, None], batch.view[:, None])
+        signs = torch.from_numpy(rng.integers(0, 2, shaded.shape, np.int8)) * 2.0 - 1
+        torch.autograd.backward(shaded, signs * weight.sqrt()[:, None, :, None])
+        assert each.grad is not None
+        rows = without_heights(each.grad, texels, model)
+        grams = torch.bmm(rows.permute(1, 2, 0), rows.permute(1, 0, 2))
+        upper = torch.triu_indices(*grams.shape[1:])
+        packed = grams[:, upper[0], upper[1]]
+        for i, share in batch.seen:
+            if i not in free:
+                continue
+            if i not in sums:
+                sums[i] = torch.zeros(*crops[i].now.shape[:2], packed.shape[1], requires_grad=True)
+            seen = crops[i].look_up(batch.uv, sums[i])
+            torch.autograd.backward(seen, packed if share is None else packed * share[:, None])
+    out = {}
+    for i, crop in free.items():
+        scale = per_coordinate(crop.coordinates, model)
+        size = scale.shape[-1]
+        full = torch.zeros(*scale.shape, size)
+        summed = sums[i].grad if i in sums else None
+        if summed is not None:
+            packed = summed[crop.rows.inside, crop.columns.inside]
+            upper = torch.triu_indices(size, size)
+            full[..., upper[0], upper[1]] = packed
+            full[..., upper[1], upper[0]] = packed
+        out[i] = full * scale[..., :, None] * scale[..., None, :]
+    return out
+
+
+def _solved(matrix: Tensor, right: Tensor, free: Tensor) -> Tensor:
+    """(h, w, P) steps in units: solutions of the free coordinates, cut so that none is longer than 1."""
+    mask = free.to(matrix.dtype)
+    matrix = matrix * mask[..., :, None] * mask[..., None, :] + torch.diag_embed(1 - mask)
+    factor, _ = torch.linalg.cholesky_ex(matrix)
+    step = torch.cholesky_solve((right * mask)[..., None], factor)[..., 0].nan_to_num(0, 0, 0)
+    return step / step.abs().amax(-1, keepdim=True).clamp(min=1)

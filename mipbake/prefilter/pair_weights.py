@@ -1,0 +1,121 @@
+"""What a render weighs in the fit, so that decibels of sets of 64 pairs are what is gained.
+
+The figure of a set of pairs is the logarithm of the sum of their errors e_k, and what counts is its mean over sets. Its
+derivative by the error of one pair is phi(e_k) = E[1 / (e_k + the sum of 63 others)]: pairs that rule their set
+(grazing views, highlights of mirrors) weigh less than the rest, by what they have more. Plain sums of squares follow
+those few alone.
+
+phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
+them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.
+
+Closed forms differ in what they are good at, and nowhere may the fit be worse than the best of them: a level of detail
+and pair set that is behind what is asked for gains weight until it is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
+from mipbake.prefilter.held_out import SET_SIZE, HeldOut, Image
+from mipbake.prefilter.pixel_samples import Batch
+from mipbake.shading.ops import shade
+
+_SETS = 200  # random sets that phi is a mean over
+_FLOOR = 1e-3  # of the mean error: chance makes errors of single pairs vanish
+_SOLVED = 1e-6  # error in units of the signal that is as good as none
+_RIDGE, _ITERATIONS = 0.1, 20
+_HURRY, _MOST_URGENT = 0.3, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update
+
+
+class PairWeights:
+    """Weights of renders for the state of a stack (`update`).
+
+    Args:
+        held_out: renders of the common pairs; levels of detail from `first` in steps of 1/2.
+        material: (8,) stored channels of `gltf` that shade about as bright as the whole set.
+        asked: (S, M) logarithms of the errors that are asked for at its levels of detail.
+    """
+
+    def __init__(self, held_out: HeldOut, material: NDArray[np.float32], asked: NDArray[np.float64]) -> None:
+        self._held_out, self._asked = held_out, asked
+        self._lods = np.array(held_out.lods)
+        self._material = torch.from_numpy(material)[None]
+        self._urgency = np.ones_like(asked)
+        rng = np.random.default_rng(0)
+        size = min(SET_SIZE - 1, held_out.each)
+        self._others = np.stack([rng.choice(held_out.each, size, replace=False) for _ in range(_SETS)])
+        self._features = self._features_of(torch.from_numpy(self.pairs.light), torch.from_numpy(self.pairs.view))
+        self._phi: dict[int, Tensor] = {}
+        self._fits: dict[int, tuple[Tensor, Tensor]] = {}
+
+    @property
+    def pairs(self) -> LightViewPairs:
+        """The common pairs, as many of each pair set, one set after the other."""
+        return self._held_out.pairs
+
+    def update(self, levels: Sequence[Image]) -> NDArray[np.float64]:
+        """Takes the errors of a stack for those that count now; returns its (S, M) logarithms of errors."""
+        typical = self._held_out.typical(levels)
+        self._urgency = np.clip(self._urgency * np.exp(_HURRY * np.clip(typical - self._asked, -1, 1)), 1, _MOST_URGENT)
+        features = self._features.double().numpy().reshape(len(PAIR_SETS), self._held_out.each, -1)
+        for index, lod in enumerate(self._lods):
+            if lod % 1:
+                continue
+            sums = self._held_out.sums(levels, index)
+            phis, fits, others = [], [], []
+            for kind, (signal, measured) in enumerate(zip(sums[..., 0], sums[..., 1], strict=True)):
+                least = _FLOOR * max(0.0, measured.mean()) + _SOLVED * signal.mean() + 1e-12
+                error = np.maximum(measured, least)
+                rest = error[self._others].sum(1)
+                phis.append((1 / (error[:, None] + rest)).mean(1))
+                fits.append(_gamma_regression(features[kind], error))
+                others.append(1 / (1 / rest).mean())
+            self._phi[int(lod)] = torch.from_numpy(np.concatenate(phis).astype(np.float32))
+            self._fits[int(lod)] = (
+                torch.from_numpy(np.stack(fits, 1).astype(np.float32)),
+                torch.from_numpy(np.array(others, np.float32)),
+            )
+        return typical
+
+    def of(self, batch: Batch) -> Tensor:
+        """(K, P): what the squared error of each render counts in the mean over pixels."""
+        urgency = torch.from_numpy(
+            np.stack([np.interp(batch.lods, self._lods, each) for each in self._urgency]).astype(np.float32)
+        )
+        if batch.common is not None:
+            part = len(batch.common) // len(urgency)
+            return SET_SIZE / part * self._phi[batch.level][batch.common] * urgency.repeat_interleave(part, 0)
+        assert batch.importance is not None
+        fit, others = self._fits[batch.level]
+        error = (self._features_of(batch.light, batch.view) @ fit).exp().movedim(-1, 0)
+        return (SET_SIZE * batch.importance * urgency[:, None] / (error + others[:, None, None])).sum(0)
+
+    def _features_of(self, light: Tensor, view: Tensor) -> Tensor:
+        """(..., F): logarithms of the mean material's radiance, cosines and half vectors, and their products."""
+        flat = [d.reshape(1, -1, 1, 3) for d in (light, view)]
+        radiance = shade("gltf", self._material, *flat).mean(-1).reshape(light.shape[:-1])
+        half = torch.nn.functional.normalize(light + view, dim=-1)
+        a, b = view[..., 2].clamp(min=1e-3).log(), light[..., 2].clamp(min=1e-3).log()
+        c, one = (1 - half[..., 2]).clamp(min=1e-4).log(), torch.ones_like(a)
+        products = [a * a, b * b, c * c, a * b, a * c, b * c]
+        return torch.stack([one, radiance.clamp(min=1e-5).log(), a, b, c, *products], -1)
+
+
+def _gamma_regression(features: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(F,) coefficients so that values (N,) are about exp(features (N, F) @ coefficients), unbiased as ratios.
+
+    Least squares of the logarithms to begin with, then Fisher scoring (McCullagh and Nelder 1989, section 8.3), damped.
+    """
+    information = features.T @ features + np.diag([1e-6] + [_RIDGE] * (features.shape[1] - 1))
+    fit = np.linalg.solve(information, features.T @ np.log(values))
+    fit[0] += np.log((values / np.exp(features @ fit)).mean())
+    for _ in range(_ITERATIONS):
+        ratio = values / np.exp(features @ fit)
+        fit = fit + 0.5 * np.linalg.solve(information, features.T @ np.clip(ratio - 1, -1, 3))
+    return np.asarray(fit)

@@ -1,0 +1,240 @@
+"""Pixels with light-view pairs of their own and low-noise targets: what texels are fitted to.
+
+A texel has a handful of parameters, and what is measured of it hangs on few pairs: those that hit its lobe. So pixels
+of fine levels have pairs of their own, drawn where they count: one part like each pair set, the others with half
+vectors from lobes around the pixel's normal. Each carries its importance weight for each pair set (the balance
+heuristic of Veach and Guibas 1995): one set of renders stands for all pair sets without bias. Pixels of coarse levels
+cover all kinds of lobes; theirs come from held-out-like pairs whose errors are known one by one (pair_weights.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake import sampling
+from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
+from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quantiles
+from mipbake.shading.ops import shade
+
+_RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
+_RADIANCES = 1 << 16  # of samples, at a time
+_MOST_SAMPLES = 128
+_WIDER, _LEAST_ALPHA = 1.2, 0.004  # lobes that pairs are drawn from, so that tails are seen and densities stay finite
+
+
+@dataclass(frozen=True)
+class Batch:
+    """P pixels that look up the same two levels, with K light-view pairs each.
+
+    Args:
+        level: that the pixels belong to: their levels of detail are within 1/2 of it.
+        lower: the finer of the two levels that they look up.
+        share: (P,) of the coarser one, lower + 1; None where all are 0.
+        uv: (P, 2).
+        light, view: (K, P, 3).
+        target: (K, P, 3) estimates of the reference.
+        importance: (S, K, P) of each pair in the mean over pairs drawn like each of S pair sets; None for common pairs.
+        common: (K, P) which of the common pairs these are; None for pairs of the pixel's own.
+    """
+
+    level: int
+    lower: int
+    share: Tensor | None
+    uv: NDArray[np.float64]
+    light: Tensor
+    view: Tensor
+    target: Tensor
+    importance: Tensor | None
+    common: Tensor | None
+
+    @property
+    def lods(self) -> NDArray[np.float64]:
+        """(P,) levels of detail."""
+        return self.lower + (np.zeros(len(self.uv)) if self.share is None else self.share.numpy().astype(float))
+
+    @property
+    def seen(self) -> list[tuple[int, Tensor | None]]:
+        """The levels that are looked up, and (P,) the share of each; None for all of it."""
+        if self.share is None:
+            return [(self.lower, None)]
+        return [(self.lower, 1 - self.share), (self.lower + 1, self.share)]
+
+
+@dataclass(frozen=True)
+class Lobes:
+    """What half vectors are drawn from: the lobes of a stack, a little wider.
+
+    Args:
+        levels: (H_L, W_L, 8) stored channels of `gltf`.
+    """
+
+    levels: Sequence[Image]
+
+    def at(self, level: int, uv: NDArray[np.float64]) -> Tensor:
+        """(P, 4) unit normal and alpha of the texel that contains each of (P, 2) uv."""
+        texels = self.levels[level]
+        height, width = texels.shape[:2]
+        rows = np.clip((uv[:, 1] % 1 * height).astype(np.int64), 0, height - 1)
+        columns = np.clip((uv[:, 0] % 1 * width).astype(np.int64), 0, width - 1)
+        stored = torch.from_numpy(texels[rows, columns])
+        alpha = (_WIDER * stored[:, 4:5].square()).clamp(_LEAST_ALPHA, 1)
+        return torch.cat([stored[:, 5:8], alpha], -1)
+
+
+def own_pairs(
+    problem: Problem, lobes: Sequence[Lobes], level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> Iterator[Batch]:
+    """Batches of pixels (P, 2) of a level, neighbours side by side, with `count` pairs of their own each."""
+    for some, lods, lower in _chunks(problem, level, uv, count, rng):
+        light, view, importance = _draw(torch.stack([each.at(level, some) for each in lobes]), count, rng)
+        yield Batch(level, lower, _share(lods, lower), some, light, view, torch.empty(0), importance, None)
+
+
+def common_pairs(
+    problem: Problem, pairs: LightViewPairs, level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> Iterator[Batch]:
+    """Batches of pixels (P, 2) of a level with `count` of the common pairs each, half of them of each pair set."""
+    light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
+    each = len(light) // 2
+    for some, lods, lower in _chunks(problem, level, uv, count, rng):
+        place = rng.integers(each, size=(count, len(some)))
+        place[count // 2 :] += each
+        index = torch.from_numpy(place)
+        yield Batch(level, lower, _share(lods, lower), some, light[index], view[index], torch.empty(0), None, index)
+
+
+def _chunks(
+    problem: Problem, level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], int]]:
+    """Pixels, their levels of detail, and the finer of the two levels that they look up."""
+    step = max(1, _RENDERS // count)
+    for start in range(0, len(uv), step):
+        some = uv[start : start + step]
+        lods = np.clip(level + rng.random(len(some)) - 0.5, 0, problem.last)
+        for lower in (level - 1, level):
+            inside = (lods < level) if lower < level else (lods >= level)
+            if inside.any():
+                yield some[inside], lods[inside], lower
+
+
+def _share(lods: NDArray[np.float64], lower: int) -> Tensor | None:
+    return torch.from_numpy((lods - lower).astype(np.float32)) if (lods > lower).any() else None
+
+
+def _draw(lobes: Tensor, pairs: int, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
+    """Light and view (K, P, 3) for lobes (M, P, 4), and (S, K, P) importance weights.
+
+    Views are cosine-distributed in every pair set and here; given the view, lights are drawn from a mixture, the same
+    number from each density: those of the pair sets, and half vectors distributed like each lobe. A pair weighs
+    p / q / K in the mean over pairs of density p, where q is the mixture's density.
+    """
+    count, kinds = lobes.shape[1], 2 + len(lobes)
+    part = pairs // kinds
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.from_numpy(rng.random(shape, np.float32))
+
+    def cosine(rows: int) -> Tensor:
+        square, angle = uniform(rows, count), uniform(rows, count) * (2 * math.pi)
+        radius = square.sqrt()
+        return torch.stack([radius * angle.cos(), radius * angle.sin(), (1 - square).clamp(min=1e-8).sqrt()], -1)
+
+    view = cosine(pairs)
+    mirror = view * torch.tensor([-1.0, -1, 1])
+    noise = torch.from_numpy(rng.standard_normal((part, count, 3), np.float32))
+    lights = [_unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(part)]
+    for index, lobe in enumerate(lobes):
+        seen = view[(2 + index) * part : (3 + index) * part]
+        lights.append(_reflected(seen, _half_vectors(lobe, uniform(part, count), uniform(part, count))))
+    light = torch.cat(lights)
+
+    s2 = NEAR_MIRROR_SPREAD**2
+    square = (light * mirror).sum(-1).clamp(min=0).square()
+    # A Gaussian around a point of the unit sphere, projected onto it: its integral along the ray, to 1e-13 where it
+    # is not negligible.
+    near = ((square - 1) / (2 * s2)).exp() * (square + s2) / (2 * math.pi * s2)
+    hemisphere = light[..., 2].clamp(min=0) / math.pi
+    half = _unit(light + view)
+    reflection = 0.25 / (half * view).sum(-1).abs().clamp(min=1e-4)
+    density = near + hemisphere
+    for lobe in lobes:
+        density = density + _distribution(lobe, half) * reflection
+    kept = torch.special.ndtr(view[..., 2] / NEAR_MIRROR_SPREAD)  # of near-mirror lights, those above the horizon
+    scale = (light[..., 2] > 0) / (density * part).clamp(min=1e-12)
+    return light, view, torch.stack([near / kept * scale, hemisphere * scale])
+
+
+def _unit(vectors: Tensor) -> Tensor:
+    return vectors * vectors.square().sum(-1, keepdim=True).clamp(min=1e-20).rsqrt()
+
+
+def _half_vectors(lobe: Tensor, u: Tensor, v: Tensor) -> Tensor:
+    """(K, P, 3) half vectors distributed like the GGX lobes (P, 4), of uniform numbers (K, P)."""
+    normal, alpha = lobe[:, :3], lobe[:, 3]
+    slope = alpha * (u / (1 - u).clamp(min=1e-6)).sqrt()
+    height = (1 + slope.square()).rsqrt()
+    angle = v * (2 * math.pi)
+    # Frame of Duff et al. 2017 around a normal that looks up.
+    a = -1 / (1 + normal[:, 2].clamp(min=-0.99))
+    b = normal[:, 0] * normal[:, 1] * a
+    tangent = torch.stack([1 + normal[:, 0].square() * a, b, -normal[:, 0]], -1)
+    bitangent = torch.stack([b, 1 + normal[:, 1].square() * a, -normal[:, 1]], -1)
+    x, y = slope * angle.cos() * height, slope * angle.sin() * height
+    return x[..., None] * tangent + y[..., None] * bitangent + height[..., None] * normal
+
+
+def _reflected(view: Tensor, half: Tensor) -> Tensor:
+    return _unit(2 * (view * half).sum(-1, keepdim=True) * half - view)
+
+
+def _distribution(lobe: Tensor, half: Tensor) -> Tensor:
+    """(K, P) density of half vectors distributed like the GGX lobes (P, 4)."""
+    alpha2 = lobe[:, 3].square()
+    cosine = (half * lobe[:, :3]).sum(-1).abs()
+    sine2 = (half - lobe[:, :3] * cosine[..., None]).square().sum(-1)  # 1 - cosine^2 would cancel
+    return alpha2 * cosine / (math.pi * (alpha2 * cosine.square() + sine2).square())
+
+
+def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Tensor:
+    """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level.
+
+    As `held_out.estimate`, for pixels with pairs and levels of detail of their own.
+    """
+    offsets, weights = quantiles(problem.pixel_filter)
+    signed = bool((weights < 0).any())
+    height, width = problem.stored.shape[:2]
+    pixel = 2.0 ** batch.lods[:, None] / np.array([width, height])
+    samples = max(samples, min(samples << (batch.level + 1) // 2, _MOST_SAMPLES))
+    sequence = (np.arange(samples)[:, None, None] * SEQUENCE % 1 * QUANTILES).astype(np.int64)
+    light, view = batch.light, batch.view
+    pairs = len(light)
+    chunk = max(1, _RADIANCES // pairs // samples)
+    out = torch.empty_like(light)
+    ones = torch.full((1, samples), 1 / samples)
+
+    def shaded(where: NDArray[np.float64], some: slice) -> Tensor:
+        """(n, K, P, 3) of (n, P, 2)."""
+        flat = where.reshape(1, 1, -1, 2)
+        texels = sampling.texture(problem.stored[None], flat, filter_mode="linear", boundary_mode=problem.wrap)
+        each = torch.from_numpy(texels.reshape(*where.shape[:2], -1))
+        return shade(problem.source, each, light[None, :, some], view[None, :, some])
+
+    for start in range(0, len(batch.uv), chunk):
+        some = slice(start, start + chunk)
+        centres = batch.uv[some]
+        quantile = (rng.integers(QUANTILES, size=centres.shape) + sequence) & (QUANTILES - 1)
+        radiance = shaded(centres + offsets[quantile] * pixel[some], some)
+        if signed:
+            weight = torch.from_numpy(weights[quantile].prod(-1) / samples)
+            rest = (1 - weight.sum(0))[:, None]
+            out[:, some] = (radiance * weight[:, None, :, None]).sum(0) + rest * shaded(centres[None], some)[0]
+        else:
+            out[:, some] = (ones @ radiance.view(samples, -1)).view(pairs, -1, 3)
+    return out
