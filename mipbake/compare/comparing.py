@@ -14,14 +14,15 @@ import numpy as np
 
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
-from mipbake.compare.candidates import BAKED, Candidate, bake_all, chosen, default_names, mismatch, opened
-from mipbake.compare.conditions import Condition
-from mipbake.compare.pictures import MAX_PASSES, render_view
+from mipbake.compare.candidates import Candidate, bake_all, chosen, default_names, mismatch, opened
+from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
+from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, render_view
 from mipbake.compare.ranking import best_closed_form
-from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Plot, Rendered, Scene, file_stem
+from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method, Plot, Rendered, Scene, file_stem
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
 from mipbake.errors import UsageError
+from mipbake.metrics import MEASURES, PAIR_SETS
 from mipbake.prefilter.pixel_filter import filter_named
 from mipbake.render import environment
 from mipbake.render.environment import Lighting
@@ -32,6 +33,9 @@ from mipbake.texture_set import TextureSet
 
 StageProgress = Callable[[str, float], None]
 """Told the name of the stage and its finished share, from 0 to 1."""
+
+IN_MOTION = ("flicker", "flicker-snr")
+"""Measures of what changes from one picture to the next."""
 
 _SLICE, _LOBE = "temporal slice", "apparent BRDF"  # stages
 
@@ -133,17 +137,22 @@ def compare(
     model = stack.model if stack else resolve_target(texture_set, target)
     kernel = stack.provenance.pixel_filter if stack else filter_named(pixel_filter).name
     names, notes = default_names(model, kernel) if methods is None else (tuple(methods), ())
-    labels = tuple(chosen(names, kernel))
+    wanted = chosen(names, kernel)
+    labels = tuple(wanted)
+    views = _views(texture_set, settings)
+    compared = [opened(stack, path).method] if stack else []
+    compared += [Method(label, *form, model) for label, form in wanted.items()]
+    if not compared:
+        raise UsageError("no method was named: expected at least one to compare")
+    planned = _planned(texture_set, compared, kernel, views)
     for condition in conditions:
-        condition.require([*([BAKED] if stack else []), *labels], texture_space.curve_lods(texture_set))
+        condition.check(planned)
     warnings = list(texture_set.warnings)
     if stack and (wrong := mismatch(stack, texture_set)):
         warnings.append(wrong)
     with bake_all(texture_set, model, kernel, labels, clock) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
-        if not candidates:
-            raise UsageError("no method was named: expected at least one to compare")
-        comparison = _compared(texture_set, candidates, kernel, settings, renders, clock)
+        comparison = _compared(texture_set, candidates, kernel, settings, views, renders, clock)
         shown = (comparison.subject, best_closed_form(comparison), "linear (box)")
         stacks = {
             each.name: _stack(texture_set, each) if each.method.path is None or stack is None else stack
@@ -161,6 +170,7 @@ def _compared(
     candidates: Sequence[Candidate],
     pixel_filter: str,
     settings: Settings,
+    views: Sequence[View],
     renders: Path | None,
     clock: _Clock,
 ) -> Comparison:
@@ -186,7 +196,6 @@ def _compared(
     few = [each for each in candidates if each.name in drawn]
     source = texture_set.source_model
     stored = texture_set.material(source)
-    views = _views(texture_set, settings)
     rendered: list[Rendered] = []
     figures: list[Figure] = []
     pictures: list[Plot] = []
@@ -217,7 +226,7 @@ def _compared(
         figures=(*comparison.figures, *figures, *turning.figures),
         rendered=tuple(rendered),
         plots=(turning.plot, *pictures, lobe),
-        warnings=tuple(_unsettled(each.scene) for each in rendered if not each.scene.converged),
+        warnings=_unsettled([each.scene for each in rendered if not each.scene.converged]),
     )
 
 
@@ -229,6 +238,31 @@ def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
     return standard_views(size, settings.lights, last, square, (settings.side, settings.side * 7 // 4))
 
 
+def _planned(
+    texture_set: TextureSet, methods: Sequence[Method], pixel_filter: str, views: Sequence[View]
+) -> Comparison:
+    """A comparison with everything that will be measured, all nan: what conditions can ask for."""
+
+    def unknown(method: Method, measure: str, view: str, scale: str, lod: float = math.nan) -> Figure:
+        return Figure(method.name, measure, view, scale, lod, math.nan, math.nan, math.nan)
+
+    lods = texture_space.curve_lods(texture_set)
+    places = [(measure, view, scale) for measure in IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]
+    for view in views:
+        moves = view.scale in SHIFTED_SCALES
+        places += [(name, view.view, view.scale) for name in MEASURES if moves or name not in IN_MOTION]
+    places += [(measure, "rotation", "1:1") for measure in IN_MOTION]
+    return Comparison(
+        name=texture_set.name,
+        subject=methods[0].name,
+        model=methods[0].model,
+        pixel_filter=pixel_filter,
+        methods=tuple(methods),
+        curve=tuple(unknown(each, "snr", pairs, "", lod) for each in methods for pairs in PAIR_SETS for lod in lods),
+        figures=tuple(unknown(each, *place) for each in methods for place in places),
+    )
+
+
 def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[Figure]:
     """The subject's SNR minus that of every other method, over the same light-view pairs."""
     subject, *others = (each.name for each in candidates)
@@ -238,12 +272,20 @@ def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[
             yield dataclasses.replace(figure, measure=SNR_GAIN, value=gain.estimate, low=gain.low, high=gain.high)
 
 
-def _unsettled(scene: Scene) -> str:
-    share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
-    left = f"{share:.0%} of" if share < 1 else "no less than"
+def _unsettled(scenes: Sequence[Scene]) -> tuple[str, ...]:
+    """One sentence about all references that did not converge."""
+    if not scenes:
+        return ()
+
+    def said(scene: Scene) -> str:
+        share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
+        left = f"{share:.0%} of it" if share < 1 else "no less than it"
+        return f"{scene.name} ({left} after {scene.passes} samples a pixel)"
+
     return (
-        f"the reference of {scene.name} still has {left} the best candidate's error after {scene.passes} samples a "
-        "pixel: its noise counts as error in all measures of this render but SNR and flicker; more samples would settle it."
+        "the noise of references should be within a tenth of the best candidate's error, and is not in "
+        f"{', '.join(map(said, scenes))}: it counts as error in all measures of these renders but SNR and flicker, and "
+        "more samples would settle it.",
     )
 
 
