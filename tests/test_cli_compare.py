@@ -92,6 +92,10 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         (["--fail-if", "shininess@0 < 1"], 2, "shininess"),
         (["--fail-if", "near_mirror@0.3 < 1"], 2, "0.25"),
         (["--fail-if", "optimum:near_mirror@0 < 1"], 2, "optimum"),
+        (["--fail-if", "plane.flip@near < 1"], 2, "leave the place out"),
+        (["--fail-if", "sphere.flicker@middle > 1"], 2, "at near, 1:1"),
+        (["--fail-if", "mesh.flip@near > 1"], 2, "sphere, plane"),
+        (["--fail-if", "near_mirror@0 - best < 0", "--methods", "linear (box)"], 2, "no closed form"),
         (["--methods", "best"], 2, "'best'"),
         (["--light", "moon"], 2, "'moon'"),
         (["--size", "8"], 2, "16"),
@@ -108,6 +112,14 @@ def test_what_cannot_be_compared_is_said_before_any_work(folder, tmp_path, capsy
     given = [str(a) for a in QUICK] + ([] if "--methods" in arguments else FEW)
     assert part in fails(capsys, code, "compare", folder, "-o", tmp_path / "report", *given, *arguments)
     assert tree(tmp_path) == before
+
+
+def test_conditions_follow_what_is_rendered(folder, tmp_path, capsys):
+    mesh = write_mesh(tmp_path / "triangle.obj")
+    given = ["compare", folder, "-o", tmp_path / "r", *QUICK, *FEW, "--mesh", mesh]
+    assert "but for mesh" in fails(capsys, 2, *given, "--fail-if", "sphere.flip@near > 1")
+    assert "at near, middle, far" in fails(capsys, 2, *given, "--fail-if", "mesh.flip@1:1 > 1")
+    assert not (tmp_path / "r").exists()
 
 
 def test_bad_meshes_and_lights_exit_3(folder, tmp_path, capsys):

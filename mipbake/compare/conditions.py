@@ -99,21 +99,10 @@ class Condition:
     comparison: str
     number: float
 
-    def require(self, methods: Sequence[str], lods: Sequence[float]) -> None:
-        """Before any work: UsageError where a method or a level of detail will not be measured.
-
-        Args:
-            methods: names of all candidates, the subject first.
-            lods: of the curve.
-        """
-        for name in (self.method, self.other):
-            if name is not None and _plain(name) != BEST:
-                self._named(name, methods)
-        if isinstance(self.where, float) and self.where not in lods:
-            raise self._no_such_lod(self.where, lods)
-
     def check(self, found: Comparison) -> Outcome:
         """Whether the build fails, with the sentence that says why or why not.
+
+        Before any work, a comparison with all that will be measured, as nan, tells whether this can be decided.
 
         Raises:
             UsageError: the comparison has no such figure; the sentence lists what it has.
@@ -134,7 +123,9 @@ class Condition:
             return self._of(found, self._named(name, names))
         rivals = [self._of(found, rival) for rival in closed_forms(found)]
         if not rivals:
-            raise UsageError(f"condition {self.text!r}: no closed form was compared, and {BEST!r} is the best of them")
+            raise UsageError(
+                f"condition {self.text!r}: no closed form is compared with the subject, expected one for {BEST!r}"
+            )
         return min(rivals, key=lambda figure: MEASURES[self.measure].loss(figure.value))
 
     def _of(self, found: Comparison, name: str) -> Figure:
