@@ -301,6 +301,10 @@ def test_mouse_keys_and_fields_move_the_view(open_page: Any) -> None:
     box = canvas.bounding_box()
     x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
+    page.mouse.wheel(0, 200)  # not clicked yet: the page scrolls
+    assert state(page)["distance"] == before["distance"]
+    page.wait_for_function("() => scrollY > 0")
+    page.evaluate("() => scrollTo(0, 0)")
     page.mouse.down()
     page.mouse.move(x + 50, y + 20)
     page.mouse.up()

@@ -97,7 +97,7 @@ class Viewer {
         const keys = element('dl', {}, ...KEYS.flatMap(([key, what]) => [element('dt', {}, key), element('dd', {}, what)]));
         this.root.replaceChildren(top, this.stage, this.status, panel,
             element('details', { class: 'mv-keys' }, element('summary', {}, 'Keys and gestures'),
-                element('p', {}, 'Drag to look around, turn the wheel or pinch for the distance, drag the divider.'), keys));
+                element('p', {}, 'Drag to look around, click and turn the wheel or pinch for the distance, drag the divider.'), keys));
         this.listen();
     }
 
@@ -157,6 +157,8 @@ class Viewer {
             this.canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
         }
         this.canvas.addEventListener('wheel', (event) => {
+            // Until it was clicked, whoever scrolls past wants the rest of the page. Ctrl is how trackpads pinch.
+            if (!this.stage.contains(document.activeElement) && !event.ctrlKey) return;
             event.preventDefault();
             const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 400 : 1;
             this.change({ distance: this.view.distance * Math.exp(clamp(0.0012 * lines * event.deltaY, -0.5, 0.5)) });
