@@ -92,6 +92,12 @@ def main(arguments: Sequence[str]) -> int:
         # Whoever read stdout has seen enough. What is still buffered must not fail again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = EXIT_UNEXPECTED
+    except MemoryError as error:
+        code = session.fail(
+            f"there is not enough memory for this ({error or 'no more can be had'}): ask for less, for example for "
+            "fewer points or samples, smaller pictures or a smaller set",
+            EXIT_UNEXPECTED,
+        )
     except Exception as error:
         if session.debug:
             import traceback

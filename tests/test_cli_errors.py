@@ -210,6 +210,15 @@ def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatc
     assert "Traceback" in capsys.readouterr().err
 
 
+def test_too_little_memory_is_no_defect(folder, tmp_path, capsys, monkeypatch):
+    def breaks(*_arguments, **_options):
+        raise MemoryError("Unable to allocate 745. GiB")
+
+    monkeypatch.setattr(mipbake, "load", breaks)
+    said = fails(capsys, 1, "bake", folder, "-o", tmp_path / "out", "--method", "linear")
+    assert "745. GiB" in said and "ask for less" in said and "defect" not in said
+
+
 def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatch):
     save = MipStack.save
 
