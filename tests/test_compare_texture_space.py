@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
+from mipbake.compare import texture_space
 from mipbake.compare.candidates import Candidate, bake_all
 from mipbake.compare.result import Figure, Method
 from mipbake.compare.texture_space import TextureSpace, curve_lods, measure, scale_lods
@@ -167,6 +168,18 @@ def test_a_scale_pools_the_sums_of_its_levels_of_detail() -> None:
         assert figure(found, "linear (box)", "snr", view, "middle").value == at_3.value
     assert {f.measure for f in found.figures} == {"snr", "tonemapped", "flicker", "flicker-snr"} <= set(MEASURES)
     assert len(found.figures) == 2 * 2 * 4 * 4
+
+
+def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever number of points each takes: a set of few pixels takes fewer at coarse levels."""
+
+    def pooled(fine: int, coarse: int) -> list[float]:
+        drawn = {32 * 32.0: fine, 16 * 16.0: coarse}
+        monkeypatch.setattr(texture_space, "_draws", lambda pixels, _points, _samples: (drawn.get(pixels, 64), 16))
+        found = measured(bumpy(32), ["linear (box)"], lods=(0.0,), scales=("1:1",), points=64, samples=8)
+        return [figure(found, "linear (box)", "flicker", view, "1:1").value for view in PAIR_SETS]
+
+    assert pooled(2048, 128) == pytest.approx(pooled(128, 2048), rel=0.15)
 
 
 def test_curves_run_to_the_far_scale_or_to_the_last_level() -> None:

@@ -305,7 +305,11 @@ def _in_motion(
     rng: np.random.Generator,
     sums: _Collected,
 ) -> None:
-    """Flicker and the SNR of the change at a level of detail, both shifts together."""
+    """Flicker and the SNR of the change at a level of detail, both shifts together.
+
+    Sums are those of one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
+    them.
+    """
     height, width = scene.stored.shape[:2]
     uv = random_points(rng, points)
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
@@ -316,8 +320,8 @@ def _in_motion(
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
         pairs = list(zip(targets, changes, strict=True))
-        sums["flicker", each.name, lod] = np.sum([target.flicker_sums(change) for target, change in pairs], 0)
-        sums["flicker-snr", each.name, lod] = np.sum([target.snr_sums(change) for target, change in pairs], 0)
+        sums["flicker", each.name, lod] = np.sum([target.flicker_sums(change) for target, change in pairs], 0) / points
+        sums["flicker-snr", each.name, lod] = np.sum([target.snr_sums(change) for target, change in pairs], 0) / points
 
 
 def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
