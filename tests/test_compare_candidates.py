@@ -10,6 +10,7 @@ import pytest
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
 from mipbake.compare.candidates import BAKED, bake_all, chosen, closed_forms, default_names, label, mismatch, opened
+from mipbake.compare.comparing import limits
 from mipbake.compare.texture_space import measure
 from mipbake.prefilter import METHODS
 
@@ -114,3 +115,11 @@ def test_a_stack_of_another_set_is_said() -> None:
     assert mismatch(stack, noisy()) is None
     assert "source hashes differ" in str(mismatch(stack, noisy(seed=1)))
     assert "it is 32 x 32 and the set 64 x 16" in str(mismatch(stack, noisy(16, 64)))
+
+
+def test_a_report_says_what_figures_leave_out() -> None:
+    (plain,), (opened_one,) = limits("gltf", "gltf", False), limits("gltf", "gltf", True)
+    assert "32-bit floats, not in the 8 bits" in plain and opened_one.startswith("baked was measured as its files")
+    assert len(limits("gltf-anisotropic", "gltf-anisotropic", False)) == 1
+    assert "diffuse term of gltf" in limits("gltf", "ggx", False)[1]
+    assert "isotropic" in limits("gltf-anisotropic", "gltf", False)[1]

@@ -14,7 +14,7 @@ import numpy as np
 
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
-from mipbake.compare.candidates import Candidate, bake_all, chosen, default_names, mismatch, opened
+from mipbake.compare.candidates import BAKED, Candidate, bake_all, chosen, default_names, mismatch, opened
 from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
 from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, render_view
 from mipbake.compare.ranking import best_closed_form
@@ -160,9 +160,32 @@ def compare(
             if each.name in shown
         }
     settled = dataclasses.replace(
-        comparison, notes=(*notes, *comparison.notes), warnings=(*warnings, *comparison.warnings), seconds=clock.seconds
+        comparison,
+        notes=(*notes, *limits(texture_set.source_model, model, stack is not None), *comparison.notes),
+        warnings=(*warnings, *comparison.warnings),
+        seconds=clock.seconds,
     )
     return Compared(settled, stacks)
+
+
+def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
+    """What the figures of stacks of model `target` leave out, or cannot reach, in sentences.
+
+    Args:
+        source, target: material models.
+        opened_one: whether a stack that was opened is compared.
+    """
+    said = ["methods that were baked here were measured in 32-bit floats, not in the 8 bits of files."]
+    if opened_one:
+        said = [f"{BAKED} was measured as its files hold it, methods that were baked here in 32-bit floats."]
+    if target == "ggx" and source != target:
+        said.append(
+            f"the diffuse term of {source} loses what a dielectric's surface reflects, that of {target} does not: this "
+            "difference of the models is in every method's error, and no stack can do without it."
+        )
+    if target == "gltf" and source == "gltf-anisotropic":
+        said.append("stacks of gltf are isotropic and the source is not: that is in every method's error.")
+    return tuple(said)
 
 
 def _compared(
@@ -217,8 +240,9 @@ def _compared(
             pictures.append(plots.half_pixel_shift(made.change))
     scene = (stored, source, texture_set.wrap)
     turning = plots.temporal_slice(
-        *scene, few, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share)
-    )
+        *scene, few, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share),
+        anisotropic=settings.anisotropic,
+    )  # fmt: skip
     lobe = plots.apparent_brdf(*scene, few, pixel_filter, settings.seed)
     clock(_LOBE, 1.0)
     return dataclasses.replace(

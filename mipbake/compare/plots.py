@@ -49,6 +49,7 @@ def temporal_slice(
     height: int = 192,
     passes: int = SLICE_PASSES,
     progress: Callable[[float], None] = lambda _share: None,
+    anisotropic: bool = False,
 ) -> Slice:
     """One column of pixels of each frame of a slow rotation, side by side: time runs to the right.
 
@@ -63,9 +64,12 @@ def temporal_slice(
         frames, height: the picture's width and height in pixels.
         passes: samples a pixel of the reference, an even number from 4 on.
         progress: told the finished share.
+        anisotropic: look stacks up 16x anisotropically.
     """
     scene = Turning(exposed(lighting), stored.shape[:2], frames, height)
-    images = {each.method.name: scene.candidate(each.levels, each.method.model, wrap) for each in candidates}
+    images = {
+        each.method.name: scene.candidate(each.levels, each.method.model, wrap, anisotropic) for each in candidates
+    }
     first, second = scene.reference(stored, model, wrap, pixel_filter, passes, np.random.default_rng(seed), progress)
     by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}
     halves = first.swapaxes(0, 1), second.swapaxes(0, 1)
@@ -156,10 +160,10 @@ def apparent_brdf(
     }
     height, width = stored.shape[:2]
     caption = (
-        f"Reflection of one pixel at lod {lod:g} (column {u % 1 * width:.0f}, row {v % 1 * height:.0f} of level 0) by "
-        "direction of the light, seen from straight above: in the middle light comes from above, at the rim from the "
-        f"horizon. The BRDF times the cosine, times {factor:g} in all images. A stack has one lobe a texel; a pixel of "
-        "several lobes is beyond any of them."
+        f"Reflection of one pixel at lod {lod:g} (column {int(u % 1 * width)}, row {int(v % 1 * height)} of level 0) "
+        "by direction of the light, seen from straight above: in the middle light comes from above, at the rim from "
+        f"the horizon. The BRDF times the cosine, times {factor:g} in all images. A stack has one lobe a texel; a "
+        "pixel of several lobes is beyond any of them."
     )
     return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
 

@@ -56,8 +56,13 @@ class Turning:
         self.texel = float(2 ** level_of_detail(bottom, size)[0])
         """Side of a texel in the world."""
 
-    def candidate(self, levels: Sequence[NDArray[np.float32]], model: str, wrap: Wrap) -> NDArray[np.float32]:
-        """(height, frames, 3) linear radiance: each pixel's centre, one trilinear lookup of the stack, shaded once."""
+    def candidate(
+        self, levels: Sequence[NDArray[np.float32]], model: str, wrap: Wrap, anisotropic: bool = False
+    ) -> NDArray[np.float32]:
+        """(height, frames, 3) linear radiance: each pixel's centre, one lookup of the stack, shaded once.
+
+        The lookup is trilinear, or 16x anisotropic, as in `mipbake.render.mesh_render.candidate`.
+        """
         uv, uv_da, view = self._see((0.0, 0.0))
         finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
         texels = sampling.texture(
@@ -65,7 +70,7 @@ class Turning:
             uv[None, None],
             uv_da[None, None],
             mip=coarser,
-            filter_mode="linear-mipmap-linear",
+            filter_mode="anisotropic" if anisotropic else "linear-mipmap-linear",
             boundary_mode=wrap,
         )[0, 0]
         return np.asarray(self._lit(texels, view, model).swapaxes(0, 1))

@@ -48,7 +48,8 @@ class Frame:
         image: (H, W, 3) float32 linear radiance, 0 where nothing is.
         coverage: (H, W) bool, where the pixel's centre sees the mesh.
         uv: (H, W, 2) float32 texture coordinates there.
-        lod: (H, W) float32 level of detail of the trilinear lookup, clamped to the levels that exist.
+        lod: (H, W) float32 level of detail of a trilinear lookup, by the longer axis of the footprint, clamped to the
+            levels that exist. Anisotropic lookups take finer levels, up to 4 less.
     """
 
     image: Array

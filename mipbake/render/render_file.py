@@ -37,7 +37,7 @@ def write_render(
     - `candidate`: R, G, B, linear radiance with Rec.709 primaries; A, 1 where the pixel's centre sees the mesh.
     - `reference`: R, G, B likewise.
     - `error`: R, G, B, candidate minus reference, signed; `interior`, 1 where measures look (see `Reference`).
-    - `lod`: lod, the level of detail that the candidate looked up, 0 off the mesh.
+    - `lod`: lod, the level of detail of the candidate's pixels, as in `Frame`, 0 off the mesh.
     - `uv`: u, v, its texture coordinates, v down, 0 off the mesh.
 
     Attributes: `mipbake:method`, `mipbake:pixel_filter`, `mipbake:source_hash`, `mipbake:passes` (int),
