@@ -310,7 +310,9 @@ def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
 def test_intervals_that_overlap_show_no_difference() -> None:
     names = FEW[:2]
     figures = [snr("neural", "near-mirror", "near", 15, 2), snr("linear (box)", "near-mirror", "near", 12, 1.5)]
-    assert verdict(compared(figures, names)).sentence == (
+    assert verdict(compared(figures, names)).sentence == "neural shows no difference from linear (box) at any scale."
+    worse = snr("lean (gaussian)", "near-mirror", "near", 1, 0.1)
+    assert verdict(compared([*figures, worse])).sentence == (
         "neural shows no difference from linear (box), the best closed form, at any scale."
     )
     apart = [figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)]
