@@ -37,6 +37,8 @@ StageProgress = Callable[[str, float], None]
 IN_MOTION = ("flicker", "flicker-snr")
 """Measures of what changes from one picture to the next."""
 
+_SPOKEN = {"side": "size (side)", "max_passes": "passes (max_passes)"}  # where the command line has another name
+
 _SLICE, _LOBE = "temporal slice", "apparent BRDF"  # stages
 
 
@@ -72,9 +74,11 @@ class Settings:
         least = {"seed": 0, "points": 1, "samples": 1, "side": SMALLEST, "max_passes": 32}
         for name, low in least.items():
             if getattr(self, name) < low:
-                raise UsageError(f"{name} of the comparison is {getattr(self, name)}: expected {low} or more")
+                raise UsageError(
+                    f"{_SPOKEN.get(name, name)} of the comparison is {getattr(self, name)}: expected {low} or more"
+                )
         if self.max_passes % 2:
-            raise UsageError(f"max_passes of the comparison is {self.max_passes}: expected an even number")
+            raise UsageError(f"{_SPOKEN['max_passes']} of the comparison is {self.max_passes}: expected an even number")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; lighting and mesh by name, without the cache, a place on this machine."""
