@@ -50,7 +50,7 @@ def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, c
     found = json.loads(out)
     assert found["subject"] == "baked" and found["pixel_filter"] == "box" and found["exit_code"] == 5
     assert [c["failed"] for c in found["conditions"]] == [True]
-    assert not any("not baked from" in warning for warning in found["warnings"])
+    assert found["foreign"] is False and not any("not baked from" in warning for warning in found["warnings"])
     assert err.count("\n") == 1 and "holds" in err
 
 
@@ -60,9 +60,8 @@ def test_a_stack_of_another_set_is_flagged(folder, tmp_path, capsys):
     baked = ["--baked", str(tmp_path / "out" / "other"), "--methods", "linear (box)"]
     assert run(folder, tmp_path / "report", *baked) == 0
     assert "not baked from this texture set" in capsys.readouterr().out
-    assert any(
-        "not baked from" in w for w in json.loads((tmp_path / "report" / "results.json").read_text())["warnings"]
-    )
+    results = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert results["foreign"] is True and any("not baked from" in warning for warning in results["warnings"])
     assert "not baked from this texture set" in (tmp_path / "report" / "index.html").read_text()
 
 

@@ -151,9 +151,8 @@ def compare(
     planned = _planned(texture_set, compared, kernel, views)
     for condition in conditions:
         condition.check(planned)
-    warnings = list(texture_set.warnings)
-    if stack and (wrong := mismatch(stack, texture_set)):
-        warnings.append(wrong)
+    foreign = mismatch(stack, texture_set) if stack else None
+    warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
     with bake_all(texture_set, model, kernel, labels, clock) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
         comparison = _compared(texture_set, candidates, kernel, settings, views, renders, clock)
@@ -167,6 +166,7 @@ def compare(
         comparison,
         notes=(*notes, *limits(texture_set.source_model, model, stack is not None), *comparison.notes),
         warnings=(*warnings, *comparison.warnings),
+        foreign=foreign is not None,
         seconds=clock.seconds,
     )
     return Compared(settled, stacks)

@@ -151,6 +151,7 @@ class Comparison:
         source: what was read of the set, as `mipbake inspect --json` says it.
         notes: what a reader must know, in sentences.
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
+        foreign: whether the opened stack was baked from another texture set, which is one of the warnings.
         settings: seed, points, samples, resolution and so on.
         seconds: by stage.
     """
@@ -167,6 +168,7 @@ class Comparison:
     source: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    foreign: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
 
@@ -194,6 +196,7 @@ class Comparison:
             "source": dict(self.source),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
+            "foreign": self.foreign,
             "settings": dict(self.settings),
             "seconds": dict(self.seconds),
         }
