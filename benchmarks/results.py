@@ -1,11 +1,10 @@
 """Compares every method on every texture set of a folder, a JSON file a set: what docs/make_results_page.py tabulates.
 
-    python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 256]
+    python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 64]
 
 Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural and all
-closed forms. `crop/SET.json` is the same in texture space alone on the middle of the set, with the per-material optimum beside
-them: optimising every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was
-stopped goes on.
+closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them: optimising
+every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from mipbake.compare import texture_space
 from mipbake.compare.candidates import bake_all, default_names
 from mipbake.compare.comparing import Settings, compare
 from mipbake.compare.result import Comparison
+from mipbake.validate import DEFAULT_LODS
 
 
 def whole(texture_set: TextureSet, settings: Settings) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def whole(texture_set: TextureSet, settings: Settings) -> dict[str, Any]:
 
 
 def crop(texture_set: TextureSet, side: int) -> dict[str, Any]:
-    """Figures in texture space of the middle of a set, addressed with clamping, the optimum among the methods."""
+    """SNR by level of detail of the middle of a set, addressed with clamping, the optimum among the methods."""
     stored = texture_set.material("gltf")
     top, left = ((length - min(side, length)) // 2 for length in stored.shape[:2])
     part = stored[top : top + side, left : left + side]
@@ -46,7 +46,7 @@ def crop(texture_set: TextureSet, side: int) -> dict[str, Any]:
     )
     names, notes = default_names("gltf", DEFAULT_FILTER)
     with bake_all(middle, "gltf", DEFAULT_FILTER, ("optimum", *names)) as candidates:
-        found = texture_space.measure(middle, candidates, DEFAULT_FILTER)
+        found = texture_space.measure(middle, candidates, DEFAULT_FILTER, DEFAULT_LODS, scales=())
         methods = tuple(each.method for each in candidates)
     return Comparison(
         texture_set.name, "neural", "gltf", DEFAULT_FILTER, methods, found.curve, found.figures, notes=notes,
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("results", type=Path)
     parser.add_argument("--passes", type=int, default=Settings().max_passes, help="of references of renders, at most")
     parser.add_argument(
-        "--crop", type=int, default=256, help="texels a side where the optimum is measured; 0 for nowhere"
+        "--crop", type=int, default=64, help="texels a side where the optimum is measured; 0 for nowhere"
     )
     options = parser.parse_args()
     settings = Settings(max_passes=options.passes)

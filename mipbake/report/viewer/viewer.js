@@ -286,7 +286,7 @@ class Viewer {
         const waiting = reference && this.gathered < budget;
         if (!waiting) this.lastPass = null;
         if (!reference) this.status.textContent = `One lookup for each pixel${view.mode === 'one' ? '' : ', on both sides'}.`;
-        else if (view.turning) this.status.textContent = `The reference takes ${samples} samples for each pixel while it turns.`;
+        else if (view.turning) this.status.textContent = `While it turns the reference has ${samples} samples for each pixel: its grain is noise, not shimmer.`;
         else if (waiting) this.status.textContent = `Reference: ${this.gathered} of ${budget} samples for each pixel`;
         else if (samples) this.status.textContent = this.verdict(sides, budget);
         if (view.turning || waiting) this.schedule();
