@@ -73,6 +73,7 @@ def read(folder: Path) -> Results:
             curve.setdefault((f["method"], f["view"], f["lod"]), []).append(f["value"])
         for f in file["figures"]:
             figures.setdefault((f["method"], f["measure"], f["view"], f["scale"]), []).append(f["value"])
+    curve, figures = ({k: v for k, v in found.items() if len(v) == len(files)} for found in (curve, figures))
     return Results(
         [file["name"] for file in files],
         [method["name"] for method in files[0]["methods"]],
@@ -159,7 +160,8 @@ def outcome(results: Results, measure: str, view: str, scale: str) -> list[str] 
     """Subject against the closed form with the best mean: which, both means, the difference with its interval."""
     if (SUBJECT, measure, view, scale) not in results.figures:
         return None
-    means = {name: average(measure, results.figures[name, measure, view, scale])[0] for name in results.closed_forms()}
+    rivals = [name for name in results.closed_forms() if (name, measure, view, scale) in results.figures]
+    means = {name: average(measure, results.figures[name, measure, view, scale])[0] for name in rivals}
     rival = min(means, key=lambda name: loss(measure, means[name]))
     own, other = (results.figures[name, measure, view, scale] for name in (SUBJECT, rival))
     better = np.array([loss(measure, b) - loss(measure, a) for a, b in zip(own, other, strict=True)])

@@ -244,7 +244,7 @@ def _compared(
             pictures.append(plots.half_pixel_shift(made.change))
     scene = (stored, source, texture_set.wrap)
     turning = plots.temporal_slice(
-        *scene, few, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share),
+        *scene, candidates, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share),
         anisotropic=settings.anisotropic,
     )  # fmt: skip
     lobe = plots.apparent_brdf(*scene, few, pixel_filter, settings.seed)
@@ -253,9 +253,14 @@ def _compared(
         comparison,
         figures=(*comparison.figures, *figures, *turning.figures),
         rendered=tuple(rendered),
-        plots=(turning.plot, *pictures, lobe),
+        plots=(_only(turning.plot, few), *pictures, lobe),
         warnings=_unsettled([each.scene for each in rendered if not each.scene.converged]),
     )
+
+
+def _only(plot: Plot, shown: Sequence[Candidate]) -> Plot:
+    """A plot with the images of some methods."""
+    return dataclasses.replace(plot, images={each.name: plot.images[each.name] for each in shown})
 
 
 def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
