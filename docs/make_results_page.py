@@ -57,6 +57,12 @@ class Results:
     figures: Mapping[Key, np.ndarray]
     scenes: Sequence[Mapping[str, Any]]
 
+    @property
+    def lods(self) -> list[float]:
+        """Levels of detail of tables: LODS, as far as they were measured, and the last that was."""
+        every = sorted({lod for _, _, lod in self.curve})
+        return [lod for lod in every if lod in LODS or lod == every[-1]]
+
     def closed_forms(self) -> list[str]:
         """Methods that average."""
         return [name for name in self.methods if METHODS[name.split(" (")[0]].averages]
@@ -107,12 +113,9 @@ def loss(measure: str, value: float) -> float:
 
 def by_lod(results: Results, pairs: str) -> str:
     """Mean SNR by level of detail; the best of each column is bold."""
-    means = {
-        name: [results.curve[name, pairs, lod].mean() for lod in LODS if (name, pairs, lod) in results.curve]
-        for name in results.methods
-    }
+    means = {name: [results.curve[name, pairs, lod].mean() for lod in results.lods] for name in results.methods}
     means = {name: [*row, float(np.mean(row))] for name, row in means.items()}
-    heads = [*(f"{lod:g}" for lod in LODS if (results.methods[0], pairs, lod) in results.curve), "mean"]
+    heads = [*(f"{lod:g}" for lod in results.lods), "mean"]
     best = [max(row[i] for name, row in means.items() if name != OPTIMUM) for i in range(len(heads))]
     rows = {
         name: [f"**{v:.1f}**" if v == b and name != OPTIMUM else f"{v:.1f}" for v, b in zip(row, best, strict=True)]
@@ -193,7 +196,7 @@ def winners(results: Results) -> str:
 
 
 def per_set(results: Results, value: Callable[[str, float, int], float], pairs: str) -> str:
-    lods = [lod for lod in LODS if (SUBJECT, pairs, lod) in results.curve]
+    lods = results.lods
     rows = {name: [f"{value(pairs, lod, index):+.1f}" for lod in lods] for index, name in enumerate(results.sets)}
     return table(pairs, [f"{lod:g}" for lod in lods], rows)
 
@@ -207,7 +210,7 @@ def gaps(results: Results) -> str:
     """Closed gap by pair set and lod: (subject - best) / (optimum - best) of the means over sets."""
     rows = {}
     for pairs in PAIR_SETS:
-        lods = [lod for lod in LODS if (SUBJECT, pairs, lod) in results.curve]
+        lods = results.lods
         best = [best_of(results, pairs, lod).mean() for lod in lods]
         own, top = ([results.curve[name, pairs, lod].mean() for lod in lods] for name in (SUBJECT, OPTIMUM))
         rows[f"{pairs}: best closed form of each set"] = [f"{b:.1f}" for b in best]
@@ -216,7 +219,7 @@ def gaps(results: Results) -> str:
         rows[f"{pairs}: closed gap"] = [
             f"{(o - b) / (t - b):.0%}" if t - b > 0.05 else "" for b, o, t in zip(best, own, top, strict=True)
         ]
-    return table("dB", [f"{lod:g}" for lod in LODS], rows)
+    return table("dB", [f"{lod:g}" for lod in results.lods], rows)
 
 
 def text(folder: Path) -> str:
