@@ -50,7 +50,8 @@ class PairWeights:
         rng = np.random.default_rng(0)
         size = min(SET_SIZE - 1, held_out.each)
         self._others = np.stack([rng.choice(held_out.each, size, replace=False) for _ in range(_SETS)])
-        self._features = self._features_of(torch.from_numpy(self.pairs.light), torch.from_numpy(self.pairs.view))
+        basis = self._basis(torch.from_numpy(self.pairs.light), torch.from_numpy(self.pairs.view))
+        self._features = _features(basis).reshape(len(PAIR_SETS), held_out.each, -1)
         self._phi: dict[int, Tensor] = {}
         self._fits: dict[int, tuple[Tensor, Tensor]] = {}
 
@@ -63,7 +64,6 @@ class PairWeights:
         """Takes the errors of a stack for those that count now; returns its (S, M) logarithms of errors."""
         typical = self._held_out.typical(levels)
         self._urgency = np.clip(self._urgency * np.exp(_HURRY * np.clip(typical - self._asked, -1, 1)), 1, _MOST_URGENT)
-        features = self._features.double().numpy().reshape(len(PAIR_SETS), self._held_out.each, -1)
         for index, lod in enumerate(self._lods):
             if lod % 1:
                 continue
@@ -74,7 +74,7 @@ class PairWeights:
                 error = np.maximum(measured, least)
                 rest = error[self._others].sum(1)
                 phis.append((1 / (error[:, None] + rest)).mean(1))
-                fits.append(_gamma_regression(features[kind], error))
+                fits.append(_gamma_regression(self._features[kind], error))
                 others.append(1 / (1 / rest).mean())
             self._phi[int(lod)] = torch.from_numpy(np.concatenate(phis).astype(np.float32))
             self._fits[int(lod)] = (
@@ -93,18 +93,36 @@ class PairWeights:
             return SET_SIZE / part * self._phi[batch.level][batch.common] * urgency.repeat_interleave(part, 0)
         assert batch.importance is not None
         fit, others = self._fits[batch.level]
-        error = (self._features_of(batch.light, batch.view) @ fit).exp().movedim(-1, 0)
-        return (SET_SIZE * batch.importance * urgency[:, None] / (error + others[:, None, None])).sum(0)
+        basis = self._basis(batch.light, batch.view)
+        out = torch.zeros_like(basis[0])
+        for kind in range(len(urgency)):
+            error = _predicted(basis, fit[:, kind]) + others[kind]
+            out += batch.importance[kind] * (SET_SIZE * urgency[kind]) / error
+        return out
 
-    def _features_of(self, light: Tensor, view: Tensor) -> Tensor:
-        """(..., F): logarithms of the mean material's radiance, cosines and half vectors, and their products."""
-        flat = [d.reshape(1, -1, 1, 3) for d in (light, view)]
-        radiance = shade("gltf", self._material, *flat).mean(-1).reshape(light.shape[:-1])
-        half = torch.nn.functional.normalize(light + view, dim=-1)
-        a, b = view[..., 2].clamp(min=1e-3).log(), light[..., 2].clamp(min=1e-3).log()
-        c, one = (1 - half[..., 2]).clamp(min=1e-4).log(), torch.ones_like(a)
-        products = [a * a, b * b, c * c, a * b, a * c, b * c]
-        return torch.stack([one, radiance.clamp(min=1e-5).log(), a, b, c, *products], -1)
+    def _basis(self, light: Tensor, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""
+        flat = [d.reshape(1, 1, -1, 3) for d in (light, view)]
+        radiance = shade("gltf", self._material.expand(flat[0].shape[2], -1), *flat).mean(-1).reshape(light.shape[:-1])
+        x, y, z = (light[..., axis] + view[..., axis] for axis in range(3))
+        height = z * (x * x + y * y + z * z).clamp(min=1e-12).rsqrt()
+        cosines = [d[..., 2].clamp(min=1e-3).log() for d in (view, light)]
+        return radiance.clamp(min=1e-5).log(), cosines[0], cosines[1], (1 - height).clamp(min=1e-4).log()
+
+
+def _features(basis: tuple[Tensor, Tensor, Tensor, Tensor]) -> NDArray[np.float64]:
+    """(N, F) whose combinations predict logarithms of errors: the basis, and products of its angles."""
+    radiance, a, b, c = (each.double().numpy() for each in basis)
+    return np.stack([np.ones_like(a), radiance, a, b, c, a * a, b * b, c * c, a * b, a * c, b * c], -1)
+
+
+def _predicted(basis: tuple[Tensor, Tensor, Tensor, Tensor], fit: Tensor) -> Tensor:
+    """(...) exponentials of `_features` times (F,) coefficients."""
+    radiance, a, b, c = basis
+    one, r, a1, b1, c1, aa, bb, cc, ab, ac, bc = fit.tolist()
+    by_a, by_b, by_c = a1 + aa * a + ab * b + ac * c, b1 + bb * b + bc * c, c1 + cc * c
+    out: Tensor = (one + r * radiance + a * by_a + b * by_b + c * by_c).exp()
+    return out
 
 
 def _gamma_regression(features: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,6 +26,9 @@ from mipbake.shading.ops import shade
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
 _RADIANCES = 1 << 16  # of samples, at a time
 _MOST_SAMPLES = 128
+_SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow
+_GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
+_STEPS = _GOLDEN ** -torch.arange(1.0, _DIMENSIONS + 1, dtype=torch.float64)
 _WIDER, _LEAST_ALPHA = 1.2, 0.004  # lobes that pairs are drawn from, so that tails are seen and densities stay finite
 
 
@@ -89,34 +92,51 @@ class Lobes:
 
 
 def own_pairs(
-    problem: Problem, lobes: Sequence[Lobes], level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
+    problem: Problem,
+    lobes: Sequence[Lobes],
+    level: int,
+    uv: NDArray[np.float64],
+    count: int,
+    turn: int,
+    rng: np.random.Generator,
 ) -> Iterator[Batch]:
-    """Batches of pixels (P, 2) of a level, neighbours side by side, with `count` pairs of their own each."""
-    for some, lods, lower in _chunks(problem, level, uv, count, rng):
-        light, view, importance = _draw(torch.stack([each.at(level, some) for each in lobes]), count, rng)
-        yield Batch(level, lower, _share(lods, lower), some, light, view, torch.empty(0), importance, None)
+    """Batches of pixels (P, 2) of a level, neighbours side by side, with `count` pairs of their own each.
+
+    Pixels in the same places of `uv` continue their sequences of pairs from turn to turn: together they are spread
+    more evenly than chance has it, which for smooth lobes is worth several times as many.
+    """
+    for place, lods, lower in _chunks(problem, level, len(uv), count, rng):
+        shifts = np.random.default_rng([_SHIFTS, level, int(place[0])]).random((_DIMENSIONS, len(place)), np.float32)
+        lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
+        light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts))
+        yield Batch(level, lower, _share(lods, lower), uv[place], light, view, torch.empty(0), importance, None)
 
 
 def common_pairs(
     problem: Problem, pairs: LightViewPairs, level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
 ) -> Iterator[Batch]:
-    """Batches of pixels (P, 2) of a level with `count` of the common pairs each, half of them of each pair set."""
+    """Batches of pixels (P, 2) of a level with `count` of the common pairs each, half of them of each pair set.
+
+    All pairs have their turn before any comes again.
+    """
     light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
-    each = len(light) // 2
-    for some, lods, lower in _chunks(problem, level, uv, count, rng):
-        place = rng.integers(each, size=(count, len(some)))
-        place[count // 2 :] += each
-        index = torch.from_numpy(place)
-        yield Batch(level, lower, _share(lods, lower), some, light[index], view[index], torch.empty(0), None, index)
+    each, half = len(light) // 2, count // 2
+    order = np.stack([rng.permutation(each), each + rng.permutation(each)])
+    for place, lods, lower in _chunks(problem, level, len(uv), count, rng):
+        turns = (place * half + np.arange(half)[:, None]) % each
+        index = torch.from_numpy(order[:, turns].reshape(count, -1))
+        yield Batch(
+            level, lower, _share(lods, lower), uv[place], light[index], view[index], torch.empty(0), None, index
+        )
 
 
 def _chunks(
-    problem: Problem, level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], int]]:
-    """Pixels, their levels of detail, and the finer of the two levels that they look up."""
+    problem: Problem, level: int, pixels: int, count: int, rng: np.random.Generator
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], int]]:
+    """Indices of pixels, their levels of detail, and the finer of the two levels that they look up."""
     step = max(1, _RENDERS // count)
-    for start in range(0, len(uv), step):
-        some = uv[start : start + step]
+    for start in range(0, pixels, step):
+        some = np.arange(start, min(pixels, start + step))
         lods = np.clip(level + rng.random(len(some)) - 0.5, 0, problem.last)
         for lower in (level - 1, level):
             inside = (lods < level) if lower < level else (lods >= level)
@@ -128,31 +148,34 @@ def _share(lods: NDArray[np.float64], lower: int) -> Tensor | None:
     return torch.from_numpy((lods - lower).astype(np.float32)) if (lods > lower).any() else None
 
 
-def _draw(lobes: Tensor, pairs: int, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
+def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Light and view (K, P, 3) for lobes (M, P, 4), and (S, K, P) importance weights.
 
     Views are cosine-distributed in every pair set and here; given the view, lights are drawn from a mixture, the same
     number from each density: those of the pair sets, and half vectors distributed like each lobe. A pair weighs
     p / q / K in the mean over pairs of density p, where q is the mixture's density.
     """
-    count, kinds = lobes.shape[1], 2 + len(lobes)
-    part = pairs // kinds
+    part = pairs // (2 + len(lobes))
+    index = (torch.arange(pairs) % part + turn * part).double()
+    steps = (index * _STEPS[:, None]).frac().float()[..., None]
 
-    def uniform(*shape: int) -> Tensor:
-        return torch.from_numpy(rng.random(shape, np.float32))
+    def uniform(axis: int, kind: int) -> Tensor:
+        return (steps[axis, kind * part : (kind + 1) * part] + shifts[axis]).frac()
 
-    def cosine(rows: int) -> Tensor:
-        square, angle = uniform(rows, count), uniform(rows, count) * (2 * math.pi)
-        radius = square.sqrt()
-        return torch.stack([radius * angle.cos(), radius * angle.sin(), (1 - square).clamp(min=1e-8).sqrt()], -1)
+    def cosine(u: Tensor, v: Tensor) -> Tensor:
+        radius, angle = u.sqrt(), v * (2 * math.pi)
+        return torch.stack([radius * angle.cos(), radius * angle.sin(), (1 - u).clamp(min=1e-8).sqrt()], -1)
 
-    view = cosine(pairs)
+    view = cosine((steps[0] + shifts[0]).frac(), (steps[1] + shifts[1]).frac())
     mirror = view * torch.tensor([-1.0, -1, 1])
-    noise = torch.from_numpy(rng.standard_normal((part, count, 3), np.float32))
-    lights = [_unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(part)]
-    for index, lobe in enumerate(lobes):
-        seen = view[(2 + index) * part : (3 + index) * part]
-        lights.append(_reflected(seen, _half_vectors(lobe, uniform(part, count), uniform(part, count))))
+    # Box and Muller 1958: two normal numbers of two uniform ones, of which the fourth is not needed.
+    radii = [(-2 * (1 - uniform(axis, 0)).clamp(min=1e-7).log()).sqrt() for axis in (2, 4)]
+    angles = [uniform(axis, 0) * (2 * math.pi) for axis in (3, 5)]
+    noise = torch.stack([radii[0] * angles[0].cos(), radii[0] * angles[0].sin(), radii[1] * angles[1].cos()], -1)
+    lights = [_unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(uniform(2, 1), uniform(3, 1))]
+    for kind, lobe in enumerate(lobes, 2):
+        seen = view[kind * part : (kind + 1) * part]
+        lights.append(_reflected(seen, _half_vectors(lobe, uniform(2, kind), uniform(3, kind))))
     light = torch.cat(lights)
 
     s2 = NEAR_MIRROR_SPREAD**2

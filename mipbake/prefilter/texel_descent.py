@@ -3,7 +3,7 @@
 A round draws pixels, pairs and targets anew (pixel_samples.py) and takes a few steps on them. Each texel is divided by
 a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each weighted by the texel's
 share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled matrix from above: all
-texels step at once without overshooting, and Nesterov's momentum makes up for what that costs in speed.
+texels step at once without overshooting.
 
 The noise of a round is averaged in two ways. Curvature of past rounds holds texels where they are, as in recursive
 least squares, so steps shrink like 1 / rounds; and what is kept is an average over rounds, later ones counting more.
@@ -38,6 +38,8 @@ _LEAST_PIXELS = 256  # of a level and round: the coarsest levels have a texel or
 _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
 _RECENT = 3.0  # of the average over rounds: the last round counts (_RECENT + 1) / (_RECENT + rounds)
 _DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
+_TEXELS = 2048  # whose equations are solved at a time: they stay in the cache
+_STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def descend(
     least, gains, still, began = last.mean(), np.zeros(len(block.levels)), 0, time.monotonic()
     done = 0
     while done < budget.rounds and free:
-        batches = _draw(problem, crops, free, weights, lobes, block, budget, rng)
+        batches = _draw(problem, crops, free, weights, lobes, block, budget, done, rng)
         _round(problem, crops, free, states, batches, budget.steps, done, rng)
         del batches
         done += 1
@@ -138,6 +140,7 @@ def _draw(
     lobes: Sequence[Lobes],
     block: Region,
     budget: Budget,
+    turn: int,
     rng: np.random.Generator,
 ) -> list[tuple[Batch, Tensor, Tensor]]:
     """The batches of a round, with (K, P, 3) targets and (K, P) weights; every level counts the same."""
@@ -145,7 +148,7 @@ def _draw(
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
-            batches = own_pairs(problem, lobes, level, uv, budget.pairs, rng)
+            batches = own_pairs(problem, lobes, level, uv, budget.pairs, turn, rng)
         else:
             batches = common_pairs(problem, weights.pairs, level, uv, _COMMON * budget.pairs, rng)
         for batch in batches:
@@ -161,43 +164,25 @@ def _round(
     states: dict[int, _State],
     batches: list[tuple[Batch, Tensor, Tensor]],
     steps: int,
-    index: int,
+    turn: int,
     rng: np.random.Generator,
 ) -> None:
-    """One round on its batches: curvature where the texels are, then steps with momentum."""
+    """One round on its batches: curvature where the texels are, then steps."""
     model = problem.target
-    curvature = _curvature(problem, crops, free, batches, rng)
-    start = {i: crop.coordinates for i, crop in free.items()}
-    unit = {i: units(start[i], model) for i in free}
-    matrix, hold = {}, {}
-    for i, state in states.items():
-        scale = unit[i][..., :, None] * unit[i][..., None, :]
-        own = curvature[i] * scale
-        hold[i] = torch.zeros_like(own) if state.held is None else state.held * scale
-        both = own + hold[i]
-        diagonal = both.diagonal(dim1=-2, dim2=-1)
-        damping = _DAMPING * diagonal + _ABSOLUTE * diagonal.mean((0, 1)) + 1e-12
-        matrix[i] = both + torch.diag_embed(damping)
-    previous = dict(start)
-    for step in range(steps):
+    curvature = _curvature(problem, crops, free, batches, turn, rng)
+    systems = {i: _System(crop, curvature[i], states[i].held) for i, crop in free.items()}
+    for _ in range(steps):
         for batch, target, weight in batches:
             texels = _look_up(crops, batch)
             shaded = shade(model, texels, batch.light[None], batch.view[None])[0]
             torch.autograd.backward(shaded, (shaded.detach() - target) * weight[..., None])
         for i, crop in free.items():
-            here = crop.coordinates
-            gradient = crop.gradient()
-            fixed = at_limits(here, gradient, model)
-            pull = gradient * unit[i] + (hold[i] @ ((here - start[i]) / unit[i])[..., None])[..., 0]
-            moved = here - unit[i] * _solved(matrix[i], pull, ~fixed)
-            ahead = step / (step + 3) if step < steps - 1 else 0.0
-            crop.move(moved + ahead * (moved - previous[i]))
-            previous[i] = moved
-    memory = 1 - 1 / min(1 + _MEMORY * index, _MOST_MEMORY)
+            crop.move(systems[i].stepped(crop.coordinates, crop.gradient()))
+    memory = 1 - 1 / min(1 + _MEMORY * turn, _MOST_MEMORY)
     for i, state in states.items():
         state.held = memory * (curvature[i] if state.held is None else state.held + curvature[i])
         here = free[i].coordinates
-        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + index + 1))
+        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + turn + 1))
 
 
 def _look_up(crops: dict[int, Crop], batch: Batch) -> Tensor:
@@ -211,6 +196,7 @@ def _curvature(
     crops: dict[int, Crop],
     free: dict[int, Crop],
     batches: list[tuple[Batch, Tensor, Tensor]],
+    turn: int,
     rng: np.random.Generator,
 ) -> dict[int, Tensor]:
     """(h, w, P, P) of each level: sum over pixels of share times J^T w J, with J the derivative by its coordinates.
@@ -219,14 +205,17 @@ def _curvature(
     mean of (J^T s)(J^T s)^T is J^T J.
     """
     model = problem.target
+    stride = _STRIDE if turn else 1
+    some = slice(turn % stride, None, stride)
     sums: dict[int, Tensor] = {}
     for batch, _, weight in batches:
         with torch.no_grad():
             texels = _look_up(crops, batch)
-        each = texels.expand(len(weight), *texels.shape).detach().requires_grad_()
-        shaded = shade(model, each, batch.light[:, None], batch.view[:, None])
+        counted = stride * weight[some]
+        each = texels.expand(len(counted), *texels.shape).detach().requires_grad_()
+        shaded = shade(model, each, batch.light[some, None], batch.view[some, None])
         signs = torch.from_numpy(rng.integers(0, 2, shaded.shape, np.int8)) * 2.0 - 1
-        torch.autograd.backward(shaded, signs * weight.sqrt()[:, None, :, None])
+        torch.autograd.backward(shaded, signs * counted.sqrt()[:, None, :, None])
         assert each.grad is not None
         rows = without_heights(each.grad, texels, model)
         grams = torch.bmm(rows.permute(1, 2, 0), rows.permute(1, 0, 2))
@@ -254,10 +243,50 @@ def _curvature(
     return out
 
 
-def _solved(matrix: Tensor, right: Tensor, free: Tensor) -> Tensor:
-    """(h, w, P) steps in units: solutions of the free coordinates, cut so that none is longer than 1."""
-    mask = free.to(matrix.dtype)
-    matrix = matrix * mask[..., :, None] * mask[..., None, :] + torch.diag_embed(1 - mask)
-    factor, _ = torch.linalg.cholesky_ex(matrix)
-    step = torch.cholesky_solve((right * mask)[..., None], factor)[..., 0].nan_to_num(0, 0, 0)
-    return step / step.abs().amax(-1, keepdim=True).clamp(min=1)
+class _System:
+    """The equations of a round for the texels of a level: what a gradient is divided by, what holds texels in place.
+
+    Args:
+        own, held: (h, w, P, P) curvature of this round and of past ones.
+    """
+
+    def __init__(self, crop: Crop, own: Tensor, held: Tensor | None) -> None:
+        self._model, self._start = crop.model, crop.coordinates.flatten(0, 1)
+        self._own, self._held = own.flatten(0, 1), None if held is None else held.flatten(0, 1)
+        self._unit = units(self._start, self._model)
+        diagonal = self._own.diagonal(dim1=-2, dim2=-1)
+        if self._held is not None:
+            diagonal = diagonal + self._held.diagonal(dim1=-2, dim2=-1)
+        self._least = _ABSOLUTE * (diagonal * self._unit.square()).mean(0) + 1e-12
+        self._factors: list[tuple[Tensor, Tensor]] = []
+
+    def stepped(self, here: Tensor, gradient: Tensor) -> Tensor:
+        """(h, w, P) coordinates a step from `here`, none of them farther than a unit.
+
+        A coordinate at a limit that the first step would lead it out of stays where it is for all of the round.
+        """
+        flat, slopes = here.flatten(0, 1), gradient.flatten(0, 1)
+        out = torch.empty_like(flat)
+        first = not self._factors
+        for index, begin in enumerate(range(0, len(flat), _TEXELS)):
+            some = slice(begin, begin + _TEXELS)
+            unit, pull = self._unit[some], slopes[some]
+            if first:
+                self._factors.append(self._factor(some, at_limits(flat[some], pull, self._model)))
+            elif self._held is not None:
+                pull = pull + (self._held[some] @ (flat[some] - self._start[some])[..., None])[..., 0]
+            factor, free = self._factors[index]
+            step = torch.cholesky_solve((pull * unit * free)[..., None], factor)[..., 0].nan_to_num(0, 0, 0)
+            out[some] = flat[some] - unit * step / step.abs().amax(-1, keepdim=True).clamp(min=1)
+        return out.reshape(here.shape)
+
+    def _factor(self, some: slice, fixed: Tensor) -> tuple[Tensor, Tensor]:
+        """The Cholesky factors of some texels in units, and 1 for the coordinates that are free in them, else 0."""
+        free = 1 - fixed.to(self._unit.dtype)
+        matrix = self._own[some] if self._held is None else self._own[some] + self._held[some]
+        scale = self._unit[some] * free
+        matrix = matrix * scale[..., :, None] * scale[..., None, :]
+        diagonal = matrix.diagonal(dim1=-2, dim2=-1)
+        diagonal += _DAMPING * diagonal + self._least * free + (1 - free)
+        factor, _ = torch.linalg.cholesky_ex(matrix)
+        return factor, free
