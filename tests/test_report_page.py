@@ -1,13 +1,11 @@
-"""The page of a comparison without a browser: what is written, what it says, and that names cannot break it."""
+"""The page of a comparison without a browser: what is written, what it holds, and that names cannot break it."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -15,59 +13,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Method
+from mipbake.compare.result import Comparison, Method
 from mipbake.errors import OutputError
 from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.report.page import check_report, write_report
-from mipbake.report.page.charts import curves
 from mipbake.report.page.markup import Html, element, joined, listed
-from mipbake.report.page.pictures import displayed, heat, ramp
+from mipbake.report.page.pictures import heat
 from mipbake.report.page.plain import plain
 from mipbake.report.page.scenes import flip_top
-from mipbake.report.page.tables import measure_tables, number, verdict_table
 from mipbake.report.page.texels import WINDOW, cropped, view, view_names, window_side
-from mipbake.report.page.verdict import best_in_renders, difference, verdict
 from mipbake.report.viewer import Source
 from mipbake.stack import MipStack
 
-from .report_cases import NAMES, made_up, made_up_stacks, method
+from .report_cases import NAMES, Page, made_up, made_up_stacks
 from .viewer_scenes import PROVENANCE, material, scene_of, stack_of
 
 FEW = ("neural", "linear (box)", "lean (gaussian)")
-VOID = {"meta", "link", "img", "input", "br", "col"}
-
-
-class Page(HTMLParser):
-    """Elements with their attributes in order, the text outside scripts and styles, and whether all are closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.text: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        self.elements.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: Any) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if not {"script", "style"} & set(self.open):
-            self.text.append(data)
-
-    def all(self, tag: str, **attributes: str) -> list[dict[str, str | None]]:
-        return [
-            a for t, a in self.elements if t == tag and all(a.get(k.rstrip("_")) == v for k, v in attributes.items())
-        ]
 
 
 @pytest.fixture(scope="module")
@@ -271,229 +232,6 @@ def test_markup_is_escaped_by_construction() -> None:
     assert element("img", alt="") == '<img alt="">' and element("line", x1=0) == '<line x1="0"/>'
     assert joined(["a", "<"], " & ") == "a &amp; &lt;"
     assert [listed(words) for words in ((), ("a",), ("a", "b"), ("a", "b", "c"))] == ["", "a", "a and b", "a, b and c"]
-
-
-# ---- the verdict
-
-
-def snr(name: str, view_name: str, scale: str, value: float, spread: float = 0.2) -> Figure:
-    return Figure(name, "snr", view_name, scale, 0.0, value, value - spread, value + spread)
-
-
-def compared(figures: Sequence[Figure], names: Sequence[str] = FEW) -> Comparison:
-    return Comparison("s", names[0], "gltf", "gaussian", tuple(method(n) for n in names), (), tuple(figures))
-
-
-def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
-    values = {  # near the mirror at near and far, over the hemisphere at near and far
-        "neural": (15.0, 12.0, 20.0, 22.0),
-        "linear (box)": (11.0, 8.0, 20.1, 18.0),
-        "lean (gaussian)": (14.0, 7.0, 23.0, 19.5),
-    }
-    places = [("near-mirror", "near"), ("near-mirror", "far"), ("hemisphere", "near"), ("hemisphere", "far")]
-    figures = [snr(name, *place, v) for name, row in values.items() for place, v in zip(places, row, strict=True)]
-    found = verdict(compared(figures))
-    assert found.sentence == (
-        "neural beats the best closed form of each scale near the mirror at every scale (by 1.0 to 4.0 dB) and over "
-        "the hemisphere at far (by 2.5 dB) and loses to it over the hemisphere at near (by 3.0 dB); it beats linear "
-        "(box) near the mirror at every scale (by 4.0 dB) and over the hemisphere at far (by 4.0 dB) and shows no "
-        "difference elsewhere."
-    )
-    assert [(d.rival, d.outcome) for d in found.closed] == [
-        ("lean (gaussian)", 1), ("linear (box)", 1), ("lean (gaussian)", -1), ("lean (gaussian)", 1),
-    ]  # fmt: skip
-    assert not found.paired and found.gap == {}
-    cells = Page(verdict_table(found)).all("td")
-    assert [c.get("class") for c in cells[1:]] == ["win", "win", "win", "win", "loss", "win", "tie", "win"]
-
-
-def test_intervals_that_overlap_show_no_difference() -> None:
-    names = FEW[:2]
-    figures = [snr("neural", "near-mirror", "near", 15, 2), snr("linear (box)", "near-mirror", "near", 12, 1.5)]
-    assert verdict(compared(figures, names)).sentence == "neural shows no difference from linear (box) at any scale."
-    worse = snr("lean (gaussian)", "near-mirror", "near", 1, 0.1)
-    assert verdict(compared([*figures, worse])).sentence == (
-        "neural shows no difference from linear (box), the best closed form, at any scale."
-    )
-    apart = [figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)]
-    assert verdict(compared(apart, names)).linear[0].outcome == 1
-    without = [replace(f, low=math.nan, high=math.nan) for f in figures]
-    assert verdict(compared(without, names)).linear[0].outcome == 1
-    equal = [without[0], replace(without[1], value=15.03)]
-    assert verdict(compared(equal, names)).linear[0].outcome == 0
-
-
-@pytest.mark.parametrize(("low", "high", "outcome"), [(0.4, 5.0, 1), (-0.1, 5.0, 0), (-5.0, -0.2, -1)])
-def test_paired_intervals_decide_where_they_are(low: float, high: float, outcome: int) -> None:
-    gain = (low + high) / 2
-    figures = [
-        snr("neural", "hemisphere", "near", 15 + gain, 9),
-        snr("linear (box)", "hemisphere", "near", 15, 9),
-        Figure("linear (box)", SNR_GAIN, "hemisphere", "near", 0, gain, low, high),
-    ]
-    comparison = compared(figures, FEW[:2])
-    found = difference(comparison, "linear (box)", "hemisphere", "near")
-    assert found is not None and (found.gain, found.low, found.high, found.outcome) == (gain, low, high, outcome)
-    assert verdict(comparison).paired
-    assert "over the same light-view pairs" in "".join(Page(page_of(comparison)).text)
-
-
-def page_of(comparison: Comparison) -> str:
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        return write_report(comparison, {}, None, Path(folder) / "r")[0].read_text(encoding="utf-8")
-
-
-def test_the_optimum_is_a_limit_and_no_rival() -> None:
-    names = ("neural", "linear (box)", "optimum")
-    values = {"neural": (15.0, 9.0, 12.0), "linear (box)": (12.0, 10.0, 11.0), "optimum": (18.0, 14.0, 11.0)}
-    figures = [
-        snr(name, "near-mirror", scale, value)
-        for name, row in values.items()
-        for scale, value in zip(("near", "middle", "far"), row, strict=True)
-    ]
-    found = verdict(compared(figures, names))
-    assert {d.rival for d in found.closed} == {"linear (box)"}
-    assert found.gap == {("near-mirror", "near"): pytest.approx(0.5), ("near-mirror", "middle"): pytest.approx(-0.25)}
-    tables = measure_tables(compared(figures, names))
-    best = re.findall(r'<th[^>]*class="method[^>]*>([^<]*)</th>((?:<td.*?</td>)+)', tables)
-    assert {name for name, cells in best if 'class="best"' in cells} == {"neural", "linear (box)"}
-
-
-def test_renders_have_a_say() -> None:
-    comparison = made_up(FEW, 16)
-    assert best_in_renders(comparison) == (
-        "In renders, FLIP is the lowest with neural on the sphere at near, 1:1, middle and far and on the plane."
-    )
-    changed = [
-        replace(f, value=0.01) if (f.method, f.measure, f.scale) == ("linear (box)", "flip", "near") else f
-        for f in comparison.figures
-    ]
-    assert "with linear (box) on the sphere at near and with neural on the sphere at 1:1, middle and far" in (
-        best_in_renders(replace(comparison, figures=tuple(changed)))
-    )
-    assert best_in_renders(replace(comparison, figures=())) == ""
-
-
-def test_a_verdict_without_figures() -> None:
-    assert verdict(compared([])).sentence == "Nothing was measured that neural could be compared by."
-    only = verdict(compared([snr("neural", "hemisphere", "near", 20)], FEW[:1]))
-    assert only.closed == only.linear == ()
-    nan = [snr("neural", "hemisphere", "near", math.nan), snr("linear (box)", "hemisphere", "near", 3)]
-    assert verdict(compared(nan)).closed == ()
-
-
-def test_a_page_of_figures_alone(tmp_path: Path) -> None:
-    """Parts that were not measured are left out."""
-    page = Page(page_of(compared([snr(n, "hemisphere", "near", 20) for n in FEW])))
-    sections = [a["id"] for a in page.all("section")]
-    assert sections == ["figures", "details"]
-    assert not page.all("div", class_="bar js")
-    opened = Comparison(
-        "s", "baked", "gltf", "gaussian", (Method("baked", "neural", "gaussian", "gltf", None, tmp_path),), (), ()
-    )
-    assert f"opened from {tmp_path}" in page_of(opened)
-
-
-# ---- tables and curves
-
-
-def test_the_best_of_each_column_is_marked_by_what_its_measure_means() -> None:
-    rows = {"neural": (1.3, 0.10), "linear (box)": (0.9, 0.30), "lean (gaussian)": (math.nan, 0.2)}
-    figures = [
-        Figure(name, measure, "sphere", "near", 0, value, math.nan, math.nan)
-        for name, values in rows.items()
-        for measure, value in zip(("flicker", "flip"), values, strict=True)
-    ]
-    tables = measure_tables(compared(figures))
-    flicker, flip = (next(t for t in tables.split("<table")[1:] if f"<b>{name}" in t) for name in ("Flicker", "FLIP"))
-    assert re.search(r"linear \(box\)</th><td class=\"best\"", flicker)
-    assert re.search(r"neural</th><td class=\"best\"", flip)
-    assert flicker.count('class="best"') == flip.count('class="best"') == 1
-    assert ">\N{EN DASH}</td>" in flicker
-
-
-def test_intervals_are_visible() -> None:
-    text = measure_tables(compared([Figure("neural", "snr", "hemisphere", "near", 0, 15.04, -1.21, 20.96)]))
-    bounds = "\N{MINUS SIGN}1.2\N{NO-BREAK SPACE}to 21.0"
-    assert "15.0" in text and f"<small>{bounds}</small>" in text and f'title="95 % interval {bounds}"' in text
-
-
-def test_numbers() -> None:
-    assert number(12.345, "snr") == "12.3" and number(-3, "snr") == "\N{MINUS SIGN}3.0"
-    assert (
-        number(1.26, SNR_GAIN) == "+1.3"
-        and number(math.inf, "snr") == "∞"
-        and number(math.nan, "flip") == "\N{EN DASH}"
-    )
-    assert [number(v, "flip") for v in (0.12345, 0.0123, 123.4)] == ["0.123", "0.0123", "123"]
-    assert number(0.0123, "flip", 0.5) == "0.012" and number(1.0, "flicker", 30.0) == "1.00"
-
-
-def test_every_curve_is_drawn_and_a_gap_breaks_it() -> None:
-    comparison = made_up(NAMES, 16)
-    page = Page(curves(comparison))
-    lines = [a for a in page.all("path") if str(a["class"]).startswith("line ")]
-    assert {a["data-method"] for a in lines} == set(NAMES) and len(lines) == 2 * len(NAMES)
-    on = {a["data-method"] for a in lines if " on" in str(a["class"])}
-    assert on == {"neural", "linear (box)", "unreal (gaussian)", "optimum"}
-    assert {a["data-method"] for a in page.all("input") if "checked" in a} == on
-    colours = {a["data-method"]: str(a["class"]).split()[1] for a in lines}
-    assert colours["linear (box)"] == colours["linear (gaussian)"] and len(set(colours.values())) == 5
-    dashed = {a["data-method"] for a in lines if "dashed" in str(a["class"])}
-    assert dashed == {"linear (box)", "lean (box)"}
-    broken = [replace(p, value=math.nan) if p.lod == 3 and p.method == "neural" else p for p in comparison.curve]
-    page = Page(curves(replace(comparison, curve=tuple(broken))))
-    lines = [a for a in page.all("path") if str(a["class"]).startswith("line ")]
-    assert {str(a["d"]).count("M") for a in lines if a["data-method"] == "neural"} == {2}
-    assert not any(re.search("nan|inf", str(a["d"])) for a in page.all("path"))
-
-
-def test_a_curve_of_one_level() -> None:
-    """A set of one texel has level 0 only."""
-    comparison = made_up(FEW, 16)
-    page = Page(curves(replace(comparison, curve=tuple(p for p in comparison.curve if p.lod == 0))))
-    assert len([a for a in page.all("path") if str(a["class"]).startswith("line ")]) == 6
-
-
-# ---- colours
-
-
-def test_the_ramp_is_even_and_rises() -> None:
-    linear = np.asarray(ramp(), np.float64) / 255
-    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
-    # Forwards, by the published matrices: from linear sRGB to Oklab's lightness.
-    cones = linear @ np.array(
-        [[0.4122214708, 0.2119034982, 0.0883024619], [0.5363325363, 0.6806995451, 0.2817188376],
-         [0.0514459929, 0.1073969566, 0.6299787005]]
-    )  # fmt: skip
-    lightness = np.cbrt(cones) @ [0.2104542553, 0.7936177850, -0.0040720468]
-    assert (np.diff(lightness[8:]) > 0).all()  # the darkest are as few bytes
-    np.testing.assert_allclose(np.diff(lightness[16::24]), 0.88 * 24 / 255, atol=0.012)
-    grey = linear @ [0.2126, 0.7152, 0.0722]
-    assert grey[0] < 0.003 and grey[-1] > 0.8
-
-
-def test_heat_clips_and_uses_few_shades() -> None:
-    values = np.linspace(-1, 2, 3000, dtype=np.float32).reshape(30, 100)
-    pixels = heat(values, 0.5)
-    assert (pixels[0, 0] == ramp()[0]).all() and (pixels[-1, -1] == ramp()[-1]).all()
-    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) <= 64
-    assert (heat(np.array([[np.nan, np.inf]]), 1.0)[0, 0] == ramp()[0]).all()
-
-
-def test_what_is_no_number_is_black() -> None:
-    pixels = displayed(np.array([[[np.nan, -1.0, np.inf], [1.0, 0.0, 3.0]]], np.float32))
-    assert pixels.tolist() == [[[0, 0, 255], [188, 0, 225]]]
-
-
-def test_the_scale_of_error_maps_fits_the_errors() -> None:
-    comparison = made_up(FEW, 16)
-    for size, top in ((0.0, 0.1), (0.15, 0.2), (0.3, 0.3), (1.0, 1.0)):
-        rendered = [replace(r, flip={n: np.full_like(f, size) for n, f in r.flip.items()}) for r in comparison.rendered]
-        assert flip_top(replace(comparison, rendered=tuple(rendered))) == pytest.approx(top)
-    assert flip_top(replace(comparison, rendered=())) == 1
 
 
 # ---- stacks
