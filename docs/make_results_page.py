@@ -37,11 +37,12 @@ DIGITS = {
 }
 
 _LIMIT = """\
-On the middle {side} x {side} texels of each of {sets} sets, where every texel of every level is optimised against the
-reference (`mipbake bake --method optimum`): what a stack of one lobe a texel can reach. It is a lower bound on that limit:
-the descent ends after 40 rounds where it has not settled before, and what it keeps is judged on other pairs than those of
-this table, while the oracle, the best of fourteen closed forms for every set and level, is picked on them. {shortfall}
-The closed gap is how much of the way from that oracle to the optimum neural goes; negative where it is behind the oracle.
+On the middle {side} x {side} texels of each of {sets} sets, where every texel of every level is optimised against
+the reference (`mipbake bake --method optimum`): what a stack of one lobe a texel can reach. It is a lower bound on
+that limit: the descent ends after 40 rounds where it has not settled before, and what it keeps is judged on other
+pairs than those of this table, while the oracle, the best of fourteen closed forms for every set and level, is
+picked on them. {shortfall} The closed gap is how much of the way from that oracle to the optimum neural goes;
+negative where it is behind the oracle.
 """
 
 Key = tuple[str, str, str, str]
