@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,8 @@ from PIL import Image
 
 from mipbake.report.page import write_report
 
+from .chromium import headless
 from .report_cases import NAMES, made_up, made_up_stacks
-from .test_viewer_browser import CHROMIUM_FLAGS
 
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 900}
@@ -24,14 +23,8 @@ DESKTOP = {"width": 1280, "height": 900}
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("Chromium is not installed")
-    with playwright.sync_playwright() as play:
-        started = play.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+    with headless() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")

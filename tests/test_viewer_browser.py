@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,20 +18,11 @@ from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 from mipbake.report.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
 from mipbake.stack import MipStack
 
+from .chromium import headless
 from .viewer_scenes import PROVENANCE, material, stack_of
 
 pytestmark = pytest.mark.independent
 
-CHROMIUM_FLAGS = [
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
 FIELD_OF_VIEW = math.radians(40)
 VIEW = {"shape": "plane", "mode": "one", "lights": 0, "lightAzimuth": 20, "lightHeight": 15, "azimuth": 33, "pixels": 4}
 
@@ -46,14 +36,8 @@ class Shot(NamedTuple):
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra `checks`)")
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("Chromium is not installed")
-    with playwright.sync_playwright() as play:
-        started = play.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+    with headless() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture
