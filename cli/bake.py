@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -18,13 +18,20 @@ from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.io.discover import find
 from mipbake.io.options import LoadOptions
 from mipbake.io.sources import Discovery
-from mipbake.prefilter import METHODS, method_named
+from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
+from mipbake.prefilter.time_budget import BEST
 from mipbake.stack import check_output, container_for
 from mipbake.texture_set import TextureSet
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
+
+
+def _some_of(option: str) -> str:
+    """The methods that have an option, as a sentence lists them."""
+    *others, last = OPTIONS[option]
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 @options.reads_sets
@@ -51,13 +58,30 @@ def bake(
         typer.Option("--filter", metavar=one_of(FILTERS), help="Pixel filter of the renderer that shows the stack."),
     ] = DEFAULT_FILTER,
     format: Annotated[str, typer.Option(metavar=one_of(FORMATS), help=f"{_FORMATS}.")] = DEFAULT_FORMAT,
+    weights: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="NAME",
+            help=f"Trained weights, for {_some_of('weights')}.",
+            show_default="those of the target and the filter",
+        ),
+    ] = None,
+    budget: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=f"30s|2m|{BEST}",
+            help=f"Time that {_some_of('budget')} may take to optimise: any number of seconds or minutes, or {BEST}, "
+            "until nothing improves any more.",
+            show_default="the method's own",
+        ),
+    ] = None,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
     A set that cannot be baked is reported and the others are baked all the same.
     """
     # Everything that is wrong for every set is said before the first is read.
-    method_named(method)
+    method_named(method, weights, budget)
     filter_named(pixel_filter)
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
@@ -70,7 +94,7 @@ def bake(
     results = []
     for folder in folders:
         try:
-            results.append(_bake_one(session, folder, out, load, method, target, pixel_filter, format))
+            results.append(_bake_one(session, folder, out, load, method, target, pixel_filter, format, weights, budget))
         except MipbakeError as error:
             session.fail(str(error), error.exit_code)
             results.append({"folder": folder, "ok": False, "exit_code": error.exit_code, "error": str(error)})
@@ -108,6 +132,8 @@ def _bake_one(
     target: str,
     pixel_filter: str,
     format: str,
+    weights: str | None,
+    budget: str | None,
 ) -> dict[str, Any]:
     """Bakes and writes one set, prints what happened, and returns it for JSON."""
     found = find(folder, load)
@@ -122,13 +148,13 @@ def _bake_one(
     session.print(*remarks(texture_set))
     with stages(session, place.name) as baking:
         baking.seconds.update(reading.seconds)
-        stack = mipbake.bake(texture_set, method, target, pixel_filter, baking)
+        stack = mipbake.bake(texture_set, method, target, pixel_filter, baking, weights, budget)
         files = stack.save(place, format, lambda share: baking("write", share))
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
-    weights = f" with {provenance.weights}" if provenance.weights else ""
+    learned = f" with {provenance.weights}" if provenance.weights else ""
     session.print(
-        f"baked by {provenance.method}{weights} to {stack.model}, pixel filter {provenance.pixel_filter}, "
+        f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
         f"{len(stack.levels)} levels",
         f"time: {baking.summary()}",
         f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",

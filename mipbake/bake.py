@@ -40,6 +40,8 @@ def bake(
     target: str = AUTO_TARGET,
     pixel_filter: str = DEFAULT_FILTER,
     progress: StageProgress = lambda _stage, _share: None,
+    weights: str | None = None,
+    budget: str | None = None,
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
 
@@ -49,15 +51,18 @@ def bake(
         target: a material model in `mipbake.material.MODELS`, or "auto".
         pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`; what the engine's pixels are filtered with.
         progress: told stage and share as the work goes on.
+        weights: trained weights by name, for methods that use some; None for the default ones.
+        budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the method's own.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
         that do not shade (ambient occlusion, height, emissive, opacity), whose level 0 is never altered.
 
     Raises:
-        UsageError: an unknown method, target or filter, or one that the method does not have.
+        UsageError: an unknown method, target, filter or weights, one that the method does not have, or a budget that
+            is none.
     """
-    prefilter = method_named(method)
+    prefilter = method_named(method, weights, budget)
     model = resolve_target(texture_set, target)
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model

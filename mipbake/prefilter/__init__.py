@@ -5,7 +5,7 @@ One file per method, one interface (`Prefilter`); METHODS is the list that the c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
@@ -23,11 +23,34 @@ METHODS: Mapping[str, Prefilter] = {
     m.name: m for m in (Neural(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
 }
 
-__all__ = ["METHODS", "Prefilter", "PrefilterResult", "method_named"]
+OPTIONS: Mapping[str, Mapping[str, Callable[..., Prefilter]]] = {
+    "weights": {Neural.name: Neural},
+    "budget": {Optimum.name: Optimum.within},
+}
+"""Option to the methods that have it, and what makes one with it from the option's keyword."""
+
+__all__ = ["METHODS", "OPTIONS", "Prefilter", "PrefilterResult", "method_named"]
 
 
-def method_named(name: str) -> Prefilter:
-    """The method of that name; UsageError with the list of names when there is none."""
+def method_named(name: str, weights: str | None = None, budget: str | None = None) -> Prefilter:
+    """The method of that name, with what was chosen for it.
+
+    Args:
+        name: a key of METHODS.
+        weights: trained weights by name, for methods that use some; None for those released as the default.
+        budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds or minutes, or `best`,
+            until nothing improves any more; None for the method's own.
+
+    Raises:
+        UsageError: an unknown name, with the list of names; an option that the method does not have; unknown weights;
+            a budget that is none.
+    """
     if name not in METHODS:
         raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
-    return METHODS[name]
+    given = {option: value for option, value in (("weights", weights), ("budget", budget)) if value is not None}
+    for option in given:
+        if name not in OPTIONS[option]:
+            raise UsageError(
+                f"method {name} takes no {option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
+            )
+    return OPTIONS[next(iter(given))][name](**given) if given else METHODS[name]

@@ -36,6 +36,7 @@ from mipbake.material import model_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region, whole
 from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.prefilter.time_budget import seconds_of
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of a level's change that may be kept
@@ -94,6 +95,11 @@ class Optimum:
 
     def __init__(self, budget: Budget | None = None, seed: int = 0) -> None:
         self.budget, self.seed = budget, seed
+
+    @classmethod
+    def within(cls, budget: str) -> Optimum:
+        """With a time budget as users write it (time_budget.py)."""
+        return cls(Budget(seconds=seconds_of(budget)))
 
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
