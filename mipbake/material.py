@@ -8,14 +8,17 @@ shades. Arrays are `(..., C)` of float32 or float64; every function is pure and 
 | `gltf` | base colour r, g, b (linear Rec.709); metallic; perceptual roughness; normal x, y, z |
 | `gltf-anisotropic` | those of `gltf`; anisotropy direction x, y; anisotropy strength |
 | `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
+| `beckmann` | those of `ggx`; g = ln(gamma) |
 
 glTF 2.0, appendix B, with KHR_materials_anisotropy; the log-roughness tensor is equation 6 of Kemppinen et al. 2023:
-S = exp([[a, c], [c, b]]) with eigenvalues alpha_x^2, alpha_y^2, in the tangent frame of the shading normal.
+S = exp([[a, c], [c, b]]) with eigenvalues alpha_x^2, alpha_y^2, in the tangent frame of the shading normal. gamma is
+the exponent of the generalised Beckmann distribution of Aittala et al. 2015: 1 is Beckmann, less has a sharper peak and
+longer tails. Its masking is Beckmann's own, of gamma = 1, whatever gamma is: an approximation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +33,9 @@ DIELECTRIC_F0 = 0.04
 
 MIN_ROUGHNESS = 0.045
 """Floor of perceptual roughness when shading: engines clamp there too, and narrower lobes strain 32-bit arithmetic."""
+
+MAX_LOG_GAMMA = 1.5
+"""Limit of |g| = |ln(gamma)| of `beckmann`: gamma from 0.22, more peaked than materials are, to 4.5, nearly a disc."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,8 @@ _UNIT, _SIGNED, _LOG = (0.0, 1.0), (-1.0, 1.0), (-30.0, 10.0)
 
 _GLTF_MAPS = {"base_color": slice(0, 3), "metallic": slice(3, 4), "roughness": slice(4, 5), "normal": slice(5, 8)}
 _GLTF_LIMITS = (_UNIT,) * 5 + (_SIGNED,) * 3
+_GGX_MAPS = {"diffuse": slice(0, 3), "specular": slice(3, 6), "normal": slice(6, 8), "log_roughness": slice(8, 11)}
+_GGX_LIMITS = (_UNIT,) * 6 + (_SIGNED,) * 2 + (_LOG,) * 3
 
 MODELS: Mapping[str, MaterialModel] = {
     m.name: m
@@ -72,10 +80,11 @@ MODELS: Mapping[str, MaterialModel] = {
             _GLTF_MAPS | {"anisotropy_direction": slice(8, 10), "anisotropy_strength": slice(10, 11)},
             (*_GLTF_LIMITS, _SIGNED, _SIGNED, _UNIT),
         ),
+        MaterialModel("ggx", _GGX_MAPS, _GGX_LIMITS),
         MaterialModel(
-            "ggx",
-            {"diffuse": slice(0, 3), "specular": slice(3, 6), "normal": slice(6, 8), "log_roughness": slice(8, 11)},
-            (_UNIT,) * 6 + (_SIGNED,) * 2 + (_LOG,) * 3,
+            "beckmann",
+            _GGX_MAPS | {"log_gamma": slice(11, 12)},
+            (*_GGX_LIMITS, (-MAX_LOG_GAMMA, MAX_LOG_GAMMA)),
         ),
     )
 }
@@ -219,6 +228,62 @@ def ggx_to_gltf_anisotropic(stored: Array) -> Array:
     )
 
 
+def _ggx_twin(log_alpha: Array) -> tuple[Array, Array, Array, Array]:
+    """What stands for a GGX lobe in `beckmann`: ln(alpha_b / alpha), g, and their derivatives by ln alpha.
+
+    Fitted by docs/fit_beckmann.py to mirrors that shade as GGX ones do, in equal shares over the pair sets near-mirror
+    and hemisphere. For narrow lobes the fit does not depend on alpha: both distributions are a function of
+    tan(theta) / alpha over cos^4 theta. For rough ones it has a longer way to go.
+    """
+    alpha = np.exp(np.minimum(log_alpha, 5))
+    wide, sharp = (np.asarray(alpha**n / (alpha**n + h**n)) for n, h in ((2.5, 0.35), (3, 0.5)))
+    return (
+        -0.391 + 0.55 * wide,
+        -0.612 + 0.5 * sharp,
+        0.55 * 2.5 * wide * (1 - wide),
+        0.5 * 3 * sharp * (1 - sharp),
+    )
+
+
+_NARROWING = np.polynomial.Polynomial([0.0767, 0.4051, -0.4103, 0.2319, -0.0982, 0.0237])
+"""Of g: ln(alpha_b / alpha) of the GGX lobe that is nearest to a narrow `beckmann` one in the mean square of the
+reflected radiance. Fitted by docs/fit_beckmann.py, within 0.003."""
+
+
+def ggx_to_beckmann(stored: Array) -> Array:
+    """`ggx` channels to `beckmann`: the roughness tensor scaled, and g, as functions of alpha = det(S)^(1/4).
+
+    The tails of GGX are longer than any exponential's, so the models never agree. Of an isotropic mirror's reflection
+    is kept, in dB of signal to error, near the mirror direction and over the hemisphere: 22 and 22 for alpha to 0.03,
+    21 and 20 at alpha = 0.1, 17 and 17 at 0.2, 15 and 9 at 0.5, 16 and 5 at 1. `beckmann_to_ggx` is its inverse.
+    """
+    log_alpha = (stored[..., 8:9] + stored[..., 9:10]) / 4
+    shift, g, *_ = _ggx_twin(log_alpha)
+    scaled = [stored[..., 8:10] + 2 * shift, stored[..., 10:11], g]
+    return np.concatenate([stored[..., :8], *scaled], -1, dtype=stored.dtype)
+
+
+def beckmann_to_ggx(stored: Array) -> Array:
+    """`beckmann` channels to `ggx`: the roughness tensor of the nearest GGX lobe; g is lost.
+
+    The inverse of `ggx_to_beckmann` on what that gives, to rounding. For any other g the scale of the tensor is further
+    multiplied by that between the nearest narrow GGX lobes of both: in dB of signal to error of a narrow lobe, 8 at
+    g = -1.5, 15 at -1, 21 at -0.5, 14 at 0 (Beckmann), 8 at 1 and 7 at 1.5.
+    """
+    log_alpha_b, g = (
+        (stored[..., 8:9] + stored[..., 9:10]) / 4,
+        np.clip(stored[..., 11:12], -MAX_LOG_GAMMA, MAX_LOG_GAMMA),
+    )
+    given, slope = _NARROWING(g), _NARROWING.deriv()
+    log_alpha = log_alpha_b - given
+    for _ in range(5):  # Newton: ln alpha + shift(alpha) + given - narrowing(g of alpha) = ln alpha_b, slope 0.9 to 1.3
+        shift, twin, shift_slope, twin_slope = _ggx_twin(log_alpha)
+        excess = log_alpha + shift + given - _NARROWING(twin) - log_alpha_b
+        log_alpha = log_alpha - excess / (1 + shift_slope - slope(twin) * twin_slope)
+    scaled = [stored[..., 8:10] + 2 * (log_alpha - log_alpha_b), stored[..., 10:11]]
+    return np.concatenate([stored[..., :8], *scaled], -1, dtype=stored.dtype)
+
+
 def align_directions(levels: list[Array]) -> list[Array]:
     """Gives anisotropy directions d and -d, which shade alike, one sign across a stack of `gltf-anisotropic` levels.
 
@@ -246,7 +311,23 @@ def convert(stored: Array, source: str, target: str) -> Array:
     if source == "gltf" and target == "gltf-anisotropic":
         direction = np.broadcast_to(np.array([1, 0, 0], stored.dtype), (*stored.shape[:-1], 3))
         return np.concatenate([stored, direction], -1)
-    common = stored if source == "ggx" else gltf_to_ggx(stored)
-    if target == "ggx":
-        return common
-    return ggx_to_gltf(common) if target == "gltf" else ggx_to_gltf_anisotropic(common)
+    common = _TO_GGX[source](stored)
+    return _FROM_GGX[target](common)
+
+
+def _same(stored: Array) -> Array:
+    return stored
+
+
+_TO_GGX: Mapping[str, Callable[[Array], Array]] = {
+    "gltf": gltf_to_ggx,
+    "gltf-anisotropic": gltf_to_ggx,
+    "ggx": _same,
+    "beckmann": beckmann_to_ggx,
+}
+_FROM_GGX: Mapping[str, Callable[[Array], Array]] = {
+    "gltf": ggx_to_gltf,
+    "gltf-anisotropic": ggx_to_gltf_anisotropic,
+    "ggx": _same,
+    "beckmann": ggx_to_beckmann,
+}

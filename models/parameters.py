@@ -6,6 +6,7 @@ What a shader reads is constrained (colours in [0, 1], unit normals); what a net
 |---|---|---|
 | `gltf` | base colour 3, metallic, roughness r, normal x, y, z | base colour 3, metallic, 4 ln r, normal x, y |
 | `ggx` | albedo 3, F0 3, normal x, y, log-roughness tensor a, b, c | the same 11 |
+| `beckmann` | those of `ggx`, g = ln(gamma) | the same 12 |
 
 4 ln r = ln alpha^2 is what the log-roughness tensor (equation 6 of Kemppinen et al. 2023) holds on its diagonal for an
 isotropic material. Normals drop their height and are lifted again, normalised first when outside the disc (section
@@ -22,7 +23,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake.material import MIN_ROUGHNESS
+from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS
 
 MIN_HEIGHT = 0.01
 """Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound."""
@@ -56,7 +57,7 @@ def clamp(x: Tensor, low: float, high: float) -> Tensor:
 
 def to_parameters(stored: Tensor, model: str) -> Tensor:
     """(..., C) valid stored channels to (..., P) parameters. Roughness is raised to MIN_ROUGHNESS."""
-    if model == "ggx":
+    if model in ("ggx", "beckmann"):
         return stored
     roughness = stored[..., 4:5].clamp(MIN_ROUGHNESS, 1)
     return torch.cat([stored[..., :4], 4 * roughness.log(), stored[..., 5:7]], -1)
@@ -75,7 +76,7 @@ def _gltf(parameters: Tensor) -> Tensor:
 
 
 def _ggx(parameters: Tensor) -> Tensor:
-    a, b, c = parameters[..., 8:].unbind(-1)
+    a, b, c = parameters[..., 8:11].unbind(-1)
     mean, d = (a + b) / 2, (a - b) / 2
     radius = (d * d + c * c + 1e-12).sqrt()
     high = clamp(mean + radius, MIN_LOG_ALPHA2, MAX_LOG_ALPHA2)
@@ -85,9 +86,13 @@ def _ggx(parameters: Tensor) -> Tensor:
     return torch.cat([clamp(parameters[..., :6], 0, 1), _onto_disc(parameters[..., 6:8]), tensor], -1)
 
 
+def _beckmann(parameters: Tensor) -> Tensor:
+    return torch.cat([_ggx(parameters[..., :11]), clamp(parameters[..., 11:], -MAX_LOG_GAMMA, MAX_LOG_GAMMA)], -1)
+
+
 def _onto_disc(xy: Tensor) -> Tensor:
     """(..., 2): scaled back onto the unit disc where it lies outside."""
     return xy * xy.square().sum(-1, keepdim=True).clamp(min=1).rsqrt()
 
 
-_TO_STORED: dict[str, Callable[[Tensor], Tensor]] = {"gltf": _gltf, "ggx": _ggx}
+_TO_STORED: dict[str, Callable[[Tensor], Tensor]] = {"gltf": _gltf, "ggx": _ggx, "beckmann": _beckmann}

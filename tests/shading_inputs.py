@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native
+from mipbake.material import MAX_LOG_GAMMA
 
 Array = NDArray[np.float64]
 
 MODELS = dict(_native.models())
+TENSOR_MODELS = ("ggx", "beckmann")
+"""Models with albedo, F0, the normal's x and y and a log-roughness tensor, in this order."""
 SMALLEST_ALPHA = 0.002
 
 
@@ -31,7 +34,7 @@ def pairs(rng: np.random.Generator, *shape: int) -> tuple[Array, Array]:
 def material(rng: np.random.Generator, model: str, *shape: int) -> Array:
     """Stored channels (..., C) over the whole range that float32 is held to: alpha from 0.002 to 1, any tilt."""
     u = rng.random
-    if model == "ggx":
+    if model in TENSOR_MODELS:
         tilt = rng.uniform(-1.1, 1.1, (*shape, 2))  # some outside the unit disc
         low = 2 * np.log(SMALLEST_ALPHA)
         e1, e2, angle = rng.uniform(low, 0, shape), rng.uniform(low, 0, shape), rng.uniform(0, np.pi, shape)
@@ -39,7 +42,10 @@ def material(rng: np.random.Generator, model: str, *shape: int) -> Array:
         log_tensor = np.stack([e1 * c * c + e2 * s * s, e1 * s * s + e2 * c * c, (e1 - e2) * c * s], -1)
         log_tensor[..., ::7, 1] = log_tensor[..., ::7, 0]  # some isotropic
         log_tensor[..., ::7, 2] = 0
-        return np.concatenate([u((*shape, 6)), tilt, log_tensor], -1)
+        ggx = np.concatenate([u((*shape, 6)), tilt, log_tensor], -1)
+        if model == "ggx":
+            return ggx
+        return np.concatenate([ggx, rng.uniform(-MAX_LOG_GAMMA, MAX_LOG_GAMMA, (*shape, 1))], -1)
     stored = np.concatenate([u((*shape, 5)), directions(rng, *shape)], -1)
     stored[..., 5:8] *= rng.uniform(0.3, 1.2, (*shape, 1))  # normals come filtered, so shorter than 1
     if model == "gltf-anisotropic":
@@ -50,9 +56,10 @@ def material(rng: np.random.Generator, model: str, *shape: int) -> Array:
 def smooth_material(rng: np.random.Generator, model: str, *shape: int) -> Array:
     """Stored channels away from every kink and from the narrowest lobes, for finite differences."""
     stored = material(rng, model, *shape)
-    if model == "ggx":
+    if model in TENSOR_MODELS:
         stored[..., 6:8] *= 0.5
         stored[..., 8:11] *= 0.3
+        stored[..., 11:] *= 0.5
     else:
         stored[..., 4] = 0.3 + 0.7 * stored[..., 4]
         stored[..., 5:8] = stored[..., 5:8] * 0.3 + [0, 0, 1]

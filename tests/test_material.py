@@ -80,5 +80,5 @@ def test_normals_outside_the_disc_are_scaled_onto_it() -> None:
 
 
 def test_unknown_model_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match=r"'phong'.*gltf, gltf-anisotropic, ggx"):
+    with pytest.raises(UsageError, match=r"'phong'.*gltf, gltf-anisotropic, ggx, beckmann"):
         material.model_named("phong")

@@ -151,6 +151,40 @@ MIPBAKE_INLINE Dual<T, N, D> exponential(const Dual<T, N, D>& a) {
 }
 
 template <class T, int N, class D>
+MIPBAKE_INLINE Dual<T, N, D> logarithm(const Dual<T, N, D>& a) {
+    return dual::chain(logarithm(a.v), a, narrow<D>(T(1) / a.v));
+}
+
+template <class T, int N, class D>
+struct PlainOf<Dual<T, N, D>> {
+    using type = typename PlainOf<T>::type;
+};
+namespace dual {
+template <class T>
+struct ValueOf;
+template <class T, int N, class D>
+struct ValueOf<Dual<T, N, D>> {
+    using type = T;
+};
+}  // namespace dual
+template <class T, class W, int N, class D>
+MIPBAKE_INLINE Dual<W, N, D> exponential_for(const Dual<W, N, D>& a) {
+    const W value = exponential_for<typename dual::ValueOf<T>::type>(a.v);
+    return dual::chain(value, a, narrow<D>(value));
+}
+template <class T, class W, int N, class D>
+MIPBAKE_INLINE Dual<W, N, D> logarithm_for(const Dual<W, N, D>& a) {
+    return dual::chain(logarithm_for<typename dual::ValueOf<T>::type>(a.v), a, narrow<D>(W(1) / a.v));
+}
+template <class T, class W, int N, class D>
+MIPBAKE_INLINE T narrow_exponential(const Dual<W, N, D>& a) {
+    T out;
+    out.v = narrow_exponential<typename dual::ValueOf<T>::type>(a.v);
+    for (int i = 0; i < N; ++i) out.d[i] = a.d[i] * narrow<D>(out.v);
+    return out;
+}
+
+template <class T, int N, class D>
 struct Narrow<Dual<T, N, D>> {
     template <class W>
     static MIPBAKE_INLINE Dual<T, N, D> from(const Dual<W, N, D>& wide) {

@@ -12,7 +12,9 @@ inline namespace MIPBAKE_ISA {
 
 MIPBAKE_INLINE float square_root(float x) { return sqrtf(x); }
 MIPBAKE_INLINE double square_root(double x) { return ::sqrt(x); }
+MIPBAKE_INLINE float exponential(float x) { return expf(x); }
 MIPBAKE_INLINE double exponential(double x) { return ::exp(x); }
+MIPBAKE_INLINE double logarithm(double x) { return ::log(x); }
 
 template <class T, std::enable_if_t<std::is_arithmetic_v<T>, int> = 0>
 MIPBAKE_INLINE T select(bool condition, const T& yes, const T& no) {
@@ -38,6 +40,26 @@ template <class W, class T, std::enable_if_t<std::is_arithmetic_v<T>, int> = 0>
 MIPBAKE_INLINE W widen(T x) {
     return static_cast<W>(x);
 }
+
+// e^x and ln x of the wide type, as accurate as results of type T need; and e^x in T. packet.h spends less on float.
+template <class T>
+MIPBAKE_INLINE double exponential_for(double x) {
+    return exponential(x);
+}
+template <class T>
+MIPBAKE_INLINE double logarithm_for(double x) {
+    return logarithm(x);
+}
+template <class T>
+MIPBAKE_INLINE T narrow_exponential(double x) {
+    return static_cast<T>(exponential(x));
+}
+
+// The plain number of the precision of T: what a packet holds, what a dual number is about.
+template <class T>
+struct PlainOf {
+    using type = T;
+};
 
 // A mask of the wide type as one of the narrow type T.
 template <class T>

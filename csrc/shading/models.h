@@ -23,6 +23,8 @@
 // mipbake/material.py.
 #pragma once
 
+#include "shading/beckmann.h"
+#include "shading/beckmann_seen.h"
 #include "shading/ggx.h"
 #include "shading/ggx_seen.h"
 #include "shading/gltf.h"
@@ -43,7 +45,7 @@ struct ModelList {
     }
 };
 
-using Models = ModelList<Gltf, GltfAnisotropic, Ggx>;
+using Models = ModelList<Gltf, GltfAnisotropic, Ggx, Beckmann>;
 
 }  // namespace MIPBAKE_ISA
 }  // namespace mipbake

@@ -69,6 +69,18 @@ _GLTF = (
     MapLayout("normal", slice(5, 8), (SIGNED,) * 3, _xyz("normal", "xyz")),
 )
 
+_GGX = (
+    MapLayout("diffuse", slice(0, 3), (COLOUR,) * 3, _rgb("diffuse albedo")),
+    MapLayout("specular", slice(3, 6), (COLOUR,) * 3, _rgb("specular reflectance at normal incidence")),
+    MapLayout("normal", slice(6, 8), (SIGNED,) * 2, _xyz("normal", "xy")),
+    MapLayout(
+        "log_roughness",
+        slice(8, 11),
+        (LOG,) * 3,
+        tuple(f"log-roughness tensor, {entry}" for entry in ("a (xx)", "b (yy)", "c (xy)")),
+    ),
+)
+
 LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
     "gltf": _GLTF,
     "gltf-anisotropic": (
@@ -80,17 +92,8 @@ LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
             (*_xyz("anisotropy direction, along the rougher axis", "xy"), "anisotropy strength"),
         ),
     ),
-    "ggx": (
-        MapLayout("diffuse", slice(0, 3), (COLOUR,) * 3, _rgb("diffuse albedo")),
-        MapLayout("specular", slice(3, 6), (COLOUR,) * 3, _rgb("specular reflectance at normal incidence")),
-        MapLayout("normal", slice(6, 8), (SIGNED,) * 2, _xyz("normal", "xy")),
-        MapLayout(
-            "log_roughness",
-            slice(8, 11),
-            (LOG,) * 3,
-            tuple(f"log-roughness tensor, {entry}" for entry in ("a (xx)", "b (yy)", "c (xy)")),
-        ),
-    ),
+    "ggx": _GGX,
+    "beckmann": (*_GGX, MapLayout("log_gamma", slice(11, 12), (LOG,), ("g = ln(gamma)",))),
 }
 """The maps of each material model; together they hold every stored channel once."""
 
@@ -99,6 +102,9 @@ PARAMETRISATIONS: Mapping[str, str] = {
     "gltf-anisotropic": "glTF 2.0 metallic-roughness with KHR_materials_anisotropy",
     "ggx": "anisotropic GGX with roughness tensor S = exp([[a, c], [c, b]]), eigenvalues alpha_x^2 and alpha_y^2; "
     "normal z = sqrt(1 - x^2 - y^2)",
+    "beckmann": "anisotropic generalised Beckmann (Aittala et al. 2015): D(h) = exp(-q^gamma) / (pi Gamma(1 + 1/gamma) "
+    "sqrt(det S) h_n^4), q = h_t^T S^-1 h_t / h_n^2, S = exp([[a, c], [c, b]]); height-correlated Smith masking of "
+    "Beckmann (gamma = 1) on S; normal z = sqrt(1 - x^2 - y^2)",
 }
 
 

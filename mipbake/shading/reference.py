@@ -13,10 +13,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from mipbake.material import DIELECTRIC_F0, MIN_ROUGHNESS, model_named
+from mipbake.material import DIELECTRIC_F0, MAX_LOG_GAMMA, MIN_ROUGHNESS, model_named
 from mipbake.shading._arguments import batch_shape, check_lit
 
-__all__ = ["MODELS", "distribution", "shade", "shade_lit"]
+__all__ = ["MODELS", "beckmann_distribution", "distribution", "shade", "shade_lit"]
 
 
 class Surface(NamedTuple):
@@ -29,6 +29,8 @@ class Surface(NamedTuple):
     """S11, S22, S12 of the roughness tensor, in the tangent frame of the normal."""
     dielectric_diffuse: bool
     """Whether the diffuse term carries glTF's factor 1 - F_d, with F_d = 0.04 + 0.96 (1 - l.h)^5."""
+    gamma: Tensor | None = None
+    """Exponent of the generalised Beckmann distribution; None for GGX."""
 
 
 def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
@@ -58,13 +60,18 @@ def evaluate(s: Surface, light: Tensor, view: Tensor) -> Tensor:
     lit = (ln > 1e-9) & (vn > 1e-9)
     # Unlit pairs get an upright geometry, so that no gradient through torch.where is NaN.
     ln, vn = torch.where(lit, ln, 1.0), torch.where(lit, vn, 1.0)
-    g_l = torch.sqrt(ln * ln + _form(s.tensor, lt, lb))
-    g_v = torch.sqrt(vn * vn + _form(s.tensor, vt, vb))
-    visibility = 0.5 / (ln * g_v + vn * g_l)
+    masking = _ggx_masking if s.gamma is None else _beckmann_masking
+    visibility = 0.5 / (ln * masking(vn, _form(s.tensor, vt, vb)) + vn * masking(ln, _form(s.tensor, lt, lb)))
     schlick = (1 - (light * half).sum(-1)).clamp_min(0) ** 5
     fresnel = s.f0 + (1 - s.f0) * schlick[..., None]
     weight = (1 - DIELECTRIC_F0) * (1 - schlick) if s.dielectric_diffuse else torch.ones_like(schlick)
-    specular = torch.where(lit, distribution(s.tensor, s.normal, half), 0.0) * visibility
+    # Unlit pairs get a half vector along the normal, for the same reason.
+    half = torch.where(lit[..., None], half, s.normal)
+    if s.gamma is None:
+        d = distribution(s.tensor, s.normal, half)
+    else:
+        d = beckmann_distribution(s.tensor, s.gamma, s.normal, half)
+    specular = d * visibility
     f = (s.albedo / math.pi * weight[..., None] + fresnel * specular[..., None]) * ln[..., None]
     return torch.where(lit[..., None], f, 0.0)
 
@@ -77,6 +84,41 @@ def distribution(tensor: Tensor, normal: Tensor, half: Tensor) -> Tensor:
     q = (s22 * ht * ht - 2 * s12 * ht * hb + s11 * hb * hb) / det + hn * hn
     # Only a half vector of length 0 makes q vanish; it is never lit.
     return 1 / (math.pi * torch.sqrt(det) * torch.where(q > 0, q, 1.0) ** 2)
+
+
+def beckmann_distribution(tensor: Tensor, gamma: Tensor, normal: Tensor, half: Tensor) -> Tensor:
+    """Generalised Beckmann (Aittala et al. 2015): D(h) = exp(-q^gamma) / (pi Gamma(1 + 1/gamma) sqrt(det S) h_n^4).
+
+    q = h_t^T S^-1 h_t / h_n^2 for (..., 3) S11, S22, S12; (...) gamma; normals and unit h. gamma = 1 is Beckmann. Below
+    q = 1e-20, where the slope of the power has no bound for gamma < 1, its chord from 0. h_n is at least 1e-6.
+    """
+    ht, hb, hn = _in_frame(half, normal)
+    s11, s22, s12 = tensor.unbind(-1)
+    det = s11 * s22 - s12 * s12
+    # h_t^T S^-1 h_t with S = L L^T: L^-1 h_t, whose squares do not cancel.
+    first = ht / torch.sqrt(s11)
+    second = (hb - s12 / s11 * ht) * torch.sqrt(s11 / det)
+    q = (first * first + second * second) / hn.clamp_min(1e-20) ** 2
+    power = torch.exp((gamma * torch.log(q.clamp_min(1e-20))).clamp_max(6.6)) * (q * 1e20).clamp_max(1)
+    norm = torch.exp(torch.lgamma(1 + 1 / gamma))
+    return torch.exp(-power) / (math.pi * norm * torch.sqrt(det) * hn.clamp_min(1e-6) ** 4)
+
+
+def _ggx_masking(w_n: Tensor, form: Tensor) -> Tensor:
+    """w_n (1 + 2 Lambda(w)) of Smith's Lambda for GGX, form = w_t^T S w_t: sqrt(w_n^2 + form)."""
+    return torch.sqrt(w_n * w_n + form)
+
+
+def _beckmann_masking(w_n: Tensor, form: Tensor) -> Tensor:
+    """w_n (1 + 2 Lambda(w)) with Beckmann's Lambda = (erf a - 1) / 2 + exp(-a^2) / (2 a sqrt pi), a = w_n / sqrt(form).
+
+    Walter et al. 2007, section 5.2. It is that of gamma = 1 whatever gamma is: an approximation.
+    """
+    flat = form < 1e-4 * w_n * w_n  # there a is beyond 100, and Lambda is 0
+    s = torch.sqrt(torch.where(flat, 1.0, form))
+    a = w_n / s
+    rough = w_n * torch.erf(a) + s / math.sqrt(math.pi) * torch.exp(-a * a)
+    return torch.where(flat, w_n, rough)
 
 
 def _form(tensor: Tensor, t: Tensor, b: Tensor) -> Tensor:
@@ -126,6 +168,10 @@ def _ggx(c: Tensor) -> Surface:
     return Surface(c[..., 0:3], c[..., 3:6], _lifted(c[..., 6:8]), _tensor_exp(c[..., 8:11]), False)
 
 
+def _beckmann(c: Tensor) -> Surface:
+    return _ggx(c[..., 0:11])._replace(gamma=c[..., 11].clamp(-MAX_LOG_GAMMA, MAX_LOG_GAMMA).exp())
+
+
 def _lifted(xy: Tensor) -> Tensor:
     """z = sqrt(1 - x^2 - y^2), its chord over the last 1e-8 before the rim; outside the disc (x, y) is scaled to it."""
     r2 = (xy * xy).sum(-1, keepdim=True)
@@ -155,5 +201,6 @@ MODELS: Mapping[str, Callable[[Tensor], Surface]] = {
     "gltf": _gltf,
     "gltf-anisotropic": _gltf_anisotropic,
     "ggx": _ggx,
+    "beckmann": _beckmann,
 }
 """What each model makes of its (..., C) stored channels."""
