@@ -250,6 +250,12 @@ _NARROWING = np.polynomial.Polynomial([0.0767, 0.4051, -0.4103, 0.2319, -0.0982,
 reflected radiance. Fitted by docs/fit_beckmann.py, within 0.003."""
 
 
+def least_alpha2(model: str) -> float:
+    """The least eigenvalue of S that stacks hold: narrower lobes are not shaded, or in `beckmann` their twins."""
+    alpha = MIN_ROUGHNESS**2
+    return float(np.square(alpha * np.exp(_ggx_twin(np.log(alpha))[0] if model == "beckmann" else 0.0)))
+
+
 def ggx_to_beckmann(stored: Array) -> Array:
     """`ggx` channels to `beckmann`: the roughness tensor scaled, and g, as functions of alpha = det(S)^(1/4).
 

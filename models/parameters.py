@@ -23,13 +23,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS
+from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2
 
 MIN_HEIGHT = 0.01
 """Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound."""
 
 MIN_LOG_ALPHA2, MAX_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS), 2.0
-"""Range of the eigenvalues of the log-roughness tensor, from the floor that shading has to beyond any rough surface."""
+"""Range of the eigenvalues of the log-roughness tensor, from the floor that shading has to beyond any rough surface.
+
+The floor of `beckmann` is that of material.least_alpha2."""
 
 
 class _Clamp(torch.autograd.Function):
@@ -75,19 +77,20 @@ def _gltf(parameters: Tensor) -> Tensor:
     return torch.cat([clamp(parameters[..., :4], 0, 1), roughness, xy, z], -1)
 
 
-def _ggx(parameters: Tensor) -> Tensor:
+def _ggx(parameters: Tensor, least: float = MIN_LOG_ALPHA2) -> Tensor:
     a, b, c = parameters[..., 8:11].unbind(-1)
     mean, d = (a + b) / 2, (a - b) / 2
     radius = (d * d + c * c + 1e-12).sqrt()
-    high = clamp(mean + radius, MIN_LOG_ALPHA2, MAX_LOG_ALPHA2)
-    low = clamp(mean - radius, MIN_LOG_ALPHA2, MAX_LOG_ALPHA2)
+    high = clamp(mean + radius, least, MAX_LOG_ALPHA2)
+    low = clamp(mean - radius, least, MAX_LOG_ALPHA2)
     mean, shrink = (high + low) / 2, (high - low) / (2 * radius)
     tensor = torch.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
     return torch.cat([clamp(parameters[..., :6], 0, 1), _onto_disc(parameters[..., 6:8]), tensor], -1)
 
 
 def _beckmann(parameters: Tensor) -> Tensor:
-    return torch.cat([_ggx(parameters[..., :11]), clamp(parameters[..., 11:], -MAX_LOG_GAMMA, MAX_LOG_GAMMA)], -1)
+    g = clamp(parameters[..., 11:], -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
+    return torch.cat([_ggx(parameters[..., :11], math.log(least_alpha2("beckmann"))), g], -1)
 
 
 def _onto_disc(xy: Tensor) -> Tensor:

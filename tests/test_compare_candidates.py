@@ -122,4 +122,5 @@ def test_a_report_says_what_figures_leave_out() -> None:
     assert "32-bit floats, not in the 8 bits" in plain and opened_one.startswith("baked was measured as its files")
     assert len(limits("gltf-anisotropic", "gltf-anisotropic", False)) == 1
     assert "diffuse term of gltf" in limits("gltf", "ggx", False)[1]
+    assert "longer tails of GGX" in limits("gltf", "beckmann", False)[2]
     assert "isotropic" in limits("gltf-anisotropic", "gltf", False)[1]

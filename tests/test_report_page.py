@@ -15,6 +15,7 @@ from PIL import Image
 
 from mipbake.compare.result import Comparison, Method
 from mipbake.errors import OutputError
+from mipbake.material import MODELS
 from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.report.page import check_report, write_report
 from mipbake.report.page.markup import Html, element, joined, listed
@@ -268,7 +269,7 @@ def test_the_view_holds_three_stacks_and_says_what_is_left_out(monkeypatch: pyte
     assert view(comparison, {}, source) == ("", "")
 
 
-@pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic", "ggx"])
+@pytest.mark.parametrize("model", MODELS)
 def test_every_map_is_shown_level_by_level(tmp_path: Path, model: str) -> None:
     comparison = made_up(("neural", "linear (box)"), 16, model=model)
     chain = [np.full((*size, 1), 0.5, np.float32) for size in level_sizes(4, 4)]

@@ -182,10 +182,15 @@ def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
     said = ["methods that were baked here were measured in 32-bit floats, not in the 8 bits of files."]
     if opened_one:
         said = [f"{BAKED} was measured as its files hold it, methods that were baked here in 32-bit floats."]
-    if target == "ggx" and source != target:
+    if target in ("ggx", "beckmann") and source not in ("ggx", "beckmann"):
         said.append(
             f"the diffuse term of {source} loses what a dielectric's surface reflects, that of {target} does not: this "
             "difference of the models is in every method's error, and no stack can do without it."
+        )
+    if target == "beckmann" and source != target:
+        said.append(
+            f"the highlights of {source} have the longer tails of GGX, and those of {target} an exponential's: this "
+            "difference of the models is in every method's error, too."
         )
     if target == "gltf" and source == "gltf-anisotropic":
         said.append("stacks of gltf are isotropic and the source is not: that is in every method's error.")

@@ -29,9 +29,6 @@ _BAND = 1 << 17  # texels worked on at a time: a dozen channels and their tempor
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length."""
 
-_MIN_ALPHA2 = material.MIN_ROUGHNESS**4
-"""The least eigenvalue whose logarithm is stored; narrower lobes are not shaded (material.MIN_ROUGHNESS)."""
-
 
 @dataclass(frozen=True)
 class RoughnessRule:
@@ -66,17 +63,20 @@ class RoughnessRule:
     ) -> PrefilterResult:
         """See Prefilter."""
         centre = normal_centre(stored, source)
-        colours = colour_count(target)
+        colours = len(averaged_channels(target))
 
         def read(texels: Array) -> Array:
             own = material.convert(texels, source, target)
-            alpha2 = roughness_tensor(texels, source) if source == "gltf" else roughness_tensor(own, target)
+            isotropic = source == "gltf" and target != "beckmann"  # whose alpha is another for the same lobe
+            alpha2 = roughness_tensor(texels, source) if isotropic else roughness_tensor(own, target)
             spread = unit_normals(texels, source) - centre
             moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)
             if self.weight is not None:
                 weight = mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
                 moments = np.concatenate([weight * moments, weight], -1)
-            return np.concatenate([own[..., :colours], moments, of_eigenvalues(alpha2, self.averaged)], -1)
+            return np.concatenate(
+                [own[..., averaged_channels(target)], moments, of_eigenvalues(alpha2, self.averaged)], -1
+            )
 
         normals = slice(colours, colours + (4 if self.weight is None else 5))
 
@@ -154,31 +154,35 @@ def mean_eigenvalue(tensor: Array) -> Array:
     return tensor if tensor.shape[-1] == 1 else (tensor[..., 0:1] + tensor[..., 1:2]) / 2
 
 
-def positive_definite(tensor: Array) -> Array:
-    """(..., 3) with its axes raised to the least alpha^2 that is stored: rounding may take one below zero."""
-    smallest = tensor.dtype.type(_MIN_ALPHA2)
+def positive_definite(tensor: Array, target: str) -> Array:
+    """(..., 3) with its axes raised to the least alpha^2 of a model: rounding may take one below zero."""
+    smallest = tensor.dtype.type(material.least_alpha2(target))
     out: Array = np.maximum(tensor, smallest)
     limit = np.sqrt(np.maximum((out[..., 0] - smallest / 2) * (out[..., 1] - smallest / 2), 0))
     out[..., 2] = np.clip(tensor[..., 2], -limit, limit)
     return out
 
 
-def colour_count(target: str) -> int:
-    """How many leading channels of a model are reflectances, which every closed form averages as they are stored."""
-    return 6 if target == "ggx" else 4
+def averaged_channels(target: str) -> list[int]:
+    """The channels of a model that every closed form averages as they are stored: reflectances, and g of `beckmann`.
+
+    The average of g is that of section 4 of Kemppinen et al. 2023. What a method adds to the roughness tensor assumes a
+    distribution of its own, and not that g.
+    """
+    if target == "beckmann":
+        return [*range(6), 11]
+    return list(range(6 if target == "ggx" else 4))
 
 
 def unit_normals(stored: Array, model: str) -> Array:
     """(..., 3) unit normals of stored channels."""
-    maps = material.MODELS[model].maps
-    if model == "ggx":
-        return np.asarray(material.lift_normal(stored[..., maps["normal"]]))
-    return _normalised(stored[..., maps["normal"]])
+    normal = stored[..., material.MODELS[model].maps["normal"]]
+    return np.asarray(material.lift_normal(normal)) if normal.shape[-1] == 2 else _normalised(normal)
 
 
 def roughness_tensor(stored: Array, model: str) -> Array:
     """S, whose eigenvalues are alpha^2, of stored channels: (..., 3) S11, S22, S12, or (..., 1) for `gltf`."""
-    if model == "ggx":
+    if model in ("ggx", "beckmann"):
         return material.tensor_exp(stored[..., 8:11])
     alpha = np.square(stored[..., 4])
     if model == "gltf":
@@ -190,18 +194,18 @@ def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -
     """(..., C) stored channels of a model from what a closed form found.
 
     Args:
-        colours: (..., colour_count) reflectances.
+        colours: (..., A) the averaged_channels.
         normal: (..., 3), any length.
         tensor: (..., 3) or (..., 1) roughness tensor S; `gltf` takes its mean eigenvalue.
     """
     normal = _normalised(normal)
-    if target == "ggx":
+    if target in ("ggx", "beckmann"):
         if tensor.shape[-1] == 1:
-            log_alpha2 = np.log(np.maximum(tensor, _MIN_ALPHA2))
+            log_alpha2 = np.log(np.maximum(tensor, material.least_alpha2(target)))
             log_tensor = np.concatenate([log_alpha2, log_alpha2, np.zeros_like(log_alpha2)], -1)
         else:
-            log_tensor = material.tensor_log(positive_definite(tensor))
-        channels = [colours, normal[..., 0:2], log_tensor]
+            log_tensor = material.tensor_log(positive_definite(tensor, target))
+        channels = [colours[..., :6], normal[..., 0:2], log_tensor, colours[..., 6:]]
     elif target == "gltf-anisotropic":
         if tensor.shape[-1] == 1:
             tensor = np.concatenate([tensor, tensor, np.zeros_like(tensor)], -1)

@@ -2,8 +2,9 @@
 
 S' = mean(S) + 2 Cov(slopes), with slopes = (n_x, n_y) / n_z and S the roughness tensor (alpha^2 = 2 sigma^2 is what
 turns a slope variance into GGX's and Beckmann's alpha). The new normal is that of the mean slope. Reflectances are
-averaged. Moments are linear, so one pass of the averaging kernel filters everything. Isotropic targets take the mean
-eigenvalue of S'.
+averaged, and so is g of `beckmann`, though the rule is derived for g = 0 (as in section 4 of Kemppinen et al. 2023).
+Moments are linear, so one pass of the averaging kernel filters everything. Isotropic targets take the mean eigenvalue
+of S'.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from mipbake import material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.closed_form import (
     Array,
+    averaged_channels,
     by_rows,
-    colour_count,
     mean_by_rows,
     positive_definite,
     roughness_tensor,
@@ -40,7 +41,7 @@ class Lean:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        colours = colour_count(target)
+        averaged = averaged_channels(target)
         # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
         tilt = mean_by_rows(lambda texels: _slopes(texels, source), stored)
 
@@ -48,17 +49,19 @@ class Lean:
             slopes = _slopes(texels, source) - tilt
             x, y = slopes[..., 0], slopes[..., 1]
             # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
-            tensor = roughness_tensor(material.convert(texels, source, "ggx"), "ggx")
+            own = material.convert(texels, source, target)
+            lobes = own if target == "beckmann" else material.convert(texels, source, "ggx")
+            tensor = roughness_tensor(lobes, "ggx")
             tensor += 2 * np.stack([x * x, y * y, x * y], -1)
-            return np.concatenate([material.convert(texels, source, target)[..., :colours], slopes, tensor], -1)
+            return np.concatenate([own[..., averaged], slopes, tensor], -1)
 
         def write(moments: Array) -> Array:
             slopes, second = moments[..., -5:-3], moments[..., -3:]
             x, y = slopes[..., 0], slopes[..., 1]
             # Averages of S + 2 ss^T are positive definite in exact arithmetic, not after rounding.
-            tensor = positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1))
+            tensor = positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1), target)
             normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
-            return stored_channels(moments[..., :colours], normal, tensor, target)
+            return stored_channels(moments[..., :-5], normal, tensor, target)
 
         levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
         for index, level in enumerate(levels):

@@ -34,13 +34,15 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
     f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 or n.v <= 0 (in fact up to 1e-9), with the anisotropic
     GGX distribution D, height-correlated Smith masking-shadowing V and Schlick's Fresnel term F (docs/conventions.md,
     section 2). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5) for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B).
+    `beckmann` is `ggx` with the generalised Beckmann distribution of Aittala et al. 2015 for D, and in V the masking of
+    Beckmann (gamma = 1) whatever gamma is: an approximation.
 
     Args:
-        model: "gltf", "gltf-anisotropic" or "ggx".
+        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
         material: (N, C) or (B, N, C) stored channels of the model, float32 or float64, any strides. Normals and
             anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
-            channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, and of ggx's log-roughness tensor
-            the mean of the eigenvalues to [-30, 10] and their distance from it to 20.
+            channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, of ggx's log-roughness tensor the
+            mean of the eigenvalues to [-30, 10] and their distance from it to 20, and g of beckmann to +-1.5.
         light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3), those
             of each texel, of which an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
         view: the same, from the surface to the viewer.
@@ -78,7 +80,7 @@ def shade_lit(
     stored. For NumPy arrays, on the CPU, without gradients.
 
     Args:
-        model: "gltf", "gltf-anisotropic" or "ggx".
+        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
         material: (N, C) stored channels of the model, float32 or float64, any strides; limits as in `shade`.
         frame: (N, 3, 3), of each point the axes of its tangent space as rows t, b, n: orthonormal vectors in the world.
             This and what follows may have any strides, and is converted to the dtype of the material.

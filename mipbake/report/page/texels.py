@@ -27,7 +27,7 @@ TEXEL_BYTES = 48 << 20
 THUMBNAIL = 128
 THUMBNAIL_LEVELS = 6
 
-_BYTES = {"gltf": 8, "gltf-anisotropic": 12, "ggx": 24}  # a texel in the view's textures
+_BYTES = {"gltf": 8, "gltf-anisotropic": 12, "ggx": 24, "beckmann": 24}  # a texel in the view's textures
 
 
 def view_names(comparison: Comparison, stacks: Mapping[str, MipStack]) -> list[str]:

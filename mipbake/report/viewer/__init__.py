@@ -40,6 +40,7 @@ _PACKED: Mapping[str, tuple[tuple[tuple[int, ...], bool], ...]] = {
     "gltf": (((0, 1, 2, 3), True), ((5, 6, 7, 4), False)),
     "gltf-anisotropic": (((0, 1, 2, 3), True), ((5, 6, 7, 4), False), ((8, 9, 10), False)),
     "ggx": (((0, 1, 2, 6), True), ((3, 4, 5, 7), True), ((8, 9, 10), False)),
+    "beckmann": (((0, 1, 2, 6), True), ((3, 4, 5, 7), True), ((8, 9, 10, 11), False)),
 }
 
 _FILTER_BINS = 1024
@@ -130,7 +131,7 @@ def viewer_page(
         lights: the light sets to choose from, the first one at first; up to 64 lights each.
         pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`, the reference's.
         half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
-            them. Stacks of `ggx` are in half floats always.
+            them. Stacks of `ggx` and `beckmann` are in half floats always.
 
     Raises:
         UsageError: no stack, an unknown filter or model, a source or lights that do not have the shape described.

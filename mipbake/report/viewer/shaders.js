@@ -37,18 +37,13 @@ const SURFACE_OF_MODEL = {
                     (along - across) * d.x * d.y);
     return s;`,
     'ggx': `
-    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod), third = textureLod(uMap2, uv, lod);
-    Surface s;
-    vec2 xy = vec2(first.w, second.w);
-    xy /= max(length(xy), 1.0);
-    s.normal = vec3(xy, sqrt(max(1.0 - dot(xy, xy), 0.0)));
-    s.albedo = first.rgb;
-    s.f0 = second.rgb;
-    s.dielectric = 0.0;
-    float m = clamp(0.5 * (third.x + third.y), -30.0, 10.0), d = 0.5 * (third.x - third.y), c = third.z;
-    float q = min(sqrt(d * d + c * c), 20.0);
-    float sinhc = q > 0.01 ? sinh(q) / q : 1.0 + q * q / 6.0;
-    s.tensor = exp(m) * vec3(cosh(q) + sinhc * d, cosh(q) - sinhc * d, sinhc * c);
+    return tensorModel(textureLod(uMap0, uv, lod), textureLod(uMap1, uv, lod), textureLod(uMap2, uv, lod));`,
+    'beckmann': `
+    vec4 third = textureLod(uMap2, uv, lod);
+    Surface s = tensorModel(textureLod(uMap0, uv, lod), textureLod(uMap1, uv, lod), third);
+    float g = clamp(third.w, -1.5, 1.5);
+    s.gamma = exp(g);
+    s.norm = inverseGamma(1.0 + exp(-g));
     return s;`,
 };
 
@@ -75,7 +70,8 @@ uniform float uBlend;
 out vec4 outColor;
 
 const float PI = 3.14159265358979;
-struct Surface { vec3 albedo, f0, normal, tensor; float dielectric; };  // tensor: S11, S22, S12
+// tensor: S11, S22, S12; gamma: exponent of the generalised Beckmann distribution, 0 for GGX; norm: 1 / Gamma(1 + 1/gamma).
+struct Surface { vec3 albedo, f0, normal, tensor; float dielectric, gamma, norm; };
 
 float pow2(float x) { return x * x; }
 
@@ -87,8 +83,33 @@ Surface metallicRoughness(vec4 base, vec4 rest) {
     s.albedo = base.rgb * (1.0 - base.a);
     s.f0 = mix(vec3(0.04), base.rgb, base.a);
     s.dielectric = 1.0;
+    s.gamma = 0.0;
     s.tensor = vec3(vec2(pow2(pow2(max(rest.w, 0.045)))), 0);
     return s;
+}
+
+Surface tensorModel(vec4 first, vec4 second, vec4 third) {
+    Surface s;
+    vec2 xy = vec2(first.w, second.w);
+    xy /= max(length(xy), 1.0);
+    s.normal = vec3(xy, sqrt(max(1.0 - dot(xy, xy), 0.0)));
+    s.albedo = first.rgb;
+    s.f0 = second.rgb;
+    s.dielectric = 0.0;
+    float m = clamp(0.5 * (third.x + third.y), -30.0, 10.0), d = 0.5 * (third.x - third.y), c = third.z;
+    float q = min(sqrt(d * d + c * c), 20.0);
+    float sinhc = q > 0.01 ? sinh(q) / q : 1.0 + q * q / 6.0;
+    s.tensor = exp(m) * vec3(cosh(q) + sinhc * d, cosh(q) - sinhc * d, sinhc * c);
+    s.gamma = 0.0;
+    return s;
+}
+
+// 1 / Gamma(x) for x from 1 to 6: Stirling's series at x + 7.
+float inverseGamma(float x) {
+    float product = x;
+    for (float i = 1.0; i < 6.5; ++i) product *= x + i;
+    float y = x + 7.0;
+    return product * exp(y - (y - 0.5) * log(y) - 0.9189385 - (1.0 / 12.0 - 1.0 / (360.0 * y * y)) / y);
 }
 
 Surface surfaceAt(vec2 uv, float lod) {${SURFACE_OF_MODEL[model]}
@@ -107,6 +128,15 @@ float form(vec3 tensor, vec3 w) {
     return tensor.x * w.x * w.x + 2.0 * tensor.z * w.x * w.y + tensor.y * w.y * w.y;
 }
 
+// w_n (1 + 2 Lambda(w)) of Smith's masking, w in the frame of the normal. erfc: Abramowitz and Stegun 1964, 7.1.26.
+float masking(Surface s, vec3 w) {
+    float square = form(s.tensor, w);
+    if (s.gamma == 0.0) return sqrt(w.z * w.z + square);
+    float alpha = sqrt(max(square, 1e-2 * w.z * w.z)), a = w.z / alpha, e = exp(-a * a), t = 1.0 / (1.0 + 0.3275911 * a);
+    float erfc = e * t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+    return w.z * (1.0 - erfc) + alpha * e * inversesqrt(PI);
+}
+
 // f(theta, l, v), the cosine included: zero where n.l <= 0 or n.v <= 0.
 vec3 shade(Surface s, vec3 light, vec3 view) {
     vec3 l = inFrame(light, s.normal), v = inFrame(view, s.normal);
@@ -114,9 +144,12 @@ vec3 shade(Surface s, vec3 light, vec3 view) {
     vec3 halfway = normalize(light + view);
     vec3 h = inFrame(halfway, s.normal), S = s.tensor;
     float det = S.x * S.y - S.z * S.z;
-    float q = (S.y * h.x * h.x - 2.0 * S.z * h.x * h.y + S.x * h.y * h.y) / det + h.z * h.z;
-    float D = 1.0 / (PI * sqrt(det) * q * q);
-    float V = 0.5 / (l.z * sqrt(v.z * v.z + form(S, v)) + v.z * sqrt(l.z * l.z + form(S, l)));
+    float q = (S.y * h.x * h.x - 2.0 * S.z * h.x * h.y + S.x * h.y * h.y) / det;
+    float z2 = h.z * h.z;
+    float D = s.gamma == 0.0 ? 1.0 / pow2(q + z2)
+                             : s.norm * exp(-pow(max(q / max(z2, 1e-12), 1e-20), s.gamma)) / pow2(max(z2, 1e-12));
+    D /= PI * sqrt(det);
+    float V = 0.5 / (l.z * masking(s, v) + v.z * masking(s, l));
     float schlick = pow(max(1.0 - dot(light, halfway), 0.0), 5.0);
     vec3 F = s.f0 + (1.0 - s.f0) * schlick;
     float diffuse = s.dielectric > 0.5 ? 0.96 * (1.0 - schlick) : 1.0;
