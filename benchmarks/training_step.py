@@ -9,6 +9,7 @@ drawn in a second thread while a step is under way.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import platform
 import statistics
 import time
@@ -17,9 +18,8 @@ from pathlib import Path
 
 import torch
 
-from mipbake.shading.ops import shade
 from mipbake.training import loop, loss
-from mipbake.training.config import TrainingConfig, read_config
+from mipbake.training.config import DataConfig, TrainingConfig, read_config
 from mipbake.training.data import draw_crops, load_materials, step_generator
 
 PAPER = Path(__file__).resolve().parent.parent / "training" / "configs" / "paper-ggx.toml"
@@ -43,7 +43,7 @@ class Stopwatch:
 
 def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, watch: Stopwatch) -> None:
     """What loop.draw_batch and TrainingState.advance do, with a lap after each part."""
-    config, model = state.config, state.config.network.model
+    config, (model,) = state.config, state.config.network.encoders
     settings, rng = config.loss, step_generator(config.run.seed, step)
     watch.start()
     patches = torch.from_numpy(draw_crops(materials, settings.crops, settings.crop_size, model, rng))
@@ -52,24 +52,19 @@ def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, wa
     watch.lap("views")
     target = loss.draw_target(patches, views, model, settings.pixel_filter, settings.target_samples, rng)
     watch.lap("target: lookups and shading")
+    state.optimiser.zero_grad()
     levels = state.network(patches, loss.TORUS)
     watch.lap("network forward")
     texels = loss.look_up(levels, views)
     watch.lap("prediction: lookups")
-    prediction = shade(model, texels, views.light, views.view)
-    watch.lap("prediction: shading")
-    value = loss.relative_loss(prediction, target, views.lods)
-    watch.lap("loss")
-    (gradient,) = torch.autograd.grad(value, prediction, retain_graph=True)
-    watch.lap("loss backward")
-    (gradient,) = torch.autograd.grad(prediction, texels, gradient, retain_graph=True)
-    watch.lap("shading backward")
+    value = loss.render_loss(texels, model, views, target, None, settings.mirror_pairs)
+    watch.lap("shading, loss, their gradient")
+    (gradient,) = torch.autograd.grad(value, texels, retain_graph=True)
     gradients = torch.autograd.grad(texels, levels, gradient, retain_graph=True)
     watch.lap("lookups backward")
-    state.optimiser.zero_grad(set_to_none=True)
     torch.autograd.backward(levels, gradients)
     watch.lap("network backward")
-    state.optimiser.step()
+    state.optimiser.step(step, model)
     watch.lap("optimiser")
 
 
@@ -97,7 +92,9 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100, help="measured steps (default 100)")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
+    loop.keep_freed_memory()
     config = read_config(arguments.config)
+    config = dataclasses.replace(config, data=DataConfig(procedural_sets=16))
     materials, _ = load_materials(config)
     state, watch = loop.new_state(config), Stopwatch()
     loop.fit_whitening(state.network, materials, config)

@@ -14,7 +14,7 @@ def version_text() -> str:
     without_device = "compiled, but no device found" if _native.cuda_compiled() else "no"
     cuda = "yes" if _native.cuda_available() else without_device
     try:
-        found = [f"{w.name} ({w.network.model}, {w.pixel_filter})" for w in list_weights()]
+        found = [f"{w.name} ({', '.join(w.targets)}; {', '.join(w.pixel_filters)})" for w in list_weights()]
     except MipbakeError as error:
         found = [f"unreadable ({error})"]
     return "\n".join(

@@ -7,7 +7,7 @@ from typing import Any
 
 from mipbake.errors import UsageError
 
-PARAMETERS = {"gltf": 7, "ggx": 11}
+PARAMETERS = {"gltf": 7, "ggx": 11, "beckmann": 12}
 """Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
@@ -16,20 +16,22 @@ LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Architecture of one network (section 3.3 of Kemppinen et al. 2023).
+    """Architecture of one network (sections 3.3 and 3.5 of Kemppinen et al. 2023).
 
     Args:
-        model: material model of input and output, a key of PARAMETERS.
+        encoders: material models that are read, keys of PARAMETERS; each has an encoder of its own.
+        decoders: material models that are made; each has a decoder of its own, all on the same latents.
         latent_filter: kernel of the linear downsampling in latent space.
-        latent_channels: maps of the latent code; at least as many as the model has parameters.
+        latent_channels: maps of the latent code; at least as many as any model has parameters.
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
         decoder_layers: dense 1 x 1 layers.
         growth: new maps a layer.
         residual: whether some latents are fixed to the filtered parameters and their second moment, and the decoder
-            predicts a correction (mipbake.models.network); the paper has no such thing.
+            predicts a correction (mipbake.models.network), for one material model alone; the paper has no such thing.
     """
 
-    model: str = "gltf"
+    encoders: tuple[str, ...] = ("gltf",)
+    decoders: tuple[str, ...] = ("gltf",)
     latent_filter: str = "gaussian"
     latent_channels: int = 64
     encoder_layers: int = 6
@@ -38,8 +40,8 @@ class NetworkConfig:
     residual: bool = False
 
     def __post_init__(self) -> None:
-        if self.model not in PARAMETERS:
-            raise UsageError(f"no network for material model {self.model!r}: expected one of {', '.join(PARAMETERS)}")
+        for name in ("encoders", "decoders"):
+            _check_models(name, getattr(self, name))
         if self.latent_filter not in LATENT_FILTERS:
             raise UsageError(
                 f"unknown latent filter {self.latent_filter!r}: expected one of {', '.join(LATENT_FILTERS)}"
@@ -50,18 +52,65 @@ class NetworkConfig:
                 raise UsageError(f"network.{field.name} must be a whole number of at least 1, got {value!r}")
         if not isinstance(self.residual, bool):
             raise UsageError(f"network.residual must be true or false, got {self.residual!r}")
-        least = max(self.parameters, self.fixed_latents + 1)
+        if self.residual and (len(self.encoders) > 1 or self.decoders != self.encoders):
+            raise UsageError("network.residual needs one encoder, and one decoder of the same material model")
+        least = max(self.fixed_latents + 1, *(PARAMETERS[model] for model in self.models))
         if self.latent_channels < least:
             raise UsageError(
-                f"network.latent_channels must be at least {least} for model {self.model!r}, got {self.latent_channels}"
+                f"network.latent_channels must be at least {least} for {', '.join(self.models)}, "
+                f"got {self.latent_channels}"
             )
 
     @property
-    def parameters(self) -> int:
-        """Optimisation parameters a texel has in this model."""
-        return PARAMETERS[self.model]
+    def models(self) -> tuple[str, ...]:
+        """Every material model that is read or made, once."""
+        return tuple(dict.fromkeys((*self.encoders, *self.decoders)))
 
     @property
     def fixed_latents(self) -> int:
         """Latents that are not learned: those of a residual network."""
-        return self.parameters + 1 if self.residual else 0
+        return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the latents of level 0 have seen the pixel filter, as the fixed ones of a residual network have."""
+        return self.residual
+
+
+def _check_models(name: str, models: Any) -> None:
+    if not isinstance(models, tuple) or not models or len(set(models)) < len(models):
+        raise UsageError(f"network.{name} must name one or more different material models, got {models!r}")
+    for model in models:
+        if model not in PARAMETERS:
+            raise UsageError(f"no network for material model {model!r}: expected one of {', '.join(PARAMETERS)}")
+
+
+_NEAREST = {
+    "gltf": ("gltf-anisotropic", "ggx"),
+    "gltf-anisotropic": ("ggx", "gltf"),
+    "ggx": ("gltf-anisotropic", "gltf"),
+}
+"""Encoders that can read each material model converted to theirs, the nearest first."""
+
+_CONVERTED = {"gltf-anisotropic": "ggx"}
+"""Decoders whose texels are converted, one by one, to a model that has no decoder of its own."""
+
+
+def read_as(config: NetworkConfig, source: str) -> str:
+    """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
+    wanted = (source, *_NEAREST.get(source, ()), *config.encoders)
+    return next(model for model in wanted if model in config.encoders)
+
+
+def made_from(config: NetworkConfig, target: str) -> str:
+    """The decoder whose texels become a target; UsageError where there is none."""
+    for model in (target, _CONVERTED.get(target)):
+        if model in config.decoders:
+            return str(model)
+    raise UsageError(f"these weights make {', '.join(targets(config))}, not {target!r}; choose other weights")
+
+
+def targets(config: NetworkConfig) -> tuple[str, ...]:
+    """Material models that a network can bake: those of its decoders, and what is converted from them."""
+    converted = (to for to, made in _CONVERTED.items() if made in config.decoders)
+    return tuple(dict.fromkeys((*config.decoders, *converted)))

@@ -15,6 +15,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
 from mipbake.models.network import Network, border_indices
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
@@ -33,26 +36,51 @@ class _Piece:
     weights: Tensor
 
 
+def bake(
+    network: Network,
+    stored: NDArray[np.float32],
+    source: str,
+    target: str,
+    pixel_filter: str,
+    wrap: Wrap,
+    progress: Callable[[float], None],
+) -> list[NDArray[np.float32]]:
+    """See Network.bake."""
+    if network.pixel_filters and pixel_filter not in network.pixel_filters:
+        filters = ", ".join(network.pixel_filters)
+        raise UsageError(f"these weights are trained for the pixel filter {filters}, not for {pixel_filter!r}")
+    read, made = read_as(network.config, source), made_from(network.config, target)
+    channels = np.ascontiguousarray(material.convert(stored, source, read))
+    levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
+    levels = [material.convert(level, made, target) for level in levels]
+    if target == "gltf-anisotropic":
+        levels = material.align_directions(levels)
+    return [material.regularise(level, target) for level in levels]
+
+
 def bake_levels(
     network: Network,
-    material: NDArray[np.float32],
+    stored: NDArray[np.float32],
     wrap: Wrap,
     tile: int = DEFAULT_TILE,
     progress: Callable[[float], None] = lambda _: None,
+    source: str | None = None,
+    target: str | None = None,
 ) -> list[NDArray[np.float32]]:
     """Every level of the stack of a material, down to 1 x 1.
 
     Args:
         network: the trained network; its buffers and weights on the CPU.
-        material: (H, W, C) float32 stored channels of the network's model, any size.
+        stored: (H, W, C) float32 stored channels of the source, any size.
         wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding.
         progress: told the finished share, from 0 to 1.
+        source, target: the encoder and the decoder, where the network has several.
 
     Returns:
-        (H_L, W_L, C) float32 stored channels of every level.
+        (H_L, W_L, C) float32 stored channels of the target, of every level.
     """
-    sizes = level_sizes(*material.shape[:2])
+    sizes = level_sizes(*stored.shape[:2])
     texels = sum(height * width for height, width in sizes)
     done = 0
     levels = []
@@ -60,30 +88,35 @@ def bake_levels(
     with torch.inference_mode():
         for level, (height, width) in enumerate(sizes):
             down = sizes[level + 1] if level + 1 < len(sizes) else None
-            first = level == 0 and not network.config.residual
+            first = level == 0 and not network.config.filtered
             columns = _pieces(width, down and down[1], tile, network, wrap[0], first)
             coarser = torch.zeros(*down, network.config.latent_channels) if down else None
-            out = np.empty((height, width, material.shape[2]), np.float32)
+            out: NDArray[np.float32] | None = None
             for row in _pieces(height, down and down[0], tile, network, wrap[1], first):
                 for column in columns:
                     part = slice(row.start, row.stop), slice(column.start, column.stop)
-                    z = _encode_tile(network, material, wrap, row, column) if latent is None else latent[part]
-                    out[part] = network.decode(z).numpy()
+                    z = _encode_tile(network, stored, wrap, row, column, source) if latent is None else latent[part]
+                    decoded = network.decode(z, target).numpy()
+                    out = np.empty((height, width, decoded.shape[-1]), np.float32) if out is None else out
+                    out[part] = decoded
                     if coarser is not None:
                         _add(coarser, z, row, column)
                     done += z.shape[0] * z.shape[1]
                     progress(done / texels)
+            assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
     return levels
 
 
-def _encode_tile(network: Network, material: NDArray[np.float32], wrap: Wrap, row: _Piece, column: _Piece) -> Tensor:
+def _encode_tile(
+    network: Network, stored: NDArray[np.float32], wrap: Wrap, row: _Piece, column: _Piece, source: str | None
+) -> Tensor:
     """(h, w, Z) latents of one tile of level 0."""
     halo = network.halo
-    rows = border_indices(row.start - halo, row.stop + halo, material.shape[0], wrap[1]).numpy()
-    columns = border_indices(column.start - halo, column.stop + halo, material.shape[1], wrap[0]).numpy()
-    return network.encode_extended(torch.from_numpy(material[np.ix_(rows, columns)])[None])[0]
+    rows = border_indices(row.start - halo, row.stop + halo, stored.shape[0], wrap[1]).numpy()
+    columns = border_indices(column.start - halo, column.stop + halo, stored.shape[1], wrap[0]).numpy()
+    return network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None], source)[0]
 
 
 def _add(coarser: Tensor, z: Tensor, row: _Piece, column: _Piece) -> None:

@@ -1,10 +1,12 @@
-"""Encoder and decoder (section 3.3 of Kemppinen et al. 2023).
+"""Encoders and decoders (sections 3.3 and 3.5 of Kemppinen et al. 2023).
 
-The encoder sees the texture extended beyond its borders by its wrap mode, `halo` texels on every side, and consumes
-that halo with convolutions that pad nothing. So a tile with its halo gives what the whole image gives.
+Each material model that is read has an encoder, each that is made a decoder, all on one latent code; the usual network
+has one of each. An encoder sees the texture extended beyond its borders by its wrap mode, `halo` texels on every side,
+and consumes that halo with convolutions that pad nothing. So a tile with its halo gives what the whole image gives.
 
-An untrained network is linear prefiltering: the first latents carry the whitened input, the decoder's last layer reads
-them alone, and un-whitening undoes whitening. Training starts from there.
+An untrained network is linear prefiltering: the first latents carry the whitened input, a decoder's last layer reads
+them alone, and un-whitening undoes whitening. Training starts from there. Between two material models, the best linear
+map of whitened parameters stands in their place.
 
 A residual network (`NetworkConfig.residual`) keeps that baseline instead of only starting from it. The first P latents
 *are* the pixel-filtered whitened parameters and one more is the filtered sum of their squares, so that any level knows
@@ -14,16 +16,20 @@ variance: where a material is constant the result is exactly the average, and wh
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.models.config import NetworkConfig
+from mipbake.errors import UsageError
+from mipbake.models.config import PARAMETERS, NetworkConfig
+from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent import downsample, pixel_taps
 from mipbake.models.parameters import to_parameters, to_stored
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
-
-_SLOPE = 0.1  # of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does
 
 _GATE = 0.01
 """c: variance, in whitened units and summed over parameters, at which half of the correction is applied."""
@@ -33,6 +39,8 @@ _STEP = 0.1
 
 _VARIANCE_FLOOR = 1e-3
 """Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite."""
+
+_PERIODIC = ("wrap", "wrap")
 
 
 class Whitening(nn.Module):
@@ -66,62 +74,128 @@ class Whitening(nn.Module):
         return functional.linear(whitened, self.unwhiten, self.mean)
 
 
+class Encoder(nn.Module):
+    """Dense 3 x 3 layers and the projection to latents."""
+
+    def __init__(self, config: NetworkConfig, model: str) -> None:
+        super().__init__()
+        inputs, growth = PARAMETERS[model], config.growth
+        self.layers = nn.ModuleList(nn.Conv2d(inputs + growth * i, growth, 3) for i in range(config.encoder_layers))
+        self.project = nn.Linear(inputs + growth * config.encoder_layers, config.latent_channels - config.fixed_latents)
+        _initialise(self.layers)
+        nn.init.kaiming_normal_(self.project.weight, nonlinearity="linear")
+        nn.init.zeros_(self.project.bias)
+        if not config.residual:
+            with torch.no_grad():
+                self.project.weight[:inputs] = torch.eye(inputs, self.project.in_features)
+        # Convolutions run on channels-last memory, in which images come.
+        self.layers.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, whitened: Tensor) -> Tensor:
+        """(B, H + 2 halo, W + 2 halo, P) whitened parameters, borders included, to (B, H, W, Z) latents."""
+        maps = whitened.permute(0, 3, 1, 2)
+        for layer in self.layers:
+            new = functional.leaky_relu(layer(maps), SLOPE)
+            maps = torch.cat([maps[:, :, 1:-1, 1:-1], new], 1)
+        latent: Tensor = self.project(maps.permute(0, 2, 3, 1))
+        return latent
+
+    def periodic(self, whitened: Tensor) -> Tensor:
+        """(B, H, W, P) whitened parameters of images that repeat to (B, H, W, Z) latents; the faster in training."""
+        weights, biases = [layer.weight for layer in self.layers], [layer.bias for layer in self.layers]
+        maps = dense(whitened.flatten(1, 2), weights, biases, (whitened.shape[1], whitened.shape[2]))
+        latent: Tensor = self.project(maps)
+        return latent.unflatten(1, whitened.shape[1:3])
+
+
+class Decoder(nn.Module):
+    """Dense 1 x 1 layers and the projection to whitened parameters."""
+
+    def __init__(self, config: NetworkConfig, model: str) -> None:
+        super().__init__()
+        channels, growth = config.latent_channels, config.growth
+        self.layers = nn.ModuleList(nn.Linear(channels + growth * i, growth) for i in range(config.decoder_layers))
+        self.output = nn.Linear(channels + growth * config.decoder_layers, PARAMETERS[model])
+        _initialise(self.layers)
+        with torch.no_grad():
+            if config.residual:
+                nn.init.zeros_(self.output.weight)
+            else:
+                self.output.weight.copy_(torch.eye(*self.output.weight.shape))
+            nn.init.zeros_(self.output.bias)
+
+    def forward(self, latent: Tensor) -> Tensor:
+        """(..., Z) latents to (..., P) whitened parameters."""
+        weights, biases = [layer.weight for layer in self.layers], [layer.bias for layer in self.layers]
+        maps = dense(latent.reshape(1, -1, latent.shape[-1]), weights, biases)
+        out: Tensor = self.output(maps)
+        return out.reshape(*latent.shape[:-1], -1)
+
+
+def _initialise(layers: nn.ModuleList) -> None:
+    for layer in layers:
+        nn.init.kaiming_normal_(layer.weight, SLOPE, nonlinearity="leaky_relu")
+        nn.init.zeros_(layer.bias)
+
+
 class Network(nn.Module):
-    """Encoder, latent downsampling and decoder of one material model. Images are (B, H, W, channels)."""
+    """Encoders, latent downsampling and decoders. Images are (B, H, W, channels)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        parameters, growth = config.parameters, config.growth
-        encoder_out = parameters + growth * config.encoder_layers
-        decoder_out = config.latent_channels + growth * config.decoder_layers
-        self.whitening = Whitening(parameters)
-        self.encoder = nn.ModuleList(
-            nn.Conv2d(parameters + growth * i, growth, 3) for i in range(config.encoder_layers)
-        )
-        self.project = nn.Linear(encoder_out, config.latent_channels - config.fixed_latents)
-        self.decoder = nn.ModuleList(
-            nn.Linear(config.latent_channels + growth * i, growth) for i in range(config.decoder_layers)
-        )
-        self.output = nn.Linear(decoder_out, parameters)
-        self._initialise()
-
-    def _initialise(self) -> None:
-        for layer in (*self.encoder, *self.decoder):
-            nn.init.kaiming_normal_(layer.weight, a=_SLOPE)
-            nn.init.zeros_(layer.bias)
-        p = self.config.parameters
-        with torch.no_grad():
-            nn.init.kaiming_normal_(self.project.weight, nonlinearity="linear")
-            nn.init.zeros_(self.project.bias)
-            if self.config.residual:
-                nn.init.zeros_(self.output.weight)
-            else:
-                self.project.weight[:p] = torch.eye(p, self.project.in_features)
-                self.output.weight.copy_(torch.eye(p, self.output.in_features))
-            nn.init.zeros_(self.output.bias)
-            # Convolutions run on channels-last memory, in which images come.
-            self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.pixel_filters: tuple[str, ...] = ()
+        """What it was trained for, of released weights."""
+        self.whitening = nn.ModuleDict({model: Whitening(PARAMETERS[model]) for model in config.models})
+        self.encoders = nn.ModuleDict({model: Encoder(config, model) for model in config.encoders})
+        self.decoders = nn.ModuleDict({model: Decoder(config, model) for model in config.decoders})
 
     @property
     def halo(self) -> int:
         """Texels around an output texel that it depends on."""
         return self.config.encoder_layers
 
-    def encode(self, stored: Tensor, wrap: Wrap) -> Tensor:
-        """(B, H, W, C) stored channels to (B, H, W, Z) latents, any size."""
-        return self.encode_extended(extend(stored, self.halo, wrap))
+    def fit(self, samples: dict[str, Tensor]) -> None:
+        """Takes the whitening from (N, P) parameters of the same materials in each model; starts the network there.
 
-    def encode_extended(self, stored: Tensor) -> Tensor:
+        The latents of every encoder start as the whitened parameters of the first one, or what is linearly nearest;
+        decoders read them so.
+        """
+        for model in self.config.models:
+            self.whitening[model].fit(samples[model])
+        if self.config.residual:
+            return
+        first = self.config.encoders[0]
+        whitened = {model: self.whitening[model](samples[model]) for model in self.config.models}
+        with torch.no_grad():
+            for model, encoder in self.encoders.items():
+                if model != first:
+                    matrix, offset = _linear_map(whitened[model], whitened[first])
+                    rows = slice(0, PARAMETERS[first])
+                    encoder.project.weight[rows] = 0
+                    encoder.project.weight[rows, : PARAMETERS[model]] = matrix
+                    encoder.project.bias[rows] = offset
+            for model, decoder in self.decoders.items():
+                if model != first:
+                    matrix, offset = _linear_map(whitened[first], whitened[model])
+                    decoder.output.weight.zero_()
+                    decoder.output.weight[:, : PARAMETERS[first]] = matrix
+                    decoder.output.bias.copy_(offset)
+
+    def encode(self, stored: Tensor, wrap: Wrap, source: str | None = None) -> Tensor:
+        """(B, H, W, C) stored channels of a source (default: the only one) to (B, H, W, Z) latents, any size."""
+        source = source or self._only("encoders")
+        if wrap == _PERIODIC and not self.config.residual:
+            latent: Tensor = self.encoders[source].periodic(self.whitening[source](to_parameters(stored, source)))
+            return latent
+        return self.encode_extended(extend(stored, self.halo, wrap), source)
+
+    def encode_extended(self, stored: Tensor, source: str | None = None) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, C) stored channels, borders included, to (B, H, W, Z) latents."""
-        whitened = self.whitening(to_parameters(stored, self.config.model))
-        fixed = [self._moments(whitened)] if self.config.residual else []
-        maps = whitened.permute(0, 3, 1, 2)
-        for layer in self.encoder:
-            new = functional.leaky_relu(layer(maps), _SLOPE)
-            maps = torch.cat([maps[:, :, 1:-1, 1:-1], new], 1)
-        latent: Tensor = self.project(maps.permute(0, 2, 3, 1))
-        return torch.cat([*fixed, latent], -1) if fixed else latent
+        source = source or self._only("encoders")
+        whitened = self.whitening[source](to_parameters(stored, source))
+        latent: Tensor = self.encoders[source](whitened)
+        return torch.cat([self._moments(whitened), latent], -1) if self.config.residual else latent
 
     def _moments(self, whitened: Tensor) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, P) to (B, H, W, P + 1): filtered parameters, filtered sum of their squares."""
@@ -134,39 +208,75 @@ class Network(nn.Module):
             moments = torch.stack([w * moments.narrow(axis, i, size) for i, w in enumerate(taps)]).sum(0)
         return moments
 
-    def decode(self, latent: Tensor) -> Tensor:
-        """(..., Z) latents of any level to (..., C) stored channels, valid as they are; differentiable."""
-        # Every layer reads all maps before it. So each group of maps is multiplied once, by the weights that all later
-        # layers have for it, and their sums wait: few large products in place of many small ones and of copies.
-        layers = [*self.decoder, self.output]
-        channels, growth = self.config.latent_channels, self.config.growth
-        weights = [layer.weight for layer in layers]
-        sums = functional.linear(
-            latent, torch.cat([w[:, :channels] for w in weights]), torch.cat([layer.bias for layer in layers])
-        )
-        for i in range(len(self.decoder)):
-            first = channels + growth * i
-            later = torch.cat([w[:, first : first + growth] for w in weights[i + 1 :]])
-            new = functional.leaky_relu(sums[..., :growth], _SLOPE)
-            sums = sums[..., growth:] + functional.linear(new, later)
+    def decode(self, latent: Tensor, target: str | None = None) -> Tensor:
+        """(..., Z) latents of any level to (..., C) stored channels of a target, valid as they are; differentiable."""
+        target = target or self._only("decoders")
+        whitened = self.decoders[target](latent)
         if self.config.residual:
-            p = self.config.parameters
+            p = PARAMETERS[target]
             mean = latent[..., :p]
             variance = (latent[..., p : p + 1] - mean.square().sum(-1, keepdim=True)).clamp(min=0)
-            sums = mean + _STEP * variance / (variance + _GATE) * sums
-        return to_stored(self.whitening.inverse(sums), self.config.model)
+            whitened = mean + _STEP * variance / (variance + _GATE) * whitened
+        return to_stored(self.whitening[target].inverse(whitened), target)
 
     def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
-        """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1."""
-        latent = self.encode(stored, wrap)
+        """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1.
+
+        Of a network with one encoder and one decoder; `stacks` is for any.
+        """
+        return self.stacks(stored, wrap, self._only("encoders"))[self._only("decoders")]
+
+    def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
+        """(B, H, W, C) stored channels of a source to the levels of every target, (B, H_L, W_L, C) each, to 1 x 1."""
+        latent = self.encode(stored, wrap, source)
         latents = [latent]
         for level, size in enumerate(level_sizes(*stored.shape[1:3])[1:], 1):
-            first = level == 1 and not self.config.residual
+            first = level == 1 and not self.config.filtered
             latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, first))
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         flat = [z.reshape(len(z), -1, z.shape[-1]) for z in latents]
-        decoded = torch.split(self.decode(torch.cat(flat, 1)), [z.shape[1] for z in flat], 1)
-        return [d.reshape(*z.shape[:3], -1) for d, z in zip(decoded, latents, strict=True)]
+        texels, counts = torch.cat(flat, 1), [z.shape[1] for z in flat]
+        stacks = {}
+        for target in self.config.decoders:
+            decoded = torch.split(self.decode(texels, target), counts, 1)
+            stacks[target] = [d.reshape(*z.shape[:3], -1) for d, z in zip(decoded, latents, strict=True)]
+        return stacks
+
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[NDArray[np.float32]]:
+        """Every level of the stack of (H, W, C) stored channels, down to 1 x 1, as valid channels of the target.
+
+        A source without an encoder is converted to the nearest model that has one; what is made of `ggx` texels is
+        converted from them where the target has no decoder.
+
+        Raises:
+            UsageError: these weights do not make the target, or not for that pixel filter.
+        """
+        from mipbake.models.inference import bake
+
+        return bake(self, stored, source, target, pixel_filter, wrap, progress)
+
+    def _only(self, kind: str) -> str:
+        models: tuple[str, ...] = getattr(self.config, kind)
+        if len(models) > 1:
+            raise UsageError(f"a network with the {kind} {', '.join(models)} needs one of them named")
+        return models[0]
+
+
+def _linear_map(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+    """Matrix (Q, P) and offset (Q,) of the least-squares map of (N, P) to (N, Q)."""
+    extended = torch.cat([inputs, torch.ones_like(inputs[:, :1])], 1).double()
+    # A ridge: channels that are constant in the sample say nothing, and are to be ignored rather than extrapolated.
+    gram = extended.T @ extended / len(inputs) + 1e-6 * torch.eye(extended.shape[1], dtype=torch.float64)
+    solution = torch.linalg.solve(gram, extended.T @ outputs.double() / len(inputs)).float()
+    return solution[:-1].T, solution[-1]
 
 
 def extend(image: Tensor, border: int, wrap: Wrap) -> Tensor:

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mipbake.errors import InputError, MipbakeError, UsageError
-from mipbake.models.config import NetworkConfig
+from mipbake.models.config import NetworkConfig, targets
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from mipbake.models.network import Network
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
@@ -29,7 +31,6 @@ class WeightsInfo:
     Args:
         name: what users call the weights.
         network: architecture.
-        channels: stored channels of input and output.
         pixel_filter: filter that the network was trained for.
         default: whether bakes of this model and pixel filter use it when nobody names another.
         steps: training steps behind it.
@@ -42,7 +43,6 @@ class WeightsInfo:
 
     name: str
     network: NetworkConfig
-    channels: int
     pixel_filter: str
     default: bool
     steps: int
@@ -52,6 +52,16 @@ class WeightsInfo:
     licence: str
     sha256: str
     folder: Path = WEIGHTS_FOLDER
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Material models that the weights can make."""
+        return targets(self.network)
+
+    @property
+    def pixel_filters(self) -> tuple[str, ...]:
+        """Pixel filters that they can make them for."""
+        return (self.pixel_filter,)
 
     @property
     def tensors(self) -> Path:
@@ -69,7 +79,9 @@ def read_info(path: Path) -> WeightsInfo:
     """The description in that JSON file; InputError when it is no such thing."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        network = NetworkConfig(**content.pop("network"))
+        network = NetworkConfig(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in content.pop("network").items()}
+        )
         info = WeightsInfo(network=network, folder=path.parent, **content)
     except (OSError, ValueError, TypeError, AttributeError, KeyError, MipbakeError) as error:
         raise InputError(
@@ -100,15 +112,15 @@ def find_weights(name: str, folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
     return found[name]
 
 
-def default_weights(model: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
-    """The weights that bakes of a material model use; UsageError when none were released for model and filter."""
-    found = list_weights(folder)
-    for info in found:
-        if info.default and (info.network.model, info.pixel_filter) == (model, pixel_filter):
-            return info
-    released = ", ".join(sorted({f"{i.network.model} with {i.pixel_filter}" for i in found if i.default})) or "none"
+def default_weights(target: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
+    """The weights that bakes of a target use; UsageError when none were released for target and pixel filter."""
+    found = [info for info in list_weights(folder) if info.default]
+    fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
+    if fitting:
+        return min(fitting, key=lambda info: target not in info.network.decoders)  # a decoder of its own before others
+    released = ", ".join(sorted({f"{t} with {f}" for i in found for t in i.targets for f in i.pixel_filters})) or "none"
     raise UsageError(
-        f"no trained weights for material model {model!r} with pixel filter {pixel_filter!r} (released: {released}); "
+        f"no trained weights for material model {target!r} with pixel filter {pixel_filter!r} (released: {released}); "
         "choose one of those, or another method"
     )
 
@@ -138,9 +150,26 @@ def load_network(info: WeightsInfo) -> Network:
         )
     network = Network(info.network)
     try:
-        network.load_state_dict(load(content))
+        network.load_state_dict(_named(load(content), info.network))
     except (RuntimeError, ValueError) as error:
         raise InputError(
             f"{info.tensors}: the tensors do not fit the architecture in {info.name}.json; install the release again"
         ) from error
+    network.pixel_filters = info.pixel_filters
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
+
+
+def _named(tensors: dict[str, Tensor], config: NetworkConfig) -> dict[str, Tensor]:
+    """Tensors by today's names; residual weights were released when a network had one encoder and one decoder."""
+    if not config.residual or any(name.startswith("encoders.") for name in tensors):
+        return tensors
+    model = config.encoders[0]
+    parts = {
+        "whitening": f"whitening.{model}",
+        "encoder": f"encoders.{model}.layers",
+        "project": f"encoders.{model}.project",
+        "decoder": f"decoders.{model}.layers",
+        "output": f"decoders.{model}.output",
+    }
+    names = {name: name.split(".", 1) for name in tensors}
+    return {f"{parts[part]}.{rest}": tensors[name] for name, (part, rest) in names.items()}

@@ -19,7 +19,7 @@ from mipbake.models import registry
 from mipbake.models.config import LATENT_FILTERS, PARAMETERS, NetworkConfig
 from mipbake.models.inference import bake_levels
 from mipbake.models.latent import downsample
-from mipbake.models.network import Network
+from mipbake.models.network import Network, Whitening
 from mipbake.models.parameters import clamp, to_parameters, to_stored
 from mipbake.prefilter.pixel_filter import FILTERS, level_sizes, resample
 
@@ -42,8 +42,8 @@ def material_of(model: str, height: int, width: int, seed: int = 0) -> NDArray[n
 
 def untrained(model: str = "gltf", **changes: object) -> Network:
     torch.manual_seed(1)
-    network = Network(NetworkConfig(model=model, **changes))  # type: ignore[arg-type]
-    network.whitening.fit(to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1))
+    network = Network(NetworkConfig((model,), (model,), **changes))  # type: ignore[arg-type]
+    network.fit({model: to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1)})
     return network.requires_grad_(False)
 
 
@@ -51,7 +51,8 @@ def perturbed(model: str, **changes: object) -> Network:
     """As a trained network: every unit has its say, and outputs stay ordinary materials."""
     network = untrained(model, **changes)
     generator = torch.Generator().manual_seed(2)
-    network.output.weight += 0.02 * torch.randn(network.output.weight.shape, generator=generator)
+    for decoder in network.decoders.values():
+        decoder.output.weight += 0.02 * torch.randn(decoder.output.weight.shape, generator=generator)
     return network
 
 
@@ -109,14 +110,14 @@ def test_whitening_statistics() -> None:
     mixing = torch.randn(7, 7, generator=generator)
     samples = torch.randn(5000, 7, generator=generator) @ mixing + 3
     samples[:, 3] = 0.25
-    network = Network(NetworkConfig())
-    network.whitening.fit(samples)
-    whitened = network.whitening(samples).double()
+    whitening = Whitening(7)
+    whitening.fit(samples)
+    whitened = whitening(samples).double()
     varying = [0, 1, 2, 4, 5, 6]
     assert whitened.mean(0).abs().max() < 1e-3
     assert whitened.isfinite().all()
     assert torch.allclose(torch.cov(whitened[:, varying].T), torch.eye(6, dtype=torch.float64), atol=0.05)
-    assert torch.allclose(network.whitening.inverse(network.whitening(samples)), samples, atol=1e-4)
+    assert torch.allclose(whitening.inverse(whitening(samples)), samples, atol=1e-4)
 
 
 @pytest.mark.parametrize("latent_filter", LATENT_FILTERS)
@@ -215,8 +216,9 @@ def test_progress_ends_at_one() -> None:
 
 @pytest.mark.parametrize(
     ("change", "word"),
-    [({"model": "phong"}, "phong"), ({"latent_filter": "sinc"}, "sinc"), ({"growth": 0}, "growth"),
-     ({"latent_channels": 3}, "latent_channels")],
+    [({"encoders": ("phong",)}, "phong"), ({"decoders": ()}, "decoders"), ({"decoders": ("gltf", "gltf")}, "decoders"),
+     ({"residual": True, "encoders": ("ggx",)}, "residual"), ({"latent_filter": "sinc"}, "sinc"),
+     ({"growth": 0}, "growth"), ({"latent_channels": 3}, "latent_channels")],
 )  # fmt: skip
 def test_impossible_architectures(change: dict[str, object], word: str) -> None:
     with pytest.raises(UsageError, match=word):
@@ -231,7 +233,7 @@ def released(tmp_path: Path) -> registry.WeightsInfo:
 
     content = save({k: v.contiguous() for k, v in perturbed("gltf").state_dict().items()})
     info = registry.WeightsInfo(
-        name="tiny", network=NetworkConfig(), channels=8, pixel_filter="gaussian", default=True, steps=1, commit="c",
+        name="tiny", network=NetworkConfig(), pixel_filter="gaussian", default=True, steps=1, commit="c",
         data="d", data_licence="CC0-1.0", licence="CC0-1.0", sha256=sha256(content).hexdigest(), folder=tmp_path,
     )  # fmt: skip
     info.tensors.write_bytes(content)
@@ -303,8 +305,8 @@ def test_decoder_is_densely_connected() -> None:
     """The grouped products equal the definition: every layer reads the latents and all maps before it."""
     network = perturbed("gltf")
     latent = torch.randn(5, 64, generator=torch.Generator().manual_seed(4))
-    maps = latent
-    for layer in network.decoder:
+    maps, decoder = latent, network.decoders["gltf"]
+    for layer in decoder.layers:
         maps = torch.cat([maps, torch.nn.functional.leaky_relu(layer(maps), 0.1)], -1)
-    expected = to_stored(network.whitening.inverse(network.output(maps)), "gltf")
+    expected = to_stored(network.whitening["gltf"].inverse(decoder.output(maps)), "gltf")
     assert torch.allclose(network.decode(latent), expected, atol=1e-5)

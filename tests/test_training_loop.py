@@ -45,7 +45,7 @@ def weights(state: loop.TrainingState) -> list[torch.Tensor]:
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
-    config = tiny(network={"model": model})
+    config = tiny(network={"encoders": [model], "decoders": [model]})
     whole = loop.train(config, tmp_path / "whole", resume=False, say=lambda _: None)
     short = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=3))
     loop.train(short, tmp_path / "parts", resume=False, say=lambda _: None)
@@ -92,7 +92,7 @@ def test_loss_decreases() -> None:
     bumps = np.random.default_rng(0).normal(0, 0.2, (16, 16, 2))
     normal = lift_normal(bumps)
     rest = np.broadcast_to(np.array([0.8, 0.5, 0.2, 1.0, 0.35]), (16, 16, 5))
-    materials = Materials([np.concatenate([rest, normal], -1).astype(np.float16)], ["bumps"])
+    materials = Materials([np.concatenate([rest, normal], -1).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
     held = [loop.draw_batch(materials, config, 1000 + i) for i in range(4)]
@@ -122,10 +122,10 @@ def test_an_untrained_network_scores_like_averaging() -> None:
     materials, held_out = data.load_materials(config)
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
-    score = Validator(held_out, "gltf", "gaussian").score(state.network)
-    assert score.network.shape == score.linear.shape
+    score = Validator(held_out, config.network, "gaussian").score(state.network)
+    assert score.network.shape == (1, *score.linear.shape)
     # Level 0 is the input in both.
-    np.testing.assert_allclose(score.network[:, 0], score.linear[:, 0], atol=0.5)
+    np.testing.assert_allclose(score.network[0, :, 0], score.linear[:, 0], atol=0.5)
     assert score.columns().keys() == {f"{m} {s}" for m in ("network", "linear") for s in ("near-mirror", "hemisphere")}
 
 

@@ -40,8 +40,9 @@ def main() -> int:
                 config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
             import torch
 
-            from mipbake.training.loop import threads_beside_batches, train
+            from mipbake.training.loop import keep_freed_memory, threads_beside_batches, train
 
+            keep_freed_memory()
             torch.set_num_threads(threads_beside_batches())
             train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume)
         else:

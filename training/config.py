@@ -192,9 +192,14 @@ def _section(name: str, kind: type[Any], content: Any) -> Any:
     _require(isinstance(content, Mapping), f"[{name}]", "a section", content)
     types = get_type_hints(kind)
     _known(content, types, f"field of [{name}]")
-    values = {}
+    values: dict[str, Any] = {}
     for key, value in content.items():
         expected = types[key]
+        if expected == tuple[str, ...]:
+            right = isinstance(value, (list, tuple)) and all(isinstance(v, str) for v in value)
+            _require(right, f"{name}.{key}", "a list of strings", value)
+            values[key] = tuple(value)
+            continue
         if expected is float and isinstance(value, int) and not isinstance(value, bool):
             values[key] = float(value)
             continue

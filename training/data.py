@@ -27,10 +27,12 @@ class Materials:
     Args:
         images: (H, W, C) stored channels each, float16: half the memory, and finer than 8-bit sources.
         names: of the sets.
+        model: material model of the images.
     """
 
     images: Sequence[NDArray[np.float16]]
     names: Sequence[str]
+    model: str
 
     def crops(self, count: int, size: int, rng: np.random.Generator) -> Crops:
         """`count` patches, each of a random set at a random place."""
@@ -48,14 +50,22 @@ def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
     Raises:
         UsageError: the configuration names no data. InputError: the folder holds no set, or one that cannot be used.
     """
-    data, model = config.data, config.network.model
+    data = config.data
+    # One copy serves several encoders: every model is converted from `ggx`.
+    model = config.network.encoders[0] if len(config.network.encoders) == 1 else "ggx"
     if not data.folder and not data.procedural_sets:
         raise UsageError("no training data: set data.folder, or data.procedural_sets to at least 1")
     train, held_out = _folder(data, model, config.loss.crop_size) if data.folder else ([], [])
     train += [_procedural(seed, data, model) for seed in range(data.procedural_sets)]
     if not held_out:
         held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(8)]
-    return tuple(Materials([image for _, image in sets], [name for name, _ in sets]) for sets in (train, held_out))  # type: ignore[return-value]
+    return tuple(
+        Materials([image for _, image in sets], [name for name, _ in sets], model) for sets in (train, held_out)
+    )  # type: ignore[return-value]
+
+
+def _materials(sets: _Sets, model: str) -> Materials:
+    return Materials([image for _, image in sets], [name for name, _ in sets], model)
 
 
 _Sets = list[tuple[str, NDArray[np.float16]]]
@@ -89,8 +99,9 @@ def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[n
 
 
 def draw_crops(materials: Materials, count: int, size: int, model: str, rng: np.random.Generator) -> Crops:
-    """`count` augmented patches: each two materials, differently augmented, mixed by a Perlin-noise mask."""
-    patches = augment(materials.crops(2 * count, size, rng), model, rng)
+    """`count` augmented patches of a model: each two materials, differently augmented, mixed by a Perlin-noise mask."""
+    crops = material.convert(materials.crops(2 * count, size, rng), materials.model, model)
+    patches = augment(crops, model, rng)
     return mix(patches[:count], patches[count:], rng)
 
 

@@ -7,15 +7,14 @@ import re
 from pathlib import Path
 
 from mipbake.errors import OutputError, UsageError
-from mipbake.material import model_named
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
 from mipbake.training.config import TrainingConfig
 from mipbake.training.loop import load_state
 
 _CARD = """# {name}
 
-Weights of mipbake's `neural` method: {parameters} parameters that turn a `{model}` texture set ({channels} stored
-channels) into a MIP stack, level 0 included, for rendering with the `{pixel_filter}` pixel filter.
+Weights of mipbake's `neural` method: {parameters} parameters that turn a texture set into a MIP stack, level 0
+included, for rendering with the `{pixel_filter}` pixel filter. They read {encoders} and make {decoders}.
 
 | | |
 |---|---|
@@ -44,18 +43,21 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         UsageError: the name is no plain file name. InputError: the checkpoint cannot be read.
         OutputError: the folder cannot be written.
     """
+    import torch
     from safetensors.torch import save
 
     if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", name):
         raise UsageError(f"weights' name {name!r} must be lower-case letters, digits, '.', '_' and '-'")
     state = load_state(checkpoint)
-    tensors = {key: value.detach().contiguous() for key, value in state.average.state_dict().items()}
+    tensors = {
+        key: value.detach().clone(memory_format=torch.contiguous_format)
+        for key, value in state.average.state_dict().items()
+    }
     content = save(tensors)
     config = state.config
     info = WeightsInfo(
         name=name,
         network=config.network,
-        channels=model_named(config.network.model).channels,
         pixel_filter=config.loss.pixel_filter,
         default=default,
         steps=state.step,
@@ -78,6 +80,11 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     return info
 
 
+def _listed(models: tuple[str, ...]) -> str:
+    *others, last = [f"`{model}`" for model in models]
+    return f"{', '.join(others)} and {last}" if others else last
+
+
 def _write(path: Path, content: bytes) -> None:
     temporary = path.with_suffix(path.suffix + ".partial")
     temporary.write_bytes(content)
@@ -89,8 +96,8 @@ def _card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: floa
     return _CARD.format(
         name=info.name,
         parameters=parameters,
-        model=network.model,
-        channels=info.channels,
+        encoders=_listed(network.encoders),
+        decoders=_listed(network.decoders),
         pixel_filter=info.pixel_filter,
         encoder_layers=network.encoder_layers,
         decoder_layers=network.decoder_layers,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import ctypes
 import os
 import subprocess
 import time
@@ -17,6 +18,7 @@ import torch
 from torch import Tensor
 
 from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.material import convert
 from mipbake.models.network import Network
 from mipbake.models.parameters import to_parameters
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
@@ -26,13 +28,15 @@ from mipbake.training.loss import (
     Views,
     draw_target,
     draw_views,
-    error_loss,
-    predict,
-    relative_loss,
+    look_up,
+    render_loss,
 )
+from mipbake.training.optimiser import FlatAdam
 from mipbake.training.validation import Validator
 
 LAST, BEST = "last.pt", "best.pt"
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 _WHITENING_SAMPLES = 16
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
@@ -42,6 +46,8 @@ _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
 class Batch:
     """Everything of one step that does not depend on the network."""
 
+    source: str
+    """Material model of the patches."""
     patches: Tensor
     views: Views
     target: Tensor
@@ -50,15 +56,19 @@ class Batch:
 
 
 def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch:
-    """The batch of a step: a pure function of the materials, the configuration and the step."""
-    rng, loss, model = step_generator(config.run.seed, step), config.loss, config.network.model
-    patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, model, rng))
+    """The batch of a step: a pure function of the materials, the configuration and the step.
+
+    Encoders take turns, and the target is rendered in the model that is read (section 3.5).
+    """
+    rng, loss = step_generator(config.run.seed, step), config.loss
+    source = config.network.encoders[step % len(config.network.encoders)]
+    patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, source, rng))
     views = draw_views(loss, rng)
     target, *independent = (
-        draw_target(patches, views, model, loss.pixel_filter, loss.target_samples, rng)
+        draw_target(patches, views, source, loss.pixel_filter, loss.target_samples, rng)
         for _ in range(2 if loss.weighting == "error" else 1)
     )
-    return Batch(patches, views, target, independent[0] if independent else None)
+    return Batch(source, patches, views, target, independent[0] if independent else None)
 
 
 def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
@@ -82,13 +92,27 @@ def threads_beside_batches() -> int:
     return int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, (os.cpu_count() or 2) - 1)
 
 
+def keep_freed_memory() -> None:
+    """Tells glibc to keep what is freed: a step frees tens of megabytes and soon asks for them again, page by page.
+
+    Nothing elsewhere; the allocators of other systems are left alone.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError, TypeError):
+        return
+    for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
+        mallopt(option, 1 << 30)
+
+
 def batch_loss(network: Network, batch: Batch, mirror: int) -> Tensor:
-    """Predicts, renders and compares: the scalar loss of one batch."""
-    levels = network(batch.patches, TORUS)
-    prediction = predict(levels, batch.views, network.config.model)
-    if batch.independent is None:
-        return relative_loss(prediction, batch.target, batch.views.lods)
-    return error_loss(prediction, batch.target, batch.independent, batch.views, mirror)
+    """Predicts, renders and compares: the scalar loss of one batch, the mean over the models that are made."""
+    stacks = network.stacks(batch.patches, TORUS, batch.source)
+    losses = [
+        render_loss(look_up(levels, batch.views), model, batch.views, batch.target, batch.independent, mirror)
+        for model, levels in stacks.items()
+    ]
+    return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
 
 
 @dataclass
@@ -103,24 +127,17 @@ class TrainingState:
     config: TrainingConfig
     network: Network
     average: Network
-    optimiser: torch.optim.Adam
+    optimiser: FlatAdam
     step: int = 0
     best: float = float("-inf")
     commit: str = "unknown"
 
     def advance(self, batch: Batch) -> Tensor:
         """One optimisation step; returns its loss."""
-        settings = self.config.optimiser
-        for group in self.optimiser.param_groups:
-            group["lr"] = settings.rate(self.step)
-        self.optimiser.zero_grad(set_to_none=True)
+        self.optimiser.zero_grad()
         loss = batch_loss(self.network, batch, self.config.loss.mirror_pairs)
         loss.backward()  # type: ignore[no-untyped-call]
-        self.optimiser.step()
-        if settings.ema_decay:
-            with torch.no_grad():
-                for mean, value in zip(self.average.parameters(), self.network.parameters(), strict=True):
-                    mean.lerp_(value, 1 - settings.ema_decay)
+        self.optimiser.step(self.step, batch.source)
         self.step += 1
         return loss.detach()
 
@@ -155,9 +172,7 @@ def new_state(config: TrainingConfig) -> TrainingState:
 def _state(config: TrainingConfig, network: Network) -> TrainingState:
     settings = config.optimiser
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
-    optimiser = torch.optim.Adam(
-        network.parameters(), settings.learning_rate, (settings.beta1, settings.beta2), settings.epsilon, fused=True
-    )
+    optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
     return TrainingState(config, network, average, optimiser)
 
 
@@ -191,11 +206,11 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
 
 
 def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
-    """Mean and covariance of the parameters of 16 augmented samples (section 3.4)."""
-    rng = step_generator(config.run.seed, _WHITENING_STEP)
-    model = config.network.model
-    patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, model, rng)
-    network.whitening.fit(to_parameters(torch.from_numpy(patches), model).flatten(0, 2))
+    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), the same ones in every model."""
+    rng, first = step_generator(config.run.seed, _WHITENING_STEP), config.network.encoders[0]
+    patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, first, rng)
+    samples = {model: torch.from_numpy(convert(patches, first, model)) for model in config.network.models}
+    network.fit({model: to_parameters(stored, model).flatten(0, 2) for model, stored in samples.items()})
 
 
 def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], None] = print) -> TrainingState:
@@ -216,8 +231,8 @@ def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], 
     if not resume:
         state.commit = _commit()
         fit_whitening(state.network, train_materials, config)
-        state.average.whitening.load_state_dict(state.network.whitening.state_dict())
-    validator = Validator(held_out, config.network.model, config.loss.pixel_filter)
+        state.average.load_state_dict(state.network.state_dict())
+    validator = Validator(held_out, config.network, config.loss.pixel_filter)
     logs = _Logs(out, config.run, state.step)
 
     def validate() -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -45,15 +46,14 @@ class Views:
 
     Args:
         light, view: (B, K, 3) unit vectors.
-        lod: (B, S * N); each patch's S values repeated over its pixels.
-        uv: (B, S * N, 2) pixel positions.
+        lod: (B, S) levels of detail.
+        uv: (B, S, N, 2) pixel positions.
     """
 
     light: Tensor
     view: Tensor
     lod: Tensor
     uv: Tensor
-    lods: int
 
 
 def draw_views(config: LossConfig, rng: np.random.Generator) -> Views:
@@ -70,9 +70,8 @@ def draw_views(config: LossConfig, rng: np.random.Generator) -> Views:
     return Views(
         torch.from_numpy(light.astype(np.float32)),
         torch.from_numpy(view.astype(np.float32)),
-        torch.from_numpy(np.repeat(lod.astype(np.float32), n * n, 1)),
-        torch.from_numpy(uv.reshape(b, s * n * n, 2)),
-        s,
+        torch.from_numpy(lod.astype(np.float32)),
+        torch.from_numpy(uv),
     )
 
 
@@ -86,81 +85,123 @@ def _quantiles(pixel_filter: str) -> tuple[Tensor, Tensor]:
 def draw_target(
     patches: Tensor, views: Views, model: str, pixel_filter: str, samples: int, rng: np.random.Generator
 ) -> Tensor:
-    """Unbiased noisy target renders (B, K, S * N, 3) of (B, size, size, C) patches, the mean of `samples` each.
+    """Unbiased noisy target renders (B, S, K, N, 3) of (B, size, size, C) patches, the mean of `samples` each.
 
     A pixel is looked up K times in all. `samples` pairs share as many of the lookups, so that more samples a target
     cost shading, which is cheap, and no lookups; with one, every pair has a lookup of its own.
+
+    One level of detail at a time, whose lookups stay near a core.
     """
-    b, k = views.light.shape[:2]
-    groups, points = k // samples, views.uv.shape[1]
+    (b, k), (lods, n) = views.light.shape[:2], views.uv.shape[1:3]
     offsets, weights = _quantiles(pixel_filter)
     signed = bool((weights != weights[0]).any())
-    reach = torch.exp2(views.lod)[:, None, :, None] / patches.shape[1]
-    light, view = (d.reshape(b * groups, samples, 3) for d in (views.light, views.view))
+    reach = torch.exp2(views.lod) / patches.shape[1]
+    light, view = (d.reshape(b * (k // samples), samples, 3) for d in (views.light, views.view))
     # Integers in place of fractions: adding two and masking is adding modulo 1, exactly.
-    shift = torch.from_numpy(rng.integers(_TABLE, size=(b, 1, points, 2), dtype=np.int32))
-    total = torch.zeros(())
-    for index in range(samples):
-        place = (np.arange(groups)[:, None] * samples + index) * _SEQUENCE % 1 * _TABLE
-        quantile = (shift + torch.from_numpy(place.astype(np.int32))[:, None]) & (_TABLE - 1)
-        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape)
-        where = torch.addcmul(views.uv[:, None], offset, reach)
-        texels = texture(patches, where, filter_mode="linear", boundary_mode=TORUS)
-        radiance = shade(model, texels.reshape(b * groups, points, -1), light, view)
-        if signed:
-            weight = weights.index_select(0, quantile.flatten()).reshape(quantile.shape).prod(-1)
-            radiance = radiance * weight.reshape(b * groups, 1, points, 1)
-        total = total + radiance
-    return (total / samples).reshape(b, k, points, 3)
-
-
-def predict(levels: list[Tensor], views: Views, model: str) -> Tensor:
-    """(B, K, S * N, 3) renders of a stack of (B, H_L, W_L, C) levels, looked up and shaded once a pixel."""
-    return shade(model, look_up(levels, views), views.light, views.view)
+    shift = torch.from_numpy(rng.integers(_TABLE, size=(b, lods, 1, n, 2), dtype=np.int32))
+    out = patches.new_empty((b, lods, k, n, 3))
+    for lod in range(lods):
+        total = out[:, lod].view(b, k // samples, samples, n, 3)
+        for index in range(samples):
+            place = (np.arange(k // samples)[:, None] * samples + index) * _SEQUENCE % 1 * _TABLE
+            quantile = shift[:, lod] + torch.from_numpy(place.astype(np.int32))[:, None]
+            quantile &= _TABLE - 1
+            offset = offsets.index_select(0, quantile.flatten()).view(quantile.shape)
+            offset *= reach[:, lod, None, None, None]
+            offset += views.uv[:, lod, None]
+            texels = texture(patches, offset, filter_mode="linear", boundary_mode=TORUS)
+            radiance = shade(model, texels.flatten(0, 1), light, view).view(total.shape)
+            if signed:
+                weight = weights.index_select(0, quantile.flatten()).view(quantile.shape).prod(-1)
+                radiance *= weight[:, :, None, :, None]
+            if index == 0:
+                total.copy_(radiance)
+            else:
+                total += radiance
+    return out if samples == 1 else out.div_(samples)
 
 
 def look_up(levels: list[Tensor], views: Views) -> Tensor:
-    """(B, S * N, C) texels of a stack of (B, H_L, W_L, C) levels."""
-    uv, lod = views.uv[:, None], views.lod[:, None]
-    return texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
+    """(B, S, N, C) texels of a stack of (B, H_L, W_L, C) levels, looked up once a pixel."""
+    lod = views.lod[:, :, None].expand(views.uv.shape[:3])
+    return texture(levels[0], views.uv, None, lod, levels[1:], boundary_mode=TORUS)
 
 
-def squared_errors(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
-    """(B, K, S): squared error of each render, summed over pixels and channels, of (B, K, S * N, 3) renders."""
-    b, k = prediction.shape[:2]
-    return (prediction - target).square().reshape(b, k, lods, -1).sum(-1)
+def render_loss(
+    texels: Tensor, model: str, views: Views, target: Tensor, independent: Tensor | None, mirror: int
+) -> Tensor:
+    """Shades texels and compares: the mean over all renders of squared error over norm, a scalar.
 
-
-def relative_loss(prediction: Tensor, target: Tensor, lods: int) -> Tensor:
-    """Equation 5 for each of the B K S renders, summed over pixels and channels; the mean over all renders.
+    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: that of
+    equation 5, `relative_norms`, or `error_norms` where there is an independent target.
 
     Args:
-        prediction, target: (B, K, S * N, 3). Gradients flow through the numerator's prediction only.
-        lods: S.
+        texels: (B, S, N, C) stored channels, one a pixel.
+        target: (B, S, K, N, 3) renders. independent: the same, a second estimate; or None.
+        mirror: how many of the K pairs, the first, were drawn near the mirror direction.
     """
-    b, k = prediction.shape[:2]
-    norm = prediction.detach().reshape(b, k, lods, -1)
-    epsilon = EPSILON * norm.shape[-1]
-    return (squared_errors(prediction, target, lods) / (norm.square().sum(-1) + epsilon)).mean()
+    out: Tensor = _RenderLoss.apply(texels, model, views, target, independent, mirror)  # type: ignore[no-untyped-call]
+    return out
 
 
-def error_loss(prediction: Tensor, target: Tensor, independent: Tensor, views: Views, mirror: int) -> Tensor:
-    """Squared errors over the error that the prediction has now: its gradient is that of the mean error in decibels.
+class _RenderLoss(torch.autograd.Function):
+    """One level of detail at a time, backwards at once: its renders are used while they are near a core."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, texels: Tensor, model: str, views: Views, target: Tensor, independent: Tensor | None, mirror: int
+    ) -> Tensor:
+        needed = ctx.needs_input_grad[0]
+        renders = target.shape[0] * target.shape[1] * target.shape[2]
+        total = texels.new_zeros(())
+        gradient = torch.empty_like(texels) if needed else None
+        for lod in range(texels.shape[1]):
+            part = texels[:, lod].detach().requires_grad_(needed)
+            with torch.set_grad_enabled(needed):
+                prediction = shade(model, part, views.light, views.view)
+            render = prediction.detach()
+            norm = relative_norms(render) if independent is None else error_norms(render, independent[:, lod], mirror)
+            error = render - target[:, lod]
+            total += (energies(error) / norm).sum() / renders
+            if gradient is not None:
+                error *= (2 / renders / norm)[..., None, None]
+                (gradient[:, lod],) = torch.autograd.grad(prediction, part, error)
+        ctx.save_for_backward(gradient)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        (gradient,) = ctx.saved_tensors
+        return (grads[0] * gradient if gradient is not None else None), *(None,) * 5
+
+
+def energies(renders: Tensor) -> Tensor:
+    """(B, K, N, 3) to (B, K): squares summed over pixels and channels."""
+    return torch.linalg.vector_norm(renders.flatten(2), dim=2).square()
+
+
+def relative_norms(prediction: Tensor) -> Tensor:
+    """The denominators of equation 5 for (B, K, N, 3) predicted renders: (B, K)."""
+    return energies(prediction) + EPSILON * prediction[0, 0].numel()
+
+
+def error_norms(prediction: Tensor, independent: Tensor, mirror: int) -> Tensor:
+    """The error that a prediction has now: over it, the gradient of squared errors is that of the mean in decibels.
 
     Equation 5 divides by the energy, so a material that averaging gets nearly right hardly pulls, and a network stays
     imprecise exactly there. Dividing by the error itself makes a decibel count the same everywhere, and bounds the pull
     of a single bad render. The error is the mean over the renders of one patch and level whose pairs were drawn alike.
 
     Args:
-        prediction, target: (B, K, S * N, 3). Gradients flow through the numerator's prediction only.
-        independent: a second estimate of the same target, for the denominator. The noise of one and the same would
-            weigh down the very samples that it made large, and bias the optimum.
+        prediction: (B, K, N, 3) renders of one level of detail.
+        independent: a second estimate of the target. The noise of one and the same would weigh down the very samples
+            that it made large, and bias the optimum.
         mirror: how many of the K pairs, the first, were drawn near the mirror direction.
+
+    Returns:
+        (B, K).
     """
-    error = squared_errors(prediction.detach(), independent, views.lods)
-    energy = squared_errors(torch.zeros_like(independent), independent, views.lods)
-    floor = EPSILON * prediction[0, 0].numel() / views.lods
-    norm = error + _CEILING * energy + floor
+    floor = EPSILON * prediction[0, 0].numel()
+    norm = energies(prediction - independent) + _CEILING * energies(independent) + floor
     groups = [g for g in (norm[:, :mirror], norm[:, mirror:]) if g.shape[1]]
-    norm = torch.cat([g.mean(1, keepdim=True).expand_as(g) for g in groups], 1)
-    return (squared_errors(prediction, target, views.lods) / norm).mean()
+    return torch.cat([g.mean(1, keepdim=True).expand_as(g) for g in groups], 1)

@@ -6,6 +6,7 @@ references do not depend on the network and are made once.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.errors import OutputError
 from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
+from mipbake.models.config import NetworkConfig
 from mipbake.models.network import Network
 from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.pixel_filter import Wrap
@@ -31,20 +33,36 @@ _SETS = tuple(PAIR_SETS)
 
 @dataclass(frozen=True)
 class Score:
-    """Mean over patches of the SNR in dB, (pair sets, LODS), of the network and of what GPUs do (linear, box)."""
+    """Mean over patches of the SNR in dB of the network and of what GPUs do (linear, box).
 
+    Args:
+        models: that the network makes.
+        network: (models, pair sets, LODS). linear: (pair sets, LODS), in the model of each patch.
+    """
+
+    models: tuple[str, ...]
     network: NDArray[np.float64]
     linear: NDArray[np.float64]
 
     @property
     def total(self) -> float:
-        """The network's mean over pair sets and levels of detail: what decides which checkpoint is the best."""
+        """The network's mean over models, pair sets and levels of detail: what decides which checkpoint is the best."""
         return float(self.network.mean())
 
     def columns(self) -> dict[str, float]:
-        """Named figures for the logs: each pair set's mean over LODS, for both methods."""
-        methods = {"network": self.network, "linear": self.linear}
+        """Named figures for the logs: each pair set's mean over LODS, for both methods, then for each model."""
+        methods = {"network": self.network.mean(0), "linear": self.linear}
+        if len(self.models) > 1:
+            methods |= dict(zip(self.models, self.network, strict=True))
         return {f"{name} {s}": float(v[i].mean()) for name, v in methods.items() for i, s in enumerate(_SETS)}
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """A held-out patch (H, W, C) in one of the models that the network reads."""
+
+    model: str
+    stored: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -56,74 +74,79 @@ class _Case:
 
 
 class Validator:
-    """Held-out patches with their references."""
+    """Held-out patches with their references; models that the network reads take turns."""
 
-    def __init__(self, materials: Materials, model: str, pixel_filter: str) -> None:
+    def __init__(self, materials: Materials, config: NetworkConfig, pixel_filter: str) -> None:
         rng = np.random.default_rng(_SEED)
-        self.model, self.pixel_filter = model, pixel_filter
+        self.models, self.pixel_filter = config.decoders, pixel_filter
         sets = [pair_set(name, _SEED, _PAIRS) for name in _SETS]
         self.pairs = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view")))
         self.patches = [
-            material.regularise(patch, model) for patch in _central_patches(materials, _PATCHES, _PATCH_SIZE)
+            _Patch(source, material.regularise(material.convert(patch, materials.model, source), source))
+            for patch, source in zip(
+                _central_patches(materials, _PATCHES, _PATCH_SIZE), itertools.cycle(config.encoders), strict=False
+            )
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
         self.linear = np.mean(
             [
-                self._snr(Linear()(patch, model, model, "box", _TORUS, lambda _: None).levels, cases)
-                for patch, cases in zip(self.patches, self.cases, strict=True)
+                self._snr(Linear()(p.stored, p.model, p.model, "box", _TORUS, lambda _: None).levels, p.model, cases)
+                for p, cases in zip(self.patches, self.cases, strict=True)
             ],
             0,
         )
 
-    def _case(self, patch: NDArray[np.float32], lod: float, rng: np.random.Generator) -> _Case:
+    def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
         uv = random_points(rng, _POINTS)
         first, second = (self._reference(patch, uv, lod, self.pairs, _SAMPLES, rng) for _ in range(2))
         return _Case(lod, uv, first, second)
 
     def _reference(
         self,
-        patch: NDArray[np.float32],
+        patch: _Patch,
         uv: NDArray[np.float64],
         lod: float,
         pairs: LightViewPairs,
         samples: int,
         rng: np.random.Generator,
     ) -> NDArray[np.float32]:
-        return reference(patch, self.model, _TORUS, uv, lod, self.pixel_filter, pairs, samples, rng)
+        return reference(patch.stored, patch.model, _TORUS, uv, lod, self.pixel_filter, pairs, samples, rng)
 
-    def _snr(self, levels: list[NDArray[np.float32]], cases: list[_Case]) -> NDArray[np.float64]:
+    def _snr(self, levels: list[NDArray[np.float32]], model: str, cases: list[_Case]) -> NDArray[np.float64]:
         figures = np.empty((len(_SETS), len(cases)))
         for column, case in enumerate(cases):
-            shaded = candidate(levels, self.model, _TORUS, case.uv, case.lod, self.pairs)
+            shaded = candidate(levels, model, _TORUS, case.uv, case.lod, self.pairs)
             for row in range(len(_SETS)):
                 part = slice(row * _PAIRS, (row + 1) * _PAIRS)
                 figures[row, column] = snr_db(shaded[part], case.first[part], case.second[part])
         return figures
 
-    def levels(self, network: Network, patch: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        """The network's stack of one patch."""
+    def stacks(self, network: Network, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
+        """The network's stacks of one patch, by model."""
         with torch.inference_mode():
-            return [level[0].numpy() for level in network(torch.from_numpy(patch)[None], _TORUS)]
+            stacks = network.stacks(torch.from_numpy(patch.stored)[None], _TORUS, patch.model)
+        return {model: [level[0].numpy() for level in levels] for model, levels in stacks.items()}
 
     def score(self, network: Network) -> Score:
         """Measures the network on every patch."""
-        figures = [
-            self._snr(self.levels(network, patch), cases) for patch, cases in zip(self.patches, self.cases, strict=True)
-        ]
-        return Score(np.mean(figures, 0), self.linear)
+        figures = []
+        for patch, cases in zip(self.patches, self.cases, strict=True):
+            stacks = self.stacks(network, patch)
+            figures.append([self._snr(stacks[model], model, cases) for model in self.models])
+        return Score(self.models, np.mean(figures, 0), self.linear)
 
     def picture(self, network: Network, path: Path) -> None:
-        """Writes a PNG: for some patches a row of prediction, target and error (times 4), near and far."""
+        """Writes a PNG: for some patches a row of prediction (first model), target and 4 x error, near and far."""
         pairs = pair_set("near-mirror", _SEED, 1)
         centre = (np.arange(_PATCH_SIZE) + 0.5) / _PATCH_SIZE
         uv = np.stack(np.meshgrid(centre, centre), -1).reshape(-1, 2)
         rows = []
         for patch in self.patches[:_PICTURED]:
-            levels, row = self.levels(network, patch), []
+            levels, row = self.stacks(network, patch)[self.models[0]], []
             for lod in _PICTURE_LODS:
                 rng = np.random.default_rng(_SEED)
                 target = self._reference(patch, uv, lod, pairs, _PICTURE_SAMPLES, rng)
-                prediction = candidate(levels, self.model, _TORUS, uv, lod, pairs)
+                prediction = candidate(levels, self.models[0], _TORUS, uv, lod, pairs)
                 exposure = 0.25 / max(float(target.mean()), 1e-6)
                 shown = _tonemap(prediction * exposure), _tonemap(target * exposure)
                 row += [*shown, np.clip(4 * abs(shown[0] - shown[1]), 0, 1)]

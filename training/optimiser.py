@@ -1,0 +1,108 @@
+"""Adam on few long vectors: the parameters of a network lie one after the other, and so do their gradients.
+
+A step of an optimiser over dozens of small tensors costs more in calls than in arithmetic. An encoder of a
+cross-trained network is a vector of its own: in steps that it has no part in, it and its moments stay as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from mipbake.training.config import OptimiserConfig
+
+
+@dataclass
+class _Part:
+    """Parameters that are trained together: views of a vector, their gradients views of another."""
+
+    vector: nn.Parameter
+    gradient: Tensor
+    average: Tensor | None
+
+
+class FlatAdam:
+    """Adam and the moving average, in place on the parameters of a network.
+
+    Args:
+        network: its parameters become views of vectors, one for each of `encoders.*` and one for all others.
+        average: its twin, whose parameters follow as the moving average; None for none.
+    """
+
+    def __init__(self, network: nn.Module, average: nn.Module | None, settings: OptimiserConfig) -> None:
+        self._settings = settings
+        named = dict(network.named_parameters())
+        twins = dict(average.named_parameters()) if average is not None else {}
+        groups: dict[str, list[str]] = {}
+        for name in named:
+            groups.setdefault(_part_of(name), []).append(name)
+        self._parts: dict[str, _Part] = {}
+        for part, names in groups.items():
+            vector = nn.Parameter(_flattened([named[n] for n in names]))
+            gradient = torch.zeros_like(vector)
+            for n, view in zip(names, _views(gradient, [named[n] for n in names]), strict=True):
+                named[n].grad = view
+            mean = _flattened([twins[n] for n in names]) if twins else None
+            self._parts[part] = _Part(vector, gradient, mean)
+        self._adam = torch.optim.Adam(
+            [part.vector for part in self._parts.values()],
+            settings.learning_rate,
+            (settings.beta1, settings.beta2),
+            settings.epsilon,
+            fused=True,
+        )
+
+    def zero_grad(self) -> None:
+        """Clears the gradients, in place: a backward pass adds to them."""
+        for part in self._parts.values():
+            part.gradient.zero_()
+
+    def step(self, index: int, source: str) -> None:
+        """Moves all parameters but those of other encoders than the source's; `index` decides the rate."""
+        for group in self._adam.param_groups:
+            group["lr"] = self._settings.rate(index)
+        for name, part in self._parts.items():
+            part.vector.grad = part.gradient if name in ("", source) else None
+        self._adam.step()
+        for part in self._parts.values():
+            if part.average is not None:
+                part.average.lerp_(part.vector.detach(), 1 - self._settings.ema_decay)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Adam's moments and step counts."""
+        return self._adam.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Takes back what `state_dict` gave."""
+        self._adam.load_state_dict(state)
+
+
+def _part_of(name: str) -> str:
+    kind, model, *_ = name.split(".")
+    return model if kind == "encoders" else ""
+
+
+def _flattened(parameters: list[nn.Parameter]) -> Tensor:
+    """A vector of all values, which the parameters are views of from now on, in the memory format that they have."""
+    vector = torch.cat([_as_stored(p.detach()).reshape(-1) for p in parameters])
+    for parameter, view in zip(parameters, _views(vector, parameters), strict=True):
+        parameter.data = view
+    return vector
+
+
+def _views(vector: Tensor, parameters: list[nn.Parameter]) -> list[Tensor]:
+    views, first = [], 0
+    for parameter in parameters:
+        shape = _as_stored(parameter).shape
+        view = vector[first : first + parameter.numel()].view(shape)
+        views.append(view.movedim(-1, 1) if parameter.ndim == 4 else view)
+        first += parameter.numel()
+    return views
+
+
+def _as_stored(parameter: Tensor) -> Tensor:
+    """Kernels of convolutions with the maps that they read last, as channels-last memory has them."""
+    return parameter.movedim(1, -1) if parameter.ndim == 4 else parameter
