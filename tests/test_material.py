@@ -7,6 +7,7 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import UsageError
+from mipbake.shading import shade
 
 
 def random_gltf(count: int, anisotropic: bool) -> np.ndarray:
@@ -82,3 +83,74 @@ def test_normals_outside_the_disc_are_scaled_onto_it() -> None:
 def test_unknown_model_lists_the_known_ones() -> None:
     with pytest.raises(UsageError, match=r"'phong'.*gltf, gltf-anisotropic, ggx, beckmann"):
         material.model_named("phong")
+
+
+def random_tensors(model: str, count: int) -> np.ndarray:
+    """Stored channels of `ggx` or `beckmann`, alpha from 0.002 to 1.6, any anisotropy that stacks have."""
+    rng = np.random.default_rng(4)
+    mean, d, c = rng.uniform(-12, 1, count), rng.uniform(-2, 2, count), rng.uniform(-2, 2, count)
+    parts = [rng.random((count, 8)), np.stack([mean + d, mean - d, c], -1)]
+    if model == "beckmann":
+        parts.append(rng.uniform(-material.MAX_LOG_GAMMA, material.MAX_LOG_GAMMA, (count, 1)))
+    return np.concatenate(parts, -1)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 5e-6)])
+def test_ggx_survives_the_way_through_beckmann(dtype: type, tolerance: float) -> None:
+    stored = random_tensors("ggx", 2000).astype(dtype)
+    there = material.convert(stored, "ggx", "beckmann")
+    assert there.dtype == dtype and there.shape == (2000, 12)
+    assert there[:, :8] == pytest.approx(stored[:, :8], abs=0)
+    assert there[:, 8] - there[:, 9] == pytest.approx(stored[:, 8] - stored[:, 9], abs=tolerance)  # only scaled
+    assert (there[:, 11] >= -0.612 - 1e-6).all() and (there[:, 11] < -0.11).all()
+    assert material.convert(there, "beckmann", "ggx") == pytest.approx(stored, abs=tolerance)
+
+
+def test_beckmann_lobes_of_ggx_survive_the_way_through_ggx() -> None:
+    lobes = material.convert(random_tensors("ggx", 500), "ggx", "beckmann")
+    back = material.convert(material.convert(lobes, "beckmann", "ggx"), "ggx", "beckmann")
+    assert back == pytest.approx(lobes, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic"])
+def test_gltf_survives_the_way_through_beckmann(model: str) -> None:
+    stored = random_gltf(2000, model == "gltf-anisotropic")
+    back = material.convert(material.convert(stored, model, "beckmann"), "beckmann", model)
+    assert back == pytest.approx(stored, abs=1e-8)
+
+
+def test_converted_mirrors_shade_alike() -> None:
+    """Both ways, over half vectors around a narrow lobe: what the docstrings promise, less a decibel."""
+    half = np.array([[x, 0.0, 1.0] for x in np.linspace(0, 0.1, 400)])
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    weight = half[:, 0]  # of rings
+
+    def decibels(found: str, texel: np.ndarray, wanted: str) -> float:
+        pair = [
+            shade(m, t[None], half, half)[:, 0, 0]
+            for m, t in ((found, material.convert(texel, wanted, found)), (wanted, texel))
+        ]
+        return float(10 * np.log10((weight @ pair[1] ** 2) / (weight @ (pair[0] - pair[1]) ** 2)))
+
+    log_alpha2 = 2 * np.log(0.01)
+    ggx = np.array([0, 0, 0, 1, 1, 1, 0, 0, log_alpha2, log_alpha2, 0])
+    assert decibels("beckmann", ggx, "ggx") > 20.8
+    for g, promised in ((-1.0, 15), (-0.5, 21), (0.0, 13.6), (1.0, 8), (1.5, 7)):
+        assert decibels("ggx", np.append(ggx, g), "beckmann") > promised - 1
+
+
+def test_conversions_of_beckmann_are_finite_over_its_whole_range() -> None:
+    low, high = np.array(material.MODELS["beckmann"].limits).T
+    corners = np.random.default_rng(0).choice([0, 0.5, 1], (3000, 12)) * (high - low) + low
+    for target in material.MODELS:
+        assert np.isfinite(material.convert(corners, "beckmann", target)).all()
+    ggx_low, ggx_high = np.array(material.MODELS["ggx"].limits).T
+    ggx = np.random.default_rng(0).choice([0, 0.5, 1], (3000, 11)) * (ggx_high - ggx_low) + ggx_low
+    assert np.isfinite(material.convert(ggx, "ggx", "beckmann")).all()
+
+
+def test_the_least_lobes_of_both_models_are_one() -> None:
+    floor = 2 * np.log(material.MIN_ROUGHNESS**2)
+    twin = material.ggx_to_beckmann(np.array([0] * 8 + [floor, floor, 0.0]))
+    assert np.exp(floor) == pytest.approx(material.least_alpha2("ggx"))
+    assert np.exp(twin[8]) == pytest.approx(material.least_alpha2("beckmann"))

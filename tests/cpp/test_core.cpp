@@ -48,16 +48,52 @@ void nested_and_concurrent() {
     CHECK(total == 3 * 50 * 100);
 }
 
-template <class P>
-void exponential_is_exact() {
 #ifdef MIPBAKE_VECTORS
-    double worst = 0;
-    for (double x = -700; x <= 700; x += 0.173) {
-        double lanes[P::lanes];
-        exponential(P(x)).store(lanes);
-        for (const double e : lanes) worst = std::max(worst, std::abs(e / std::exp(x) - 1));
+// The largest of error(value, x) over lanes and x.
+template <class P, class F, class E>
+double worst(double first, double last, double step, F f, E error) {
+    double most = 0;
+    for (double x = first; x <= last; x += step) {
+        typename P::Scalar lanes[P::lanes];
+        f(x).store(lanes);
+        for (const double value : lanes) most = std::max(most, error(value, x));
     }
-    CHECK(worst < 4.5e-16);
+    return most;
+}
+double of_exponential(double value, double x) { return std::abs(value / std::exp(x) - 1); }
+double of_logarithm(double value, double k) {
+    const double exact = std::log(std::exp(k));
+    return std::abs(value - exact) / std::max(std::abs(exact), 1.0);
+}
+#endif
+
+// What the packets of kernels in S make of e^x and ln x, against the C library.
+template <class S>
+void powers_are_exact() {
+#ifdef MIPBAKE_VECTORS
+    using W = typename Lanes<S>::Wide;
+    using T = typename Lanes<S>::Real;
+    constexpr bool narrow = sizeof(S) == 4;
+    const double reach = narrow ? 87 : 700;
+    CHECK((worst<W>(-700, 700, 0.173, [](double x) { return exponential(W(x)); }, of_exponential) < 4.5e-16));
+    // Every binade and its ends; sqrt(1/2), where the mantissa is split, from both sides.
+    const auto logarithm_of = [](double k) { return logarithm(W(std::exp(k))); };
+    CHECK((worst<W>(-700, 700, 0.0731, logarithm_of, of_logarithm) < 4.5e-16));
+    for (const double x : {1.0, 2.0, 0.5, std::sqrt(0.5), std::nextafter(std::sqrt(0.5), 0.0), 1 + 1e-15, 1e-300}) {
+        double lanes[W::lanes];
+        logarithm(W(x)).store(lanes);
+        CHECK(std::abs(lanes[0] - std::log(x)) <= 3e-16 * std::max(std::abs(std::log(x)), std::abs(x - 1)));
+    }
+    const double tolerance = narrow ? 1e-11 : 4.5e-16;
+    CHECK((worst<W>(-700, 700, 0.173, [](double x) { return exponential_for<T>(W(x)); }, of_exponential) < tolerance));
+    const auto cheap_logarithm = [](double k) { return logarithm_for<T>(W(std::exp(k))); };
+    CHECK((worst<W>(-700, 700, 0.0731, cheap_logarithm, of_logarithm) < tolerance));
+    const double rounding = narrow ? 1.5e-7 : 4.5e-16;
+    const auto from_wide = [](double x) { return narrow_exponential<T>(W(x)); };
+    CHECK((worst<T>(-reach, reach, 0.0173, from_wide, of_exponential) < rounding));
+    const auto in_narrow = [](double x) { return exponential(T(static_cast<S>(x))); };
+    const auto of_narrow = [](double v, double x) { return of_exponential(v, static_cast<double>(S(x))); };
+    CHECK((worst<T>(-reach, reach, 0.0173, in_narrow, of_narrow) < rounding));
 #endif
 }
 
@@ -90,6 +126,9 @@ void duals_are_derivatives() {
             CHECK(f.v == formula(x, y));
             CHECK(std::abs(f.d[0] - (formula(x + h, y) - formula(x - h, y)) / (2 * h)) < 1e-7);
             CHECK(std::abs(f.d[1] - (formula(x, y + h) - formula(x, y - h)) / (2 * h)) < 1e-7);
+            const D log = logarithm(D::input(x, 0) * D::input(y, 1));
+            CHECK(std::abs(log.v - std::log(x * y)) < 1e-15);
+            CHECK(std::abs(log.d[0] - 1 / x) < 1e-15 && std::abs(log.d[1] - 1 / y) < 1e-15);
         }
 }
 
@@ -98,7 +137,8 @@ void duals_are_derivatives() {
 int main() {
     every_index_once();
     nested_and_concurrent();
-    exponential_is_exact<Lanes<float>::Wide>();
+    powers_are_exact<float>();
+    powers_are_exact<double>();
     triples_are_interleaved<float>();
     triples_are_interleaved<double>();
     duals_are_derivatives();
