@@ -6,7 +6,7 @@ A stack lies in a folder: `stack.json`, which declares every convention, and the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,29 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, Container, format_named
-from mipbake.io.layout import (
-    COLOUR,
-    LAYOUTS,
-    MANIFEST,
-    PARAMETRISATIONS,
-    SCHEMA,
-    SIGNED,
-    MapLayout,
-    extra_layout,
-    from_file,
-    to_file,
-)
+from mipbake.io.layout import LAYOUTS, MANIFEST, SCHEMA, MapLayout, extra_layout
+from mipbake.io.map_files import Levels, check_same_sources, described, is_result_folder, read_map, write_maps
 from mipbake.io.publish import check_target, published
 from mipbake.material import MODELS
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 
 SCHEMA_VERSION = 1
-
-_BLOCK = 1 << 18  # texels encoded at a time
-
-Levels = list[NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -134,15 +120,10 @@ class MipStack:
         """
         target, container = Path(path), container_for(self.model, format)
         check_output(target, self.provenance.sources)
-        quantised = [
-            (layout, [_quantised(level, layout, container) for level in chain]) for layout, chain in self.maps()
-        ]
+        write = write_maps(self.maps(), container, self.wrap, progress)
         manifest = _manifest(self, container)
         with published(target, is_stack_folder) as folder:
-            for index, (layout, chain) in enumerate(quantised):
-                container.write(folder, layout, chain, self.wrap)
-                _verify(container, folder, layout, chain)
-                progress((index + 1) / (len(quantised) + 1))
+            write(folder)
             (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
             names = [MANIFEST, *(n for entry in manifest["maps"].values() for n in entry["files"])]
         progress(1.0)
@@ -161,24 +142,7 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
     check_target(target, is_stack_folder)
     if sources is None or not is_stack_folder(target):
         return
-    manifest = json.loads((target / MANIFEST).read_text(encoding="utf-8"))
-    provenance = manifest.get("provenance")
-    earlier = provenance.get("sources") if isinstance(provenance, dict) else None
-    earlier = earlier if isinstance(earlier, dict) else {}
-    # Somebody who edits one map and bakes again means the same place; another set shares no file with this one.
-    shared = [n for n in sources if n in earlier and sources[n] in ("", earlier[n])]
-    if shared or not earlier or not sources:
-        return
-    raise OutputError(
-        f"cannot write to {target}: it holds the stack {manifest.get('name')!r} of other source files "
-        f"({_listed(earlier)}) than those to be baked now; choose another output folder, or "
-        f"remove {target} if it is no longer needed"
-    )
-
-
-def _listed(names: Iterable[str]) -> str:
-    names = list(names)
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    check_same_sources(target / MANIFEST, "stack", sources)
 
 
 def container_for(model: str, format: str) -> Container:
@@ -195,14 +159,7 @@ def container_for(model: str, format: str) -> Container:
 
 def is_stack_folder(path: Path) -> bool:
     """Whether a folder holds a stack and nothing else."""
-    try:
-        manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        if manifest["schema"] != SCHEMA:
-            return False
-        known = {MANIFEST, *(name for entry in manifest["maps"].values() for name in entry["files"])}
-        return all(p.name in known and p.is_file() for p in path.iterdir())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return False
+    return is_result_folder(path, MANIFEST, SCHEMA)
 
 
 def open_stack(path: str | Path) -> MipStack:
@@ -227,9 +184,7 @@ def open_stack(path: str | Path) -> MipStack:
             if not name.isidentifier():  # a role becomes a file name: it must not lead elsewhere
                 raise ValueError(f"{name!r} is no name of a map")
             layout = layouts.get(name) or extra_layout(name, len(entry["channels"]))
-            sizes = [(int(s["height"]), int(s["width"])) for s in entry["levels"]]
-            texels = container.read(folder, layout, sizes)
-            chains[name] = [from_file(container.dequantise(t), layout, container.srgb) for t in texels]
+            chains[name] = read_map(container, folder, layout, entry)
         provenance = manifest["provenance"]
         provenance = Provenance(**{**provenance, "warnings": tuple(provenance["warnings"])})
         filter_named(provenance.pixel_filter)
@@ -275,65 +230,27 @@ def _check_chain(what: str, chain: Sequence[NDArray[np.float32]], channels: int 
             raise UsageError(f"{what} has {bad} values that are not finite at level {index}: expected none")
 
 
-def _quantised(level: NDArray[np.float32], layout: MapLayout, container: Container) -> NDArray[np.generic]:
-    """What a container stores of one level of a map; in blocks of rows, because the way there takes float64."""
-    rows = max(1, _BLOCK // level.shape[1])
-    blocks = (level[start : start + rows] for start in range(0, len(level), rows))
-    return np.concatenate([container.quantise(to_file(block, layout, container.srgb), layout) for block in blocks])
-
-
-def _verify(container: Container, folder: Path, layout: MapLayout, chain: Sequence[NDArray[np.generic]]) -> None:
-    """Reads a map back and compares: writers are known to report success for files that are incomplete."""
-    try:
-        found = container.read(folder, layout, [(level.shape[0], level.shape[1]) for level in chain])
-    except InputError as error:
-        raise OutputError(f"the map {layout.name} did not read back after writing ({error}): check the disk") from error
-    for index, (level, back) in enumerate(zip(chain, found, strict=True)):
-        if not np.array_equal(level, back):
-            raise OutputError(f"level {index} of the map {layout.name} changed while it was written: check the disk")
-
-
-def _encoding(encoding: str, container: Container) -> str:
-    if encoding == COLOUR:
-        return "sRGB" if container.srgb else "linear"
-    return "(x + 1) / 2" if encoding == SIGNED else "linear"
-
-
 def _manifest(stack: MipStack, container: Container) -> dict[str, Any]:
     """Everything a reader must know to sample the maps."""
     height, width = stack.size
-    maps = {}
-    for layout, chain in stack.maps():
-        maps[layout.name] = {
-            "files": container.files(layout, len(chain)),
-            "shades": layout.shades,
-            "colour_space": ("sRGB" if container.srgb else "linear Rec.709") if layout.is_colour else "data",
-            "channels": [
-                {"name": name, "meaning": meaning, "encoding": _encoding(encoding, container)}
-                for name, meaning, encoding in zip(layout.channel_names, layout.meanings, layout.encodings, strict=True)
-            ],
-            "levels": [{"width": level.shape[1], "height": level.shape[0]} for level in chain],
-        }
+    maps = described(stack.model, stack.maps(), container)
     return {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
         "name": stack.name,
         "model": stack.model,
-        "parametrisation": PARAMETRISATIONS[stack.model],
-        "format": container.name,
-        "precision": container.precision,
+        "parametrisation": maps["parametrisation"],
+        "format": maps["format"],
+        "precision": maps["precision"],
         "width": width,
         "height": height,
         "wrap": {"u": stack.wrap[0], "v": stack.wrap[1]},
         "conventions": {
-            "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, "
-            "v = (i + 1/2) / height",
-            "normal_convention": "OpenGL",
-            "tangent_space": "right-handed: +X along +u, +Y up in the image, +Z out of the surface",
+            **maps["conventions"],
             "levels": "level L measures max(1, width >> L) x max(1, height >> L), complete to 1 x 1",
             "sampling": "filter trilinearly in the stored channels (colours decoded to linear first), renormalise "
             "vectors, shade once per pixel; do not filter or sharpen the levels again, and use no MIP bias",
         },
         "provenance": {**asdict(stack.provenance), "sources": dict(stack.provenance.sources)},
-        "maps": maps,
+        "maps": maps["maps"],
     }
