@@ -7,7 +7,7 @@ from typing import Any
 
 from mipbake.errors import UsageError
 
-PARAMETERS = {"gltf": 7, "ggx": 11, "beckmann": 12}
+PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
 """Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
@@ -86,9 +86,10 @@ def _check_models(name: str, models: Any) -> None:
 
 
 _NEAREST = {
-    "gltf": ("gltf-anisotropic", "ggx"),
-    "gltf-anisotropic": ("ggx", "gltf"),
-    "ggx": ("gltf-anisotropic", "gltf"),
+    "gltf": ("gltf-anisotropic", "ggx", "beckmann"),
+    "gltf-anisotropic": ("ggx", "beckmann", "gltf"),
+    "ggx": ("gltf-anisotropic", "beckmann", "gltf"),
+    "beckmann": ("ggx", "gltf-anisotropic", "gltf"),
 }
 """Encoders that can read each material model converted to theirs, the nearest first."""
 
@@ -98,7 +99,7 @@ _CONVERTED = {"gltf-anisotropic": "ggx"}
 
 def read_as(config: NetworkConfig, source: str) -> str:
     """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
-    wanted = (source, *_NEAREST.get(source, ()), *config.encoders)
+    wanted = (source, *_NEAREST[source])
     return next(model for model in wanted if model in config.encoders)
 
 

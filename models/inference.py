@@ -52,9 +52,8 @@ def bake(
     read, made = read_as(network.config, source), made_from(network.config, target)
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
-    levels = [material.convert(level, made, target) for level in levels]
-    if target == "gltf-anisotropic":
-        levels = material.align_directions(levels)
+    if made != target:
+        levels = _aligned([material.convert(level, made, target) for level in levels], target)
     return [material.regularise(level, target) for level in levels]
 
 
@@ -106,7 +105,11 @@ def bake_levels(
             assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return levels
+    return _aligned(levels, target or network.config.decoders[0])
+
+
+def _aligned(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float32]]:
+    return material.align_directions(levels) if model == "gltf-anisotropic" else levels
 
 
 def _encode_tile(

@@ -5,6 +5,7 @@ What a shader reads is constrained (colours in [0, 1], unit normals); what a net
 | model | stored channels | parameters |
 |---|---|---|
 | `gltf` | base colour 3, metallic, roughness r, normal x, y, z | base colour 3, metallic, 4 ln r, normal x, y |
+| `gltf-anisotropic` | those of `gltf`, direction x, y, strength | base colour 3, metallic, normal x, y, a, b, c |
 | `ggx` | albedo 3, F0 3, normal x, y, log-roughness tensor a, b, c | the same 11 |
 | `beckmann` | those of `ggx`, g = ln(gamma) | the same 12 |
 
@@ -62,6 +63,12 @@ def to_parameters(stored: Tensor, model: str) -> Tensor:
     if model in ("ggx", "beckmann"):
         return stored
     roughness = stored[..., 4:5].clamp(MIN_ROUGHNESS, 1)
+    if model == "gltf-anisotropic":
+        alpha, (x, y) = roughness.square(), stored[..., 8:10].split(1, -1)
+        along, across = 2 * (alpha + (1 - alpha) * stored[..., 10:].square()).log(), 2 * alpha.log()
+        mean, half = (along + across) / 2, (along - across) / 2
+        d, c = half * (x * x - y * y), half * 2 * x * y
+        return torch.cat([stored[..., :4], stored[..., 5:7], mean + d, mean - d, c], -1)
     return torch.cat([stored[..., :4], 4 * roughness.log(), stored[..., 5:7]], -1)
 
 
@@ -75,6 +82,39 @@ def _gltf(parameters: Tensor) -> Tensor:
     xy = _onto_disc(parameters[..., 5:7])
     z = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=MIN_HEIGHT**2).sqrt()
     return torch.cat([clamp(parameters[..., :4], 0, 1), roughness, xy, z], -1)
+
+
+def _gltf_anisotropic(parameters: Tensor) -> Tensor:
+    """The pair of roughnesses from the eigenvalues of the tensor, the direction from its axis of the larger one.
+
+    Strength and direction have no derivative at isotropy, but what is shaded has: tiny amounts are added, so that the
+    factors which grow there stay finite, and meet those which vanish.
+    """
+    a, b, c = parameters[..., 6:9].unbind(-1)
+    mean, d = (a + b) / 2, (a - b) / 2
+    radius = (d * d + c * c + 1e-12).sqrt()
+    wide, narrow = (clamp(mean + s * radius, MIN_LOG_ALPHA2, 0) for s in (1, -1))
+    alpha = (narrow / 2).exp()
+    strength = (((wide / 2).exp() - alpha) / (1 - alpha).clamp(min=1e-3) + 1e-8).sqrt()
+    angle = torch.atan2(c, torch.where(d * d + c * c < 1e-12, 1e-6, d)) / 2
+    xy = _onto_disc(parameters[..., 4:6])
+    z = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=MIN_HEIGHT**2).sqrt()
+    lobe = torch.stack([angle.cos(), angle.sin(), strength], -1)
+    return torch.cat([clamp(parameters[..., :4], 0, 1), (narrow / 4).exp()[..., None], xy, z, lobe], -1)
+
+
+def align_directions(levels: list[Tensor]) -> list[Tensor]:
+    """`material.align_directions` of (B, H_L, W_L, 11) levels of `gltf-anisotropic`; differentiable, signs constant."""
+    aligned, before = [], levels[0].new_tensor([1.0, 0.0])
+    for level in levels:
+        direction = level[..., 8:10].detach()
+        x, y = (direction * level[..., 10:].detach()).flatten(1, 2).unbind(-1)
+        angle = torch.atan2(2 * (x * y).sum(1), (x * x - y * y).sum(1)) / 2
+        axis = torch.stack([angle.cos(), angle.sin()], -1)
+        before = torch.where((axis * before).sum(-1, keepdim=True) >= 0, axis, -axis)
+        sign = torch.where((direction * before[:, None, None]).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+        aligned.append(torch.cat([level[..., :8], level[..., 8:10] * sign, level[..., 10:]], -1))
+    return aligned
 
 
 def _ggx(parameters: Tensor, least: float = MIN_LOG_ALPHA2) -> Tensor:
@@ -98,4 +138,9 @@ def _onto_disc(xy: Tensor) -> Tensor:
     return xy * xy.square().sum(-1, keepdim=True).clamp(min=1).rsqrt()
 
 
-_TO_STORED: dict[str, Callable[[Tensor], Tensor]] = {"gltf": _gltf, "ggx": _ggx, "beckmann": _beckmann}
+_TO_STORED: dict[str, Callable[[Tensor], Tensor]] = {
+    "gltf": _gltf,
+    "gltf-anisotropic": _gltf_anisotropic,
+    "ggx": _ggx,
+    "beckmann": _beckmann,
+}

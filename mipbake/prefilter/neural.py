@@ -7,16 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.pixel_filter import Wrap
 
 if TYPE_CHECKING:
     from mipbake.models.registry import WeightsInfo
-
-_NETWORK_OF = {"gltf": "gltf", "gltf-anisotropic": "ggx", "ggx": "ggx"}
-"""Material model whose network bakes each target; `gltf-anisotropic` is converted from `ggx`, texel by texel."""
 
 
 class Neural:
@@ -44,13 +40,14 @@ class Neural:
         """The weights that bakes of a target use; UsageError where there are none for it and the pixel filter."""
         from mipbake.models.registry import default_weights
 
-        model, info = _NETWORK_OF[target], self._chosen
+        info = self._chosen
         if info is None:
-            return default_weights(model, pixel_filter)
-        if (info.network.model, info.pixel_filter) != (model, pixel_filter):
+            return default_weights(target, pixel_filter)
+        if target not in info.targets or pixel_filter not in info.pixel_filters:
             raise UsageError(
-                f"weights {info.name} are for material model {info.network.model} with pixel filter "
-                f"{info.pixel_filter}: expected some for {model} with {pixel_filter}; choose others, or leave them out"
+                f"weights {info.name} are for material model {' or '.join(info.targets)} with pixel filter "
+                f"{' or '.join(info.pixel_filters)}: expected some for {target} with {pixel_filter}; choose others, "
+                "or leave them out"
             )
         return info
 
@@ -58,15 +55,8 @@ class Neural:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
-        from mipbake.models.inference import bake_levels
         from mipbake.models.registry import load_network
 
-        model = _NETWORK_OF[target]
         info = self.weights(target, pixel_filter)
-        network = load_network(info)
-        channels = np.ascontiguousarray(material.convert(stored, source, model))
-        levels = bake_levels(network, channels, wrap, progress=progress)
-        if target != model:
-            levels = material.align_directions([material.convert(level, model, target) for level in levels])
-        levels = [material.regularise(level, target) for level in levels]
+        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress)
         return PrefilterResult(levels, info.name, info.sha256)
