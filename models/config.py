@@ -22,7 +22,7 @@ class NetworkConfig:
         encoders: material models that are read, keys of PARAMETERS; each has an encoder of its own.
         decoders: material models that are made; each has a decoder of its own, all on the same latents.
         latent_filter: kernel of the linear downsampling in latent space.
-        latent_channels: maps of the latent code; at least as many as any model has parameters.
+        latent_channels: maps of the latent code; at least as many as the encoders' models have parameters together.
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
         decoder_layers: dense 1 x 1 layers.
         growth: new maps a layer.
@@ -54,10 +54,10 @@ class NetworkConfig:
             raise UsageError(f"network.residual must be true or false, got {self.residual!r}")
         if self.residual and (len(self.encoders) > 1 or self.decoders != self.encoders):
             raise UsageError("network.residual needs one encoder, and one decoder of the same material model")
-        least = max(self.fixed_latents + 1, *(PARAMETERS[model] for model in self.models))
+        least = max(self.fixed_latents + 1, sum(PARAMETERS[model] for model in self.encoders))
         if self.latent_channels < least:
             raise UsageError(
-                f"network.latent_channels must be at least {least} for {', '.join(self.models)}, "
+                f"network.latent_channels must be at least {least} for {', '.join(self.encoders)}, "
                 f"got {self.latent_channels}"
             )
 

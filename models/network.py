@@ -5,8 +5,8 @@ has one of each. An encoder sees the texture extended beyond its borders by its 
 and consumes that halo with convolutions that pad nothing. So a tile with its halo gives what the whole image gives.
 
 An untrained network is linear prefiltering: the first latents carry the whitened input, a decoder's last layer reads
-them alone, and un-whitening undoes whitening. Training starts from there. Between two material models, the best linear
-map of whitened parameters stands in their place.
+them alone, and un-whitening undoes whitening. Training starts from there. Between two material models the linear map
+nearest to their conversion stands in.
 
 A residual network (`NetworkConfig.residual`) keeps that baseline instead of only starting from it. The first P latents
 *are* the pixel-filtered whitened parameters and one more is the filtered sum of their squares, so that any level knows
@@ -155,32 +155,47 @@ class Network(nn.Module):
         """Texels around an output texel that it depends on."""
         return self.config.encoder_layers
 
-    def fit(self, samples: dict[str, Tensor]) -> None:
-        """Takes the whitening from (N, P) parameters of the same materials in each model; starts the network there.
+    def fit(self, samples: dict[str, dict[str, Tensor]]) -> None:
+        """Takes the whitening from samples, and starts the network at linear prefiltering.
 
-        The latents of every encoder start as the whitened parameters of the first one, or what is linearly nearest;
-        decoders read them so.
+        The first latents are the whitened parameters of every model that is read, one after the other: the encoder's
+        own as they are, those of the others as what is linearly nearest. A decoder reads those of its own model, or
+        what is linearly nearest to those of the first.
+
+        Args:
+            samples: of each encoder's model, (N, P) parameters of the same materials in every model of the network.
         """
+        encoders, first = self.config.encoders, self.config.encoders[0]
         for model in self.config.models:
-            self.whitening[model].fit(samples[model])
+            self.whitening[model].fit(samples[model if model in encoders else first][model])
         if self.config.residual:
             return
-        first = self.config.encoders[0]
-        whitened = {model: self.whitening[model](samples[model]) for model in self.config.models}
+        counts = [PARAMETERS[model] for model in encoders]
+        slots = {m: slice(sum(counts[:i]), sum(counts[: i + 1])) for i, m in enumerate(encoders)}
         with torch.no_grad():
-            for model, encoder in self.encoders.items():
-                if model != first:
-                    matrix, offset = _linear_map(whitened[model], whitened[first])
-                    rows = slice(0, PARAMETERS[first])
-                    encoder.project.weight[rows] = 0
-                    encoder.project.weight[rows, : PARAMETERS[model]] = matrix
-                    encoder.project.bias[rows] = offset
+            for source, encoder in self.encoders.items():
+                for model, slot in slots.items():
+                    matrix, offset = self._linear_map(samples[source], source, model)
+                    encoder.project.weight[slot] = 0
+                    encoder.project.weight[slot, : PARAMETERS[source]] = matrix
+                    encoder.project.bias[slot] = offset
             for model, decoder in self.decoders.items():
-                if model != first:
-                    matrix, offset = _linear_map(whitened[first], whitened[model])
-                    decoder.output.weight.zero_()
-                    decoder.output.weight[:, : PARAMETERS[first]] = matrix
-                    decoder.output.bias.copy_(offset)
+                source = model if model in encoders else first
+                matrix, offset = self._linear_map(samples[source], source, model)
+                decoder.output.weight.zero_()
+                decoder.output.weight[:, slots[source]] = matrix
+                decoder.output.bias.copy_(offset)
+
+    def _linear_map(self, samples: dict[str, Tensor], source: str, target: str) -> tuple[Tensor, Tensor]:
+        """Matrix (Q, P) and offset (Q,) of the least-squares map between whitened parameters of two models."""
+        if source == target:
+            return torch.eye(PARAMETERS[source]), torch.zeros(PARAMETERS[source])
+        inputs, outputs = (self.whitening[m](samples[m]).double() for m in (source, target))
+        inputs = torch.cat([inputs, torch.ones_like(inputs[:, :1])], 1)
+        # A ridge: channels that are constant in the sample say nothing, and are to be ignored rather than extrapolated.
+        gram = inputs.T @ inputs / len(inputs) + 1e-6 * torch.eye(inputs.shape[1], dtype=torch.float64)
+        solution = torch.linalg.solve(gram, inputs.T @ outputs / len(inputs)).float()
+        return solution[:-1].T, solution[-1]
 
     def encode(self, stored: Tensor, wrap: Wrap, source: str | None = None) -> Tensor:
         """(B, H, W, C) stored channels of a source (default: the only one) to (B, H, W, Z) latents, any size."""
@@ -269,15 +284,6 @@ class Network(nn.Module):
         if len(models) > 1:
             raise UsageError(f"a network with the {kind} {', '.join(models)} needs one of them named")
         return models[0]
-
-
-def _linear_map(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
-    """Matrix (Q, P) and offset (Q,) of the least-squares map of (N, P) to (N, Q)."""
-    extended = torch.cat([inputs, torch.ones_like(inputs[:, :1])], 1).double()
-    # A ridge: channels that are constant in the sample say nothing, and are to be ignored rather than extrapolated.
-    gram = extended.T @ extended / len(inputs) + 1e-6 * torch.eye(extended.shape[1], dtype=torch.float64)
-    solution = torch.linalg.solve(gram, extended.T @ outputs.double() / len(inputs)).float()
-    return solution[:-1].T, solution[-1]
 
 
 def extend(image: Tensor, border: int, wrap: Wrap) -> Tensor:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from mipbake.training.config import TrainingConfig, config_from
 
 
@@ -19,3 +21,11 @@ def tiny(**sections: dict[str, Any]) -> TrainingConfig:
     for name, section in sections.items():
         content[name] |= section
     return config_from(content)
+
+
+@pytest.fixture
+def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Validation of seconds less."""
+    for name, value in {"_PATCHES": 2, "_PATCH_SIZE": 16, "_PAIRS": 4, "_POINTS": 16, "_SAMPLES": 8}.items():
+        monkeypatch.setattr(f"mipbake.training.validation.{name}", value)
+    monkeypatch.setattr("mipbake.training.validation._PICTURE_SAMPLES", 4)

@@ -52,7 +52,7 @@ def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
 def untrained(model: str = "gltf", **changes: object) -> Network:
     torch.manual_seed(1)
     network = Network(NetworkConfig((model,), (model,), **changes))  # type: ignore[arg-type]
-    network.fit({model: to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1)})
+    network.fit({model: {model: to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1)}})
     return network.requires_grad_(False)
 
 
@@ -177,7 +177,8 @@ def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int
     tiled = bake_levels(network, stored, wrap, tile=11)
     assert [level.shape for level in tiled] == [tuple(level.shape[1:]) for level in whole]
     for left, right in zip(tiled, whole, strict=True):
-        np.testing.assert_allclose(left, right[0], atol=1e-5)
+        # The direction of a texel that is nearly isotropic is made of small differences.
+        np.testing.assert_allclose(left, right[0], atol=1e-4 if model == ANISOTROPIC else 1e-5)
 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)

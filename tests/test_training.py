@@ -16,7 +16,15 @@ from mipbake.metrics import pair_set
 from mipbake.render import reference
 from mipbake.shading.ops import shade
 from mipbake.training import augmentation, data, loop, loss
-from mipbake.training.config import LossConfig, OptimiserConfig, TrainingConfig, config_from, plain, read_config
+from mipbake.training.config import (
+    AUGMENTED,
+    LossConfig,
+    OptimiserConfig,
+    TrainingConfig,
+    config_from,
+    plain,
+    read_config,
+)
 from mipbake.training.procedural import procedural_set
 
 from .small_training import tiny
@@ -24,7 +32,7 @@ from .small_training import tiny
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
 CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
-MODEL_NAMES = ("gltf", "ggx")
+MODEL_NAMES = AUGMENTED
 
 
 def patches_of(model: str, count: int = 6, size: int = 32) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -45,7 +53,7 @@ def assert_valid(stored: np.ndarray[Any, Any], model: str) -> None:
         tensor = tensor_exp(stored[..., 8:11].astype(np.float64))
         determinant = tensor[..., 0] * tensor[..., 1] - tensor[..., 2] ** 2
         assert (determinant > 0).all()
-        assert (tensor[..., :2].sum(-1) <= 2 + 1e-4).all()
+        assert (tensor[..., :2].sum(-1) <= (2.6 if model == "beckmann" else 2 + 1e-4)).all()
 
 
 # Configurations
@@ -167,7 +175,7 @@ def test_turned_patches_look_the_same_under_turned_light(model: str, quarter_tur
 
     size = 8
     patch = patches_of(model, 1, size)[0]
-    if model == "ggx":
+    if model != "gltf":
         patch[..., 8:11] = augmentation.change_roughness(patch[None], model, np.random.default_rng(3))[0, ..., 8:11]
         patch[..., 8] += 1.0
     pairs = pair_set("near-mirror", 0, 8)

@@ -22,18 +22,16 @@ from mipbake.training.export import export_weights
 from mipbake.training.procedural import procedural_set
 from mipbake.training.validation import Validator
 
-from .small_training import tiny
+from .small_training import small_validation, tiny
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
 MODEL_NAMES = ("gltf", "ggx")
 
 
-@pytest.fixture(autouse=True)
-def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"_PATCHES": 2, "_PATCH_SIZE": 16, "_PAIRS": 4, "_POINTS": 16, "_SAMPLES": 8}.items():
-        monkeypatch.setattr(f"mipbake.training.validation.{name}", value)
-    monkeypatch.setattr("mipbake.training.validation._PICTURE_SAMPLES", 4)
+pytestmark = pytest.mark.usefixtures("small_validation")
+
+__all__ = ["small_validation"]
 
 
 # The loop

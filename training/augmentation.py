@@ -1,7 +1,8 @@
 """Data augmentation (section 3.4 of Kemppinen et al. 2023), on batches of patches (B, S, S, C) of stored channels.
 
 Valid materials stay valid: colours only trade places, normals stay unit and above the surface, roughness stays between
-the floor that shading has and 1.
+the floor that shading has and 1, exponents within their limits. Of `gltf`, `ggx` and `beckmann`; a model with a
+roughness tensor has it in channels 8 to 10, its normal in 6 and 7.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.material import MIN_ROUGHNESS, lift_normal
+from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2, lift_normal
 
 Patches = NDArray[np.float32]
 Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
@@ -21,11 +22,11 @@ _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2
 _LOG_ANISOTROPY_SPREAD = 0.8
 _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4
 _LOG_ECCENTRICITY_SPREAD = 0.3
+_LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
 _UNCHANGED = 0.25
 """Share of patches whose roughness, and of others whose normals, are left as they are."""
 
 _MIN_HEIGHT = 0.05  # of augmented normals, cos 87 degrees; slopes are limited accordingly
-_MIN_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS)
 
 
 def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
@@ -33,11 +34,12 @@ def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
     patches = permute_colours(patches, model, rng)
     patches = reorient(patches, model, rng)
     patches = change_roughness(patches, model, rng)
-    return change_normals(patches, model, rng)
+    patches = change_normals(patches, model, rng)
+    return change_kurtosis(patches, rng) if model == "beckmann" else patches
 
 
 def permute_colours(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
-    """Permutes red, green and blue; albedo and F0 of `ggx` alike, so that their correlation stays."""
+    """Permutes red, green and blue; albedo and F0 alike, so that their correlation stays."""
     order = rng.permuted(np.tile(np.arange(3), (len(patches), 1)), axis=1)[:, None, None]
     colours = [slice(0, 3)] if model == "gltf" else [slice(0, 3), slice(3, 6)]
     out: Patches = patches.copy()
@@ -58,18 +60,18 @@ def turn(patch: Patches, quarter_turns: int, mirror: bool, model: str) -> Patche
     x = 5 if model == "gltf" else 6
     for _ in range(quarter_turns % 4):
         out[..., x], out[..., x + 1] = -out[..., x + 1], out[..., x].copy()
-    if model == "ggx" and quarter_turns % 2:
+    if model != "gltf" and quarter_turns % 2:
         out[..., 8], out[..., 9], out[..., 10] = out[..., 9].copy(), out[..., 8].copy(), -out[..., 10]
     if mirror:
         out = out[:, ::-1].copy()
         out[..., x] *= -1
-        if model == "ggx":
+        if model != "gltf":
             out[..., 10] *= -1
     return out
 
 
 def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
-    """Scales the roughness tensor; for `ggx` also turns it and stretches it along a random axis."""
+    """Scales the roughness tensor; where it is one, also turns it and stretches it along a random axis."""
     scale = _some(rng, len(patches), _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD)
     out: Patches = patches.copy()
     if model == "gltf":
@@ -78,12 +80,14 @@ def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> 
     stretch = _some(rng, len(patches), 0.0, _LOG_ANISOTROPY_SPREAD)
     twice, axis = (2 * np.pi * rng.random((2, len(patches), 1, 1))).astype(np.float32)
     a, b, c = np.moveaxis(patches[..., 8:11], -1, 0)
-    mean, d = (a + b) / 2 + scale, (a - b) / 2
+    mean, d = (a + b) / 2, (a - b) / 2
+    roughest = np.maximum(mean + np.hypot(d, c), 0)  # what other models convert to reaches a little beyond 0
+    mean = mean + scale
     # (d, c) turns by twice the angle of the tensor.
     d, c = np.cos(twice) * d - np.sin(twice) * c, np.sin(twice) * d + np.cos(twice) * c
     d, c = d + stretch * np.cos(axis), c + stretch * np.sin(axis)
     radius = np.hypot(d, c)
-    high, low = (np.clip(mean + s * radius, _MIN_LOG_ALPHA2, 0) for s in (1, -1))
+    high, low = (np.clip(mean + s * radius, math.log(least_alpha2(model)), roughest) for s in (1, -1))
     shrink = (high - low) / np.maximum(2 * radius, 1e-6)
     mean = (high + low) / 2
     out[..., 8:11] = np.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
@@ -110,6 +114,14 @@ def change_normals(patches: Patches, model: str, rng: np.random.Generator) -> Pa
     out[..., x : x + 2] = changed[..., :2]
     if model == "gltf":
         out[..., 7] = changed[..., 2]
+    return out
+
+
+def change_kurtosis(patches: Patches, rng: np.random.Generator) -> Patches:
+    """Shifts g = ln(gamma) of `beckmann`: sets converted from other models all have much the same."""
+    out: Patches = patches.copy()
+    shift = _some(rng, len(patches), _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD)
+    out[..., 11] = np.clip(patches[..., 11] + shift, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
     return out
 
 

@@ -51,6 +51,9 @@ class DataConfig:
 
 WEIGHTINGS = ("prediction", "error")
 
+AUGMENTED = ("gltf", "ggx", "beckmann")
+"""Material models that data augmentation knows, and so those that can be read."""
+
 
 @dataclass(frozen=True)
 class LossConfig:
@@ -168,6 +171,10 @@ class TrainingConfig:
     loss: LossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     run: RunConfig = field(default_factory=RunConfig)
+
+    def __post_init__(self) -> None:
+        for model in self.network.encoders:
+            _require(model in AUGMENTED, "network.encoders", f"of {', '.join(AUGMENTED)} in a training", model)
 
 
 def read_config(path: Path) -> TrainingConfig:

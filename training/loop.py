@@ -206,11 +206,13 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
 
 
 def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
-    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), the same ones in every model."""
-    rng, first = step_generator(config.run.seed, _WHITENING_STEP), config.network.encoders[0]
-    patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, first, rng)
-    samples = {model: torch.from_numpy(convert(patches, first, model)) for model in config.network.models}
-    network.fit({model: to_parameters(stored, model).flatten(0, 2) for model, stored in samples.items()})
+    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read."""
+    rng, samples = step_generator(config.run.seed, _WHITENING_STEP), {}
+    for source in config.network.encoders:
+        patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng)
+        stored = {model: torch.from_numpy(convert(patches, source, model)) for model in config.network.models}
+        samples[source] = {model: to_parameters(s, model).flatten(0, 2) for model, s in stored.items()}
+    network.fit(samples)
 
 
 def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], None] = print) -> TrainingState:
