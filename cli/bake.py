@@ -11,18 +11,17 @@ import mipbake
 from mipbake import MipbakeError, UsageError
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.cli import options
+from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.io.discover import find
 from mipbake.io.options import LoadOptions
-from mipbake.io.sources import Discovery
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
 from mipbake.prefilter.time_budget import BEST
-from mipbake.stack import check_output, container_for
-from mipbake.texture_set import TextureSet
+from mipbake.stack import Provenance, check_output, container_for
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
@@ -89,7 +88,7 @@ def bake(
         format_named(format)
     else:
         container_for(target, format)
-    _check_names(folders, load)
+    check_names(folders, lambda folder: find(folder, load).name, "bake")
 
     results = []
     for folder in folders:
@@ -101,26 +100,6 @@ def bake(
     if len(folders) > 1:
         session.print(f"{sum(r['ok'] for r in results)} of {len(folders)} sets baked")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
-
-
-def _check_names(folders: list[Path], load: LoadOptions) -> None:
-    """UsageError when two folders would be written to one place."""
-    names: dict[str, Path] = {}
-    for folder in folders:
-        try:
-            name = find(folder, load).name
-        except mipbake.InputError:
-            continue  # reported when its turn comes
-        if name in names:
-            raise UsageError(
-                f"{names[name]} and {folder} are both called {name}: bake them into different folders, one at a time"
-            )
-        names[name] = folder
-
-
-def _file_hashes(found: Discovery | TextureSet) -> dict[str, str]:
-    """Source file name to SHA-256, which is empty before the file is read."""
-    return {source.path.name: source.sha256 for source in sources_of(found).values() if source.path}
 
 
 def _bake_one(
@@ -138,12 +117,12 @@ def _bake_one(
     """Bakes and writes one set, prints what happened, and returns it for JSON."""
     found = find(folder, load)
     place = out / found.name
-    check_output(place, _file_hashes(found))
+    check_output(place, file_hashes(found))
     with stages(session, place.name) as reading:
         reading("read", 0.0)
         texture_set = mipbake.load(folder, load)
         reading("read", 1.0)
-    check_output(place, _file_hashes(texture_set))
+    check_output(place, file_hashes(texture_set))
     session.print(f"{folder}: {texture_set.width} x {texture_set.height}", map_table(sources_of(texture_set)))
     session.print(*remarks(texture_set))
     with stages(session, place.name) as baking:
@@ -156,6 +135,7 @@ def _bake_one(
     session.print(
         f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
         f"{len(stack.levels)} levels",
+        *_promise(provenance),
         f"time: {baking.summary()}",
         f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
     )
@@ -171,3 +151,14 @@ def _bake_one(
         "seconds": baking.seconds,
         "set": set_report(texture_set),
     }
+
+
+def _promise(provenance: Provenance) -> list[str]:
+    """What was measured, in plain lines: one for each pair set."""
+    promise = provenance.promise
+    if promise is None:
+        return []
+    return [
+        f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
+        for name in promise.levels[0].snr
+    ]

@@ -86,9 +86,10 @@ def plain(value: Any) -> Any:
 
 @dataclass
 class Stages:
-    """Stages of a piece of work as they finish: how long each took, and a bar for the one at work."""
+    """Stages of a piece of work as they finish: how long each took, a bar for the one at work, the last note."""
 
     show: Callable[[str, float], None] = lambda _stage, _share: None
+    note: Callable[[str], None] = lambda _text: None
     seconds: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
@@ -122,4 +123,8 @@ def stages(session: Session, label: str) -> Iterator[Stages]:
                 tasks[stage] = bar.add_task(f"{label}: {stage}", total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        yield Stages(show)
+        def note(text: str) -> None:
+            stage, task = next(reversed(tasks.items()))
+            bar.update(task, description=f"{label}: {stage}, {text}")
+
+        yield Stages(show, note)

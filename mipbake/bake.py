@@ -10,6 +10,7 @@ from mipbake import __version__
 from mipbake.errors import UsageError
 from mipbake.material import MODELS
 from mipbake.prefilter import method_named
+from mipbake.prefilter.base import say
 from mipbake.prefilter.pixel_filter import filter_named, filtered_levels
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
@@ -23,6 +24,19 @@ TARGETS = (AUTO_TARGET, *MODELS)
 
 StageProgress = Callable[[str, float], None]
 """Told the name of the stage and its finished share, from 0 to 1."""
+
+
+class _Prefiltering:
+    """Progress of the prefilter as that of a stage; notes go through (mipbake.prefilter.base.Notes)."""
+
+    def __init__(self, progress: StageProgress) -> None:
+        self._progress = progress
+
+    def __call__(self, share: float) -> None:
+        self._progress("prefilter", share)
+
+    def note(self, text: str) -> None:
+        say(self._progress, text)
 
 
 def resolve_target(texture_set: TextureSet, target: str) -> str:
@@ -50,7 +64,8 @@ def bake(
         method: a name in `mipbake.prefilter.METHODS`.
         target: a material model in `mipbake.material.MODELS`, or "auto".
         pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`; what the engine's pixels are filtered with.
-        progress: told stage and share as the work goes on.
+        progress: told stage and share as the work goes on. Where it has a method `note`, methods that optimise tell it
+            the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
         budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the method's own.
 
@@ -67,7 +82,7 @@ def bake(
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model
     stored = texture_set.material(source)
-    result = prefilter(stored, source, model, kernel, texture_set.wrap, lambda share: progress("prefilter", share))
+    result = prefilter(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
     if not all(np.isfinite(level).all() for level in result.levels):
         raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
     extra = {}
@@ -89,5 +104,6 @@ def bake(
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
             warnings=texture_set.warnings,
+            promise=result.promise,
         ),
     )

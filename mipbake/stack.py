@@ -21,6 +21,7 @@ from mipbake.io.map_files import Levels, check_same_sources, described, is_resul
 from mipbake.io.publish import check_target, published
 from mipbake.material import MODELS
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
+from mipbake.prefilter.promise import Promise, promise_from
 
 SCHEMA_VERSION = 1
 
@@ -37,6 +38,7 @@ class Provenance:
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that level 0 was made from.
         warnings: what a user should know, in sentences.
+        promise: how every level measured beside the best closed form, by methods that measure; None for others.
     """
 
     method: str
@@ -47,6 +49,7 @@ class Provenance:
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""
     warnings: tuple[str, ...] = ()
+    promise: Promise | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +189,8 @@ def open_stack(path: str | Path) -> MipStack:
             layout = layouts.get(name) or extra_layout(name, len(entry["channels"]))
             chains[name] = read_map(container, folder, layout, entry)
         provenance = manifest["provenance"]
-        provenance = Provenance(**{**provenance, "warnings": tuple(provenance["warnings"])})
+        read = {"warnings": tuple(provenance["warnings"]), "promise": promise_from(provenance.get("promise"))}
+        provenance = Provenance(**{**provenance, **read})
         filter_named(provenance.pixel_filter)
         levels = [np.concatenate(parts, -1) for parts in zip(*(chains[n] for n in layouts), strict=True)]
         extra = {name: chain for name, chain in chains.items() if name not in layouts}

@@ -174,7 +174,7 @@ def test_a_block_changes_its_own_texels_alone() -> None:
     levels = [level.copy() for level in start.levels]
     block = optimum._blocks(task, 16)[1]
     rng = np.random.default_rng(0)
-    lobes = [pixel_samples.Lobes(each) for each in optimum._lobes(task)]
+    lobes = [pixel_samples.Lobes(each) for each in optimum.lobes_under(task)]
     texel_descent.descend(task, levels, block, [True] * 6, lobes, start.ahead, SMALL, rng, np.inf, lambda _: None)
     changed = [(a != b).any(-1) for a, b in zip(start.levels, levels, strict=True)]
     assert changed[0][:16, :16].mean() > 0.9

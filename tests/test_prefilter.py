@@ -9,9 +9,10 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import UsageError
-from mipbake.prefilter import METHODS, method_named, optimum
+from mipbake.prefilter import METHODS, method_named, optimum, refine
 from mipbake.prefilter.held_out import Budget
 from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.prefilter.scores import Effort
 
 WRAP = ("wrap", "wrap")
 
@@ -19,7 +20,10 @@ WRAP = ("wrap", "wrap")
 @pytest.fixture(autouse=True)
 def little_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Descents of a round: what every method promises does not hang on how long they take."""
-    monkeypatch.setattr(optimum, "DEFAULT_BUDGET", Budget(rounds=1, pairs=8, points=16, held_out_pairs=32))
+    short = Budget(rounds=1, pairs=8, points=16, held_out_pairs=32)
+    monkeypatch.setattr(optimum, "DEFAULT_BUDGET", short)
+    monkeypatch.setattr(refine, "DEFAULT_BUDGET", short)
+    monkeypatch.setattr(refine, "DEFAULT_EFFORT", Effort(2, 4, 2, 8, 2))
 
 
 def bumpy(height: int = 24, width: int = 20, spread: float = 0.3) -> np.ndarray:

@@ -17,8 +17,8 @@ ROOMS["mipbake.cli"] = ROOT / "cli"
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
-    # Gradients by texels; optimum.py imports them when it is called.
-    r"|mipbake\.prefilter\.(texel_descent|texel_coordinates|pixel_samples|pair_weights)$"
+    # Gradients by texels; optimum.py, blending.py and refine.py import them when they are called.
+    r"|mipbake\.prefilter\.(level_fit|lit_samples|lobes|pair_weights|pixel_samples|texel_coordinates|texel_descent)$"
 )
 
 

@@ -15,17 +15,18 @@ from mipbake.prefilter.lean import Lean
 from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.optimum import Optimum
+from mipbake.prefilter.refine import Auto, Refine
 from mipbake.prefilter.toksvig import TOKSVIG
 from mipbake.prefilter.unreal import UNREAL
 from mipbake.prefilter.vmf import VMF
 
 METHODS: Mapping[str, Prefilter] = {
-    m.name: m for m in (Neural(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
+    m.name: m for m in (Auto(), Neural(), Refine(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
 }
 
 OPTIONS: Mapping[str, Mapping[str, Callable[..., Prefilter]]] = {
-    "weights": {Neural.name: Neural},
-    "budget": {Optimum.name: Optimum.within},
+    "weights": {Auto.name: Auto, Neural.name: Neural, Refine.name: Refine},
+    "budget": {Auto.name: Auto, Refine.name: Refine, Optimum.name: Optimum.within},
 }
 """Option to the methods that have it, and what makes one with it from the option's keyword."""
 

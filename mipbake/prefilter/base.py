@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.prefilter.promise import Promise
 
 Progress = Callable[[float], None]
 """Told the finished share of the work, from 0 to 1."""
+
+
+@runtime_checkable
+class Notes(Protocol):
+    """A Progress that also takes notes: how good the result is by now, in a few words."""
+
+    def note(self, text: str) -> None:
+        """Shows the text beside the share, in place of the last one."""
+
+
+def say(progress: object, text: str) -> None:
+    """Tells a progress that takes notes."""
+    if isinstance(progress, Notes):
+        progress.note(text)
 
 
 @dataclass(frozen=True)
@@ -23,11 +38,13 @@ class PrefilterResult:
         levels: (H_L, W_L, C) float32 stored channels of the target model, level 0 to 1 x 1.
         weights: name of the trained weights; None for closed forms.
         weights_sha256: their hash; None for closed forms.
+        promise: what was measured while it was made; None for methods that measure nothing.
     """
 
     levels: list[NDArray[np.float32]]
     weights: str | None = None
     weights_sha256: str | None = None
+    promise: Promise | None = None
 
 
 class Prefilter(Protocol):

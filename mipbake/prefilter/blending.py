@@ -10,7 +10,7 @@ the candidate that is safe there, as far as needed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,10 +77,12 @@ class Blend:
     lit: list[float]
 
 
-def closed_forms(problem: Problem, methods: Mapping[str, Prefilter]) -> Iterator[Candidate]:
+def closed_forms(problem: Problem) -> Iterator[Candidate]:
     """Every closed form, with the pixel filter and with the box as its averaging kernel."""
+    from mipbake.prefilter import METHODS
+
     for kernel in dict.fromkeys((problem.pixel_filter, KERNEL_OF_ORIGIN)):
-        for method in methods.values():
+        for method in METHODS.values():
             if method.averages:
                 yield candidate(problem, method, kernel)
 
@@ -107,9 +109,11 @@ def blend(
     Args:
         candidates: in the order of preference where they measure the same, BASE with the pixel filter among them. A
             network need not be.
-        effort: of each of the two sets of renders.
+        effort: of the renders that judge; those that are fitted to have half the points.
     """
-    train, judge = (Scores(problem, effort, 2 * seed + which) for which in range(2))
+    # A handful of weights a level needs fewer points than a verdict on them.
+    fewer = replace(effort, points=max(1, effort.points // 2), lit_points=max(1, effort.lit_points // 2))
+    train, judge = Scores(problem, fewer, 2 * seed), Scores(problem, effort, 2 * seed + 1)
     bench = _Bench(problem, candidates, (train, judge), progress)
     asked = [bench.asked(0, index) for index in range(len(train.lods))]
     weights = _fitted(bench, train, asked)
@@ -188,9 +192,8 @@ class _Bench:
     def rivals(self, index: int) -> list[Rival]:
         """The best closed form of each pair set at a level of detail, as the judge sees it."""
         forms = {name: self._found[name, 1][index].log_errors for name, c in self._candidates.items() if c.closed_form}
-        best = [
-            min(forms, key=lambda name, kind=kind: float(forms[name][kind].mean())) for kind in range(len(PAIR_SETS))
-        ]  # type: ignore[misc]
+        means = {name: rows.mean(1) for name, rows in forms.items()}
+        best = [min(means, key=lambda name, kind=kind: float(means[name][kind])) for kind in range(len(PAIR_SETS))]  # type: ignore[misc]
         return [Rival(name, forms[name][kind]) for kind, name in enumerate(best)]
 
     def asked(self, which: int, index: int) -> Score:
@@ -251,7 +254,7 @@ def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], 
 
 def mean(seen: Sequence[Image]) -> Image:
     """What a lookup halfway between levels, or at one, makes of lookups in each."""
-    return seen[0] if len(seen) == 1 else (seen[0] + seen[1]) / np.float32(2)
+    return seen[0] if len(seen) == 1 else np.asarray((seen[0] + seen[1]) / 2, np.float32)
 
 
 def _cost(score: Score, asked: Score) -> float:

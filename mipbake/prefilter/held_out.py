@@ -46,6 +46,7 @@ class Budget:
         samples: reference samples of a pixel of level 0; they double with every second level.
         points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
         window: blocks of large sets are at most so many texels a side.
+        lit: whether renders under a studio's lights, tonemapped, count beside those of pairs (lit_samples.py).
         seconds: wall-clock limit, checked after each round; None for none. Only without one are results reproducible.
     """
 
@@ -56,6 +57,7 @@ class Budget:
     points: int = 256
     held_out_pairs: int = 1024
     window: int = 512
+    lit: bool = False
     seconds: float | None = None
 
     def __post_init__(self) -> None:

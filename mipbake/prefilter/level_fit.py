@@ -22,8 +22,9 @@ from torch import Tensor
 
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.prefilter.held_out import SET_SIZE
-from mipbake.prefilter.scores import EXPOSURE, FLOOR, Image, Probe, Score
+from mipbake.prefilter.held_out import SET_SIZE, Image
+from mipbake.prefilter.lit_samples import encoded
+from mipbake.prefilter.scores import EXPOSURE, FLOOR, Probe, Score
 from mipbake.render.environment import Lighting
 from mipbake.shading.ops import shade
 
@@ -31,6 +32,7 @@ _SETS = len(PAIR_SETS)
 _BEHIND = 4.0  # times that a logarithm counts in addition while it is behind what is asked for
 _LIT = 1.0  # that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 2e-3
+_UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _STRIDE = 4  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
 
@@ -131,7 +133,9 @@ class _Term:
         off = shaded.detach() - self._mean
         error = self._relative(off) * self._signal
         urgent = 1 + _BEHIND * ((error / self._signal).log().mean(1) > self._asked)
-        weight = urgent[:, None] / (error * (off[0, 0].numel() * SET_SIZE * self._groups))
+        # Unlit pairs have no figure, so nothing to gain either.
+        count = off[0, 0].numel() * SET_SIZE * self._groups
+        weight = torch.where(self._signal > _UNLIT, urgent[:, None] / (error * count).clamp(min=1e-20), 0.0)
         weight = weight.T.repeat_interleave(SET_SIZE, 1)  # (G, K)
         lit = self._lit(texels[self._single :])
         lit_off = lit.detach() - self._displayed
@@ -165,10 +169,7 @@ class _Term:
 
     def _lit(self, texels: Tensor) -> Tensor:
         view = self._lit_view.expand(1, self._lit_light.shape[1], -1, -1)
-        radiance = (shade(self._model, texels, self._lit_light, view)[0] * self._power).sum(0).clamp(min=0)
-        x = radiance / (1 + radiance)
-        # IEC 61966-2-1, as mipbake.metrics.images.srgb_encode.
-        return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp(min=1e-6) ** (1 / 2.4) - 0.055)
+        return encoded((shade(self._model, texels, self._lit_light, view)[0] * self._power).sum(0))
 
     def _lit_rows(self, texels: Tensor) -> Tensor:
         each = texels[self._single :].clone().requires_grad_()

@@ -173,7 +173,7 @@ def refine(
     moving = [bool(open_at[max(0, 2 * level - 1) : 2 * level + 2].any()) for level in range(last + 1)]
     levels = [np.array(level, np.float32) for level in start.levels]
     blocks = [block for block in _blocks(problem, budget.window) if any(moving[level] for level in block.levels)]
-    lobes = [Lobes(each) for each in _lobes(problem)] if blocks else []
+    lobes = [Lobes(each) for each in lobes_under(problem)] if blocks else []
     rounds, last_gain = 0, np.zeros(last + 1)
     for index, block in enumerate(blocks):
         deadline = math.inf
@@ -211,7 +211,7 @@ def refine(
     )
 
 
-def _lobes(problem: Problem) -> list[list[Image]]:
+def lobes_under(problem: Problem) -> list[list[Image]]:
     """Stacks of `gltf` whose lobes cover those under a texel: that of the mean material, and a wide one of all."""
     from mipbake.prefilter import METHODS
 

@@ -30,7 +30,7 @@ _SETS = 200  # random sets that phi is a mean over
 _FLOOR = 1e-3  # of the mean error: chance makes errors of single pairs vanish
 _SOLVED = 1e-6  # error in units of the signal that is as good as none
 _RIDGE, _ITERATIONS = 0.1, 20
-_HURRY, _MOST_URGENT = 0.3, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update
+_HURRY, _MOST_URGENT = 1.5, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update
 
 
 class PairWeights:

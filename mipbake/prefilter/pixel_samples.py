@@ -45,6 +45,7 @@ class Batch:
         target: (K, P, 3) estimates of the reference.
         importance: (S, K, P) of each pair in the mean over pairs drawn like each of S pair sets; None for common pairs.
         common: (K, P) which of the common pairs these are; None for pairs of the pixel's own.
+        pixels: of its level, in all batches of a round; every level counts the same.
     """
 
     level: int
@@ -56,6 +57,7 @@ class Batch:
     target: Tensor
     importance: Tensor | None
     common: Tensor | None
+    pixels: int = 1
 
     @property
     def lods(self) -> NDArray[np.float64]:
@@ -65,9 +67,7 @@ class Batch:
     @property
     def seen(self) -> list[tuple[int, Tensor | None]]:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
-        if self.share is None:
-            return [(self.lower, None)]
-        return [(self.lower, 1 - self.share), (self.lower + 1, self.share)]
+        return levels_seen(self.lower, self.share)
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def own_pairs(
     Pixels in the same places of `uv` continue their sequences of pairs from turn to turn: together they are spread
     more evenly than chance has it, which for smooth lobes is worth several times as many.
     """
-    for place, lods, lower in _chunks(problem, level, len(uv), count, rng):
+    for place, lods, lower in chunks(problem, level, len(uv), count, rng):
         shifts = np.random.default_rng([_SHIFTS, level, int(place[0])]).random((_DIMENSIONS, len(place)), np.float32)
         lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
         light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts))
-        yield Batch(level, lower, _share(lods, lower), uv[place], light, view, torch.empty(0), importance, None)
+        yield Batch(level, lower, share_of(lods, lower), uv[place], light, view, torch.empty(0), importance, None)
 
 
 def common_pairs(
@@ -122,15 +122,15 @@ def common_pairs(
     light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
     each, half = len(light) // 2, count // 2
     order = np.stack([rng.permutation(each), each + rng.permutation(each)])
-    for place, lods, lower in _chunks(problem, level, len(uv), count, rng):
+    for place, lods, lower in chunks(problem, level, len(uv), count, rng):
         turns = (place * half + np.arange(half)[:, None]) % each
         index = torch.from_numpy(order[:, turns].reshape(count, -1))
         yield Batch(
-            level, lower, _share(lods, lower), uv[place], light[index], view[index], torch.empty(0), None, index
+            level, lower, share_of(lods, lower), uv[place], light[index], view[index], torch.empty(0), None, index
         )
 
 
-def _chunks(
+def chunks(
     problem: Problem, level: int, pixels: int, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], int]]:
     """Indices of pixels, their levels of detail, and the finer of the two levels that they look up."""
@@ -144,7 +144,13 @@ def _chunks(
                 yield some[inside], lods[inside], lower
 
 
-def _share(lods: NDArray[np.float64], lower: int) -> Tensor | None:
+def levels_seen(lower: int, share: Tensor | None) -> list[tuple[int, Tensor | None]]:
+    """The levels that pixels look up, and (P,) the share of each; None for all of it."""
+    return [(lower, None)] if share is None else [(lower, 1 - share), (lower + 1, share)]
+
+
+def share_of(lods: NDArray[np.float64], lower: int) -> Tensor | None:
+    """(P,) share of the coarser of two levels in lookups; None where all are 0."""
     return torch.from_numpy((lods - lower).astype(np.float32)) if (lods > lower).any() else None
 
 

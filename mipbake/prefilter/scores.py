@@ -35,6 +35,7 @@ from mipbake.prefilter.held_out import (
     random_points,
     whole,
 )
+from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade, shade_lit
 
 Array = NDArray[np.float64]
@@ -115,8 +116,6 @@ class Scores:
     """Probes of every level of detail of a problem in steps of 1/2, and the scores of looked-up texels."""
 
     def __init__(self, problem: Problem, effort: Effort, seed: int, lods: Sequence[float] | None = None) -> None:
-        from mipbake.render.environment import studio
-
         self.problem, self.effort = problem, effort
         self.lods = [lod / 2 for lod in range(2 * problem.last + 1)] if lods is None else list(lods)
         self.lighting = studio()
@@ -129,8 +128,8 @@ class Scores:
         # Levels of few texels need few points, and more samples: the reference hardly varies over them.
         points = max(1, min(effort.points, max(4 * height * width, 16)))
         samples = effort.samples * max(1, effort.points // points)
-        uv = random_points(problem, whole(problem), 0, groups * points, rng).reshape(-1, 2)
-        uv = rng.permutation(np.resize(uv, (groups * points, 2))).reshape(groups, points, 2)
+        spread = random_points(problem, whole(problem), 0, groups * points, rng)
+        uv = rng.permutation(np.resize(spread, (groups * points, 2))).reshape(groups, points, 2)
         pairs = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
         light, view = (np.stack([getattr(each, name) for each in pairs]) for name in ("light", "view"))
         first, second = (_estimates(problem, uv, lod, light, view, samples, rng) for _ in range(2))
@@ -141,17 +140,10 @@ class Scores:
         lit = min(effort.lit_points, max(16 * height * width, 64))
         lit_uv = random_points(problem, whole(problem), 0, lit, rng)
         lit_uv = np.resize(lit_uv, (lit, 2))
-        frame, lit_view = _placed(rng, lit)
+        frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)
-        where = lit_uv + _offsets(problem, (many, lit), lod, rng)[0]
-        texels = _look_up(problem.stored, where.reshape(-1, 2), problem)
-        seen = self._lit(problem.source, texels, np.tile(frame, (many, 1, 1)), np.tile(lit_view, (many, 1)))
-        displayed = _displayed(seen.reshape(many, lit, 3).mean(0))
-        return Probe(lod, uv, light, view, mean, difference, signal, lit_uv, frame, lit_view, displayed)
-
-    def _lit(self, model: str, texels: Image, frame: Image, view: Image) -> Image:
-        lights = self.lighting
-        return np.asarray(shade_lit(model, texels, frame, view, lights.direction, lights.radiance * EXPOSURE))
+        shown = displayed(lit_reference(problem, self.lighting, lit_uv, lod, frame, lit_view, many, rng))
+        return Probe(lod, uv, light, view, mean, difference, signal, lit_uv, frame, lit_view, shown)
 
     def looked_up(self, level: Image, index: int) -> Image:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
@@ -169,7 +161,7 @@ class Scores:
         error = _squares(shaded, len(PAIR_SETS)) - probe.noise
         ratio = np.maximum(error, 2 * _RESOLVED * probe.noise) / np.maximum(probe.signal, 1e-30)
         log = np.where(probe.signal > 0, np.log(np.maximum(ratio, FLOOR)), 0.0)
-        apart = _displayed(self._lit(model, lit, probe.frame, probe.lit_view)) - probe.displayed
+        apart = displayed(_lit(model, lit, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
         square = max(float(np.square(apart).mean()), FLOOR)
         return Score(log, float(np.abs(apart).mean()), math.log(square))
 
@@ -180,10 +172,13 @@ def _look_up(level: Image, uv: Array, problem: Problem) -> Image:
     )
 
 
-def _offsets(
-    problem: Problem, shape: tuple[int, ...], lod: float, rng: np.random.Generator
+def offsets(
+    problem: Problem, shape: tuple[int, ...], lod: float | Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.float32]]:
-    """(S, ..., 2) offsets of samples from their pixel's centre, and (S, ...) weights whose sum over S is about 1."""
+    """(S, ..., 2) offsets of samples from their pixel's centre, and (S, ...) weights whose sum over S is about 1.
+
+    lod: level of detail of all pixels, or (..., 1) of each.
+    """
     offsets, weights = quantiles(problem.pixel_filter)
     height, width = problem.stored.shape[:2]
     sequence = np.arange(shape[0]).reshape(-1, *(1,) * len(shape)) * SEQUENCE % 1 * QUANTILES
@@ -207,7 +202,7 @@ def _estimates(
     for group in range(groups):
         for start in range(0, points, chunk):
             centres = uv[group, start : start + chunk]
-            offset, weight = _offsets(problem, (samples, len(centres)), lod, rng)
+            offset, weight = offsets(problem, (samples, len(centres)), lod, rng)
             radiance = shaded(centres + offset, group).reshape(pairs, samples, -1)
             if (weight < 0).any():
                 rest = (1 - weight.sum(0))[:, None] * shaded(centres, group)
@@ -218,14 +213,44 @@ def _estimates(
     return out
 
 
+def lit_reference(
+    problem: Problem,
+    lighting: Lighting,
+    uv: Array,
+    lod: float | Array,
+    frame: Image,
+    view: Image,
+    samples: int,
+    rng: np.random.Generator,
+) -> Image:
+    """(P, 3) reference under all lights at (P, 2) uv, each pixel with a frame and a view of its own.
+
+    lod: level of detail of all pixels, or (P, 1) of each.
+    """
+
+    def shaded(where: Array, turns: int) -> Image:
+        texels = _look_up(problem.stored, where.reshape(-1, 2), problem)
+        return _lit(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
+
+    offset, weight = offsets(problem, (samples, len(uv)), lod, rng)
+    radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
+    if (weight < 0).any():
+        return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
+    return np.asarray(radiance.mean(0))
+
+
+def _lit(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
+    return np.asarray(shade_lit(model, texels, frame, view, lighting.direction, lighting.radiance * EXPOSURE))
+
+
 def _squares(radiance: Image, sets: int) -> Array:
     """(S, G) means of squares over the points and pairs of each set, of (G, S * 64, P, 3)."""
     rows = radiance.reshape(len(radiance) * sets, 1, -1)
     sums = np.asarray((rows @ rows.swapaxes(1, 2))[:, 0, 0], np.float64)
-    return sums.reshape(len(radiance), sets).T / rows.shape[2]
+    return np.asarray(sums.reshape(len(radiance), sets).T / rows.shape[2])
 
 
-def _placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
+def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
     """(N, 3, 3) tangent frames in a room and (N, 3) views from it: spheres seen from about their own height."""
     angle = 2 * math.pi * rng.random(count)
     height = rng.uniform(-0.2, 0.6, count)
@@ -242,6 +267,7 @@ def _placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
     return frame.astype(np.float32), view.astype(np.float32)
 
 
-def _displayed(radiance: Image) -> Image:
+def displayed(radiance: Image) -> Image:
+    """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
     lit = np.maximum(radiance, 0)
     return np.asarray(srgb_encode(lit / (1 + lit)), np.float32)

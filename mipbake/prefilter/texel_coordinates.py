@@ -16,25 +16,29 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake import material, sampling
+from mipbake.material import MAX_LOG_GAMMA
 from mipbake.models import parameters
 from mipbake.prefilter.held_out import Image, Region
 from mipbake.prefilter.pixel_filter import Wrap
 
-_COLOUR, _LOG_ALPHA2, _NORMAL, _DIRECTION, _STRENGTH = 0.03, 0.15, 0.15, 0.1, 0.03
+_COLOUR, _LOG_ALPHA2, _NORMAL, _DIRECTION, _STRENGTH, _LOG_GAMMA = 0.03, 0.15, 0.15, 0.1, 0.03, 0.1
 _UNITS = {
     "gltf": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2,
     "gltf-anisotropic": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2 + (_DIRECTION,) * 2 + (_STRENGTH,),
     "ggx": (_COLOUR,) * 6 + (_NORMAL,) * 2 + (_LOG_ALPHA2,) * 3,
+    "beckmann": (_COLOUR,) * 6 + (_NORMAL,) * 2 + (_LOG_ALPHA2,) * 3 + (_LOG_GAMMA,),
 }
+_TENSORS = ("ggx", "beckmann")  # models whose coordinates are their stored channels
 _LEAST_STRENGTH = 1e-3  # strength enters shading squared: from 0 itself no gradient leads away
 _LEAST_ALPHA = 0.02
-_NORMALS = {"gltf": slice(5, 7), "gltf-anisotropic": slice(5, 7), "ggx": slice(6, 8)}
+_NORMALS = {"gltf": slice(5, 7), "gltf-anisotropic": slice(5, 7), "ggx": slice(6, 8), "beckmann": slice(6, 8)}
 _FREE = (-math.inf, math.inf)
 _ROUGHNESS = (parameters.MIN_LOG_ALPHA2, 0.0)
 _LIMITS = {
     "gltf": ((0.0, 1.0),) * 4 + (_ROUGHNESS,) + (_FREE,) * 2,
     "gltf-anisotropic": ((0.0, 1.0),) * 4 + (_ROUGHNESS,) + (_FREE,) * 4 + ((_LEAST_STRENGTH**2, 1.0),),
     "ggx": ((0.0, 1.0),) * 6 + (_FREE,) * 5,
+    "beckmann": ((0.0, 1.0),) * 6 + (_FREE,) * 5 + ((-MAX_LOG_GAMMA, MAX_LOG_GAMMA),),
 }
 _RING = 4  # texels around a block that its pixels read: one of their own level, two or three of the finer one, a half
 
@@ -60,7 +64,7 @@ def to_stored(coordinates: Tensor, model: str) -> Tensor:
 def units(coordinates: Tensor, model: str) -> Tensor:
     """(..., P): how far a coordinate moves in one step at most."""
     out = coordinates.new_tensor(_UNITS[model]).expand_as(coordinates).clone()
-    half = coordinates[..., 4:5] / 2 if model != "ggx" else (coordinates[..., 8:9] + coordinates[..., 9:10]) / 4
+    half = coordinates[..., 4:5] / 2 if model not in _TENSORS else (coordinates[..., 8:9] + coordinates[..., 9:10]) / 4
     out[..., _NORMALS[model]] *= half.clamp(math.log(_LEAST_ALPHA), 0).exp()
     return out
 
@@ -77,7 +81,7 @@ def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:
 
     texels: (..., C) stored channels that the gradients were taken at.
     """
-    if model == "ggx":
+    if model in _TENSORS:
         return gradient
     slopes = texels[..., 5:7] / texels[..., 7:8].clamp(min=parameters.MIN_HEIGHT)
     xy = gradient[..., 5:7] - gradient[..., 7:8] * slopes
@@ -87,7 +91,7 @@ def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:
 def per_coordinate(coordinates: Tensor, model: str) -> Tensor:
     """(..., P) derivative of each channel of `without_heights` by its coordinate."""
     out = torch.ones_like(coordinates)
-    if model != "ggx":
+    if model not in _TENSORS:
         out[..., 4] = (coordinates[..., 4] / 4).exp() / 4
     if model == "gltf-anisotropic":
         out[..., 9] = 0.5 * coordinates[..., 9].clamp(min=_LEAST_STRENGTH**2).rsqrt()

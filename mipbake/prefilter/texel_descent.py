@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from torch import Tensor
 
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region
+from mipbake.prefilter.lit_samples import LitBatch, lit_pixels
 from mipbake.prefilter.pair_weights import PairWeights
 from mipbake.prefilter.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
 from mipbake.prefilter.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
@@ -31,6 +33,8 @@ from mipbake.shading.ops import shade
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
 
+_LIT_BEHIND = 4.0  # times that the tonemapped error counts in addition while it is above the start's
+_LIT_PIXELS = 1024  # of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 _COMMON = 4  # times as many common pairs: they cost little
@@ -74,6 +78,8 @@ def descend(
     rng: np.random.Generator,
     deadline: float,
     progress: Progress,
+    trust: float = 0.0,
+    report: Callable[[NDArray[np.float64]], None] = lambda _: None,
 ) -> Descended:
     """Optimises the texels of a block and writes the best that held-out pixels of the block saw into `levels`.
 
@@ -84,6 +90,8 @@ def descend(
         ahead: (S, M) logarithms of the errors that `levels` has more than is asked for, at all levels of detail in
             steps of 1/2.
         deadline: time.monotonic() after which no round begins.
+        trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
+        report: told the (S, M) SNR in dB on held-out pairs at each look.
     """
     near = range(max(0, block.levels.start - 1), min(len(levels), block.levels.stop + 1))
     crops = {i: Crop(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
@@ -99,28 +107,45 @@ def descend(
     best = {i: levels[i][crop.window].copy() for i, crop in free.items()}
     last = weights.update(levels)
     least, gains, still, began = last.mean(), np.zeros(len(block.levels)), 0, time.monotonic()
-    done = 0
-    while done < budget.rounds and free:
-        batches = _draw(problem, crops, free, weights, lobes, block, budget, done, rng)
-        _round(problem, crops, free, states, batches, budget.steps, done, rng)
-        del batches
-        done += 1
-        spent = (time.monotonic() - began) / max(1e-9, deadline - began)
-        progress(min(1.0, max(done / budget.rounds, spent)))
-        if done % CHECK and done < budget.rounds and time.monotonic() < deadline:
-            continue
-        for i, crop in free.items():
-            mean = states[i].mean
-            assert mean is not None
-            levels[i][crop.window] = crop.values(mean)
-        now = weights.update(levels)
-        gains = _per_level(last - now, block, held_out.lods)
-        last = now
-        if now.mean() < least:
-            least, best = now.mean(), {i: levels[i][crop.window].copy() for i, crop in free.items()}
-        still = still + 1 if (gains < _CONVERGED_DB).all() else 0
-        if still == 2 or time.monotonic() > deadline:
-            break
+    done, asked_lit = 0, dict[int, float]()
+    seed = int(rng.integers(1 << 31))
+
+    def draw(turn: int) -> tuple[list[tuple[Batch, Tensor]], list[LitBatch]]:
+        return _draw(problem, crops, free, weights, lobes, block, budget, turn, np.random.default_rng([seed, turn]))
+
+    # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
+    with ThreadPoolExecutor(1) as ahead_of_time:
+        drawn = ahead_of_time.submit(draw, 0) if free and budget.rounds else None
+        while drawn is not None:
+            started = time.monotonic()
+            renders, lit = drawn.result()
+            more = done + 1 < budget.rounds and started < deadline
+            drawn = ahead_of_time.submit(draw, done + 1) if more else None
+            batches = [(batch, target, weights.of(batch) / batch.pixels) for batch, target in renders]
+            _round(problem, crops, free, states, batches, lit, asked_lit, budget.steps, done, trust, rng)
+            del renders, batches, lit
+            done += 1
+            finished = time.monotonic()
+            # Half a round late is no later on average than half a round early.
+            late = finished + (finished - started) / 2 > deadline
+            progress(min(1.0, max(done / budget.rounds, (finished - began) / max(1e-9, deadline - began))))
+            if done % CHECK and drawn is not None and not late:
+                continue
+            for i, crop in free.items():
+                mean = states[i].mean
+                assert mean is not None
+                levels[i][crop.window] = crop.values(mean)
+            now = weights.update(levels)
+            report(-10 / math.log(10) * now)
+            gains = _per_level(last - now, block, held_out.lods)
+            last = now
+            if now.mean() < least:
+                least, best = now.mean(), {i: levels[i][crop.window].copy() for i, crop in free.items()}
+            still = still + 1 if (gains < _CONVERGED_DB).all() else 0
+            if still == 2 or late:
+                if drawn is not None:
+                    drawn.cancel()
+                break
     for i, crop in free.items():
         levels[i][crop.window] = best[i]
     return Descended(done, gains)
@@ -142,9 +167,9 @@ def _draw(
     budget: Budget,
     turn: int,
     rng: np.random.Generator,
-) -> list[tuple[Batch, Tensor, Tensor]]:
-    """The batches of a round, with (K, P, 3) targets and (K, P) weights; every level counts the same."""
-    out = []
+) -> tuple[list[tuple[Batch, Tensor]], list[LitBatch]]:
+    """The batches of a round, with (K, P, 3) targets."""
+    out, lit = list[tuple[Batch, Tensor]](), list[LitBatch]()
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
@@ -153,8 +178,10 @@ def _draw(
             batches = common_pairs(problem, weights.pairs, level, uv, _COMMON * budget.pairs, rng)
         for batch in batches:
             if any(index in free for index, _ in batch.seen):
-                out.append((batch, targets(problem, batch, budget.samples, rng), weights.of(batch) / len(uv)))
-    return out
+                out.append((replace(batch, pixels=len(uv)), targets(problem, batch, budget.samples, rng)))
+        if budget.lit:
+            lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), budget.samples, rng)
+    return out, [batch for batch in lit if any(index in free for index, _ in batch.seen)]
 
 
 def _round(
@@ -163,29 +190,56 @@ def _round(
     free: dict[int, Crop],
     states: dict[int, _State],
     batches: list[tuple[Batch, Tensor, Tensor]],
+    lit: list[LitBatch],
+    asked_lit: dict[int, float],
     steps: int,
     turn: int,
+    trust: float,
     rng: np.random.Generator,
 ) -> None:
     """One round on its batches: curvature where the texels are, then steps."""
     model = problem.target
-    curvature = _curvature(problem, crops, free, batches, turn, rng)
+    lit_weights = _lit_weights(crops, lit, asked_lit, model)
+    curvature = _curvature(problem, crops, free, batches, lit, lit_weights, turn, rng)
+    for i, state in states.items():
+        if state.held is None and trust:
+            state.held, state.mean = _MEMORY * trust * curvature[i], free[i].coordinates
     systems = {i: _System(crop, curvature[i], states[i].held) for i, crop in free.items()}
     for _ in range(steps):
         for batch, target, weight in batches:
             texels = _look_up(crops, batch)
             shaded = shade(model, texels, batch.light[None], batch.view[None])[0]
             torch.autograd.backward(shaded, (shaded.detach() - target) * weight[..., None])
+        for lit_batch in lit:
+            shown = lit_batch.shown(_look_up(crops, lit_batch), model)
+            torch.autograd.backward(shown, (shown.detach() - lit_batch.target) * lit_weights[lit_batch.level])
         for i, crop in free.items():
             crop.move(systems[i].stepped(crop.coordinates, crop.gradient()))
-    memory = 1 - 1 / min(1 + _MEMORY * turn, _MOST_MEMORY)
+    age = turn + trust
+    memory = 1 - 1 / min(1 + _MEMORY * age, _MOST_MEMORY)
     for i, state in states.items():
         state.held = memory * (curvature[i] if state.held is None else state.held + curvature[i])
         here = free[i].coordinates
-        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + turn + 1))
+        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + age + 1))
 
 
-def _look_up(crops: dict[int, Crop], batch: Batch) -> Tensor:
+def _lit_weights(crops: dict[int, Crop], lit: list[LitBatch], asked: dict[int, float], model: str) -> dict[int, float]:
+    """What the squared error of a lit pixel counts at each level; the first round's are asked for later on."""
+    sums: dict[int, list[float]] = {}
+    for batch in lit:
+        with torch.no_grad():
+            square = (batch.shown(_look_up(crops, batch), model) - batch.target).square().sum()
+        each = sums.setdefault(batch.level, [0.0, 0.0])
+        each[0], each[1] = each[0] + float(square), each[1] + batch.target.numel()
+    out = {}
+    for level, (total, count) in sums.items():
+        error = max(total / count, 1e-7)
+        behind = error > asked.setdefault(level, error)
+        out[level] = (1 + _LIT_BEHIND * behind) / (error * count)
+    return out
+
+
+def _look_up(crops: dict[int, Crop], batch: Batch | LitBatch) -> Tensor:
     """(P, C): what the pixels of a batch see."""
     parts = [crops[i].look_up(batch.uv) * (1.0 if share is None else share[:, None]) for i, share in batch.seen]
     return parts[0] if len(parts) == 1 else parts[0] + parts[1]
@@ -196,6 +250,8 @@ def _curvature(
     crops: dict[int, Crop],
     free: dict[int, Crop],
     batches: list[tuple[Batch, Tensor, Tensor]],
+    lit: list[LitBatch],
+    lit_weights: dict[int, float],
     turn: int,
     rng: np.random.Generator,
 ) -> dict[int, Tensor]:
@@ -219,15 +275,17 @@ def _curvature(
         assert each.grad is not None
         rows = without_heights(each.grad, texels, model)
         grams = torch.bmm(rows.permute(1, 2, 0), rows.permute(1, 0, 2))
-        upper = torch.triu_indices(*grams.shape[1:])
-        packed = grams[:, upper[0], upper[1]]
-        for i, share in batch.seen:
-            if i not in free:
-                continue
-            if i not in sums:
-                sums[i] = torch.zeros(*crops[i].now.shape[:2], packed.shape[1], requires_grad=True)
-            seen = crops[i].look_up(batch.uv, sums[i])
-            torch.autograd.backward(seen, packed if share is None else packed * share[:, None])
+        _scatter(crops, free, sums, batch, grams)
+    for lit_batch in lit:
+        with torch.no_grad():
+            texels = _look_up(crops, lit_batch)
+        each = texels.detach().requires_grad_()
+        shown = lit_batch.shown(each, model)
+        signs = torch.from_numpy(rng.integers(0, 2, shown.shape, np.int8)) * 2.0 - 1
+        torch.autograd.backward(shown, signs * math.sqrt(lit_weights[lit_batch.level]))
+        assert each.grad is not None
+        rows = without_heights(each.grad, texels, model)
+        _scatter(crops, free, sums, lit_batch, rows[:, :, None] * rows[:, None, :])
     out = {}
     for i, crop in free.items():
         scale = per_coordinate(crop.coordinates, model)
@@ -241,6 +299,25 @@ def _curvature(
             full[..., upper[1], upper[0]] = packed
         out[i] = full * scale[..., :, None] * scale[..., None, :]
     return out
+
+
+def _scatter(
+    crops: dict[int, Crop],
+    free: dict[int, Crop],
+    sums: dict[int, Tensor],
+    batch: Batch | LitBatch,
+    grams: Tensor,
+) -> None:
+    """Adds (P, D, D) matrices of pixels to those of the texels that they look up, in proportion."""
+    upper = torch.triu_indices(*grams.shape[1:])
+    packed = grams[:, upper[0], upper[1]]
+    for i, share in batch.seen:
+        if i not in free:
+            continue
+        if i not in sums:
+            sums[i] = torch.zeros(*crops[i].now.shape[:2], packed.shape[1], requires_grad=True)
+        seen = crops[i].look_up(batch.uv, sums[i])
+        torch.autograd.backward(seen, packed if share is None else packed * share[:, None])
 
 
 class _System:

@@ -1,0 +1,294 @@
+"""`refine` and `auto`: the best blend of all methods at every level, then texels optimised where time is best spent.
+
+Both start from the blend (blending.py), which costs seconds and is better than any of its candidates. From there texels
+are optimised one by one (texel_descent.py), held by what the blend knows: so nothing is lost to noise in the first
+rounds, and a few rounds already gain. Coarse levels have few texels and are seen from afar: they come first and cost
+next to nothing. `auto` leaves it at those; `refine`, or `auto` with a budget, goes on to the fine ones.
+
+Each level has a share of the time that grows with the root of its texels, since gains fall off with time spent. Where
+a level would get so little that a round or two is all, its blend stays and the others have its time.
+
+In the end each level keeps of its change what independent renders confirm, against the blend and against every closed
+form. What they measured is the promise that comes with the stack.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.prefilter.base import PrefilterResult, Progress, say
+from mipbake.prefilter.blending import Blend, Candidate, Rival, blend, candidate, closed_forms, mean, settle
+from mipbake.prefilter.blending import standard_error as error_of_mean
+from mipbake.prefilter.held_out import SET_SIZE, Budget, Image, Problem, Region
+from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.prefilter.promise import LevelPromise, Promise
+from mipbake.prefilter.scores import DECIBEL, Array, Effort, Score
+from mipbake.prefilter.time_budget import seconds_of
+
+NAME_AUTO, NAME_REFINE = "auto", "refine"
+
+DEFAULT_EFFORT = Effort()
+DEFAULT_BUDGET = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
+
+REFINE_SECONDS = 120.0
+"""Budget of `refine` where none is given."""
+
+_COARSE = 128  # texels a side up to which levels are refined together, and without being asked
+_COARSE_ROUNDS = 6
+_TRUST = {False: 4.0, True: 12.0}  # rounds that a blend is worth; more where only few rounds follow
+_FEWEST = 3  # rounds that are worth beginning with a level
+_SOLVED_DB = 60.0  # SNR from which a level is left alone
+_SETTLING = 0.06  # of the time left after the blend, for judging what was gained
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Part of the work: a region of some levels, and the time it has at most; None for as long as it gains."""
+
+    region: Region
+    rounds: int
+    share: float
+
+
+class Refine:
+    """Every texel optimised, from the best blend of all methods.
+
+    Args:
+        weights: trained weights by name; None for the default ones, and without a network where there are none.
+        budget: time as users write it (time_budget.py); None for REFINE_SECONDS.
+        seed: of all that is drawn.
+    """
+
+    name = NAME_REFINE
+    summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
+    averages = False
+
+    def __init__(self, weights: str | None = None, budget: str | None = None, seed: int = 0) -> None:
+        self._neural, self._seed = Neural(weights), seed
+        self._named = weights is not None
+        self.seconds = REFINE_SECONDS if budget is None else seconds_of(budget)
+        self.everything = True
+
+    def __call__(
+        self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter. UsageError where named weights do not fit the target or the pixel filter."""
+        began = time.monotonic()
+        filter_named(pixel_filter)
+        problem = Problem(stored, source, target, pixel_filter, wrap)
+        learned = self._learned(problem)
+        candidates = [*closed_forms(problem), *learned]
+        first = 0.5 if not self.everything else 0.1  # of the progress
+        start = blend(problem, candidates, DEFAULT_EFFORT, self._seed, lambda share: progress(first * share))
+        info = self._neural.weights(target, pixel_filter) if learned else None
+        deadline = math.inf if self.seconds is None else began + self.seconds
+        refined = _refined(
+            problem,
+            start,
+            deadline if self.everything else math.inf,
+            self.everything,
+            self._seed,
+            _Part(progress, first),
+        )
+        progress(1.0)
+        return PrefilterResult(
+            refined.levels, info.name if info else None, info.sha256 if info else None, promised(start, refined)
+        )
+
+    def _learned(self, problem: Problem) -> list[Candidate]:
+        """The network, where there are weights for it."""
+        try:
+            self._neural.weights(problem.target, problem.pixel_filter)
+        except UsageError:
+            if self._named:
+                raise
+            return []
+        return [candidate(problem, self._neural, problem.pixel_filter)]
+
+
+class Auto(Refine):
+    """The best blend of all methods, with coarse levels optimised; with a budget, all levels."""
+
+    name = NAME_AUTO
+    summary = "the best blend of neural and all closed forms, by measurement, coarse levels optimised"
+
+    def __init__(self, weights: str | None = None, budget: str | None = None, seed: int = 0) -> None:
+        super().__init__(weights, budget, seed)
+        self.everything = budget is not None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Progress of what comes after the first share of the work."""
+
+    progress: Progress
+    first: float
+
+    def __call__(self, share: float) -> None:
+        self.progress(self.first + (1 - self.first) * share)
+
+    def note(self, text: str) -> None:
+        say(self.progress, text)
+
+
+@dataclass(frozen=True, eq=False)
+class _Refined:
+    """What became of a blend: levels, how much of their changes was kept, and scores of the result."""
+
+    levels: list[Image]
+    shares: list[float]
+    scores: list[Score]
+
+
+def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, seed: int, progress: _Part) -> _Refined:
+    """Optimises texels from the coarsest levels on until the deadline, and keeps what the judge confirms."""
+    from mipbake.prefilter.optimum import lobes_under
+    from mipbake.prefilter.pixel_samples import Lobes
+    from mipbake.prefilter.texel_descent import descend
+
+    judge, last = start.judge, problem.last
+    before = scored(start, start.levels)
+    worst = np.array([score.decibels.min() for score in before])
+    moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
+    levels = [level.copy() for level in start.levels]
+    steps = [step for step in _steps(problem, everything) if any(moving[i] for i in step.region.levels)]
+    if not steps:
+        return _Refined(start.levels, [0.0] * (last + 1), before)
+    lobes = [Lobes(each) for each in lobes_under(problem)]
+    ahead = np.zeros((len(PAIR_SETS), len(judge.lods)))
+    timed = not math.isinf(deadline)
+    if timed:
+        deadline -= _SETTLING * max(0.0, deadline - time.monotonic())
+    total, done = sum(step.share for step in steps), 0.0
+    pace = 0.0  # seconds that a round takes for a texel
+    for index, step in enumerate(steps):
+        rest = sum(each.share for each in steps[index:])
+        now = time.monotonic()
+        until = now + max(0.0, deadline - now) * step.share / rest if timed else math.inf
+        texels = _texels(problem, step.region)
+        if timed and until - now <= _FEWEST * pace * texels:
+            done += step.share
+            continue
+        spoken = f"level {step.region.levels.start}" + (f" to {last}" if step.region.levels.stop > last else "")
+        rounds = descend(
+            problem,
+            levels,
+            step.region,
+            moving,
+            lobes,
+            ahead,
+            DEFAULT_BUDGET if step.rounds == 0 else Budget(**{**vars(DEFAULT_BUDGET), "rounds": step.rounds}),
+            np.random.default_rng([seed, 3, index]),
+            until,
+            lambda share, done=done, step=step: progress(min(0.99, (done + share * step.share) / total)),  # type: ignore[misc]
+            _TRUST[not everything],
+            lambda snr, spoken=spoken: progress.note(f"{spoken}: {spoken_snr(snr.mean(1))}"),  # type: ignore[misc]
+        ).rounds
+        pace = max(pace, (time.monotonic() - now) / max(1, rounds) / texels)
+        done += step.share
+    shares = _kept(problem, start, levels, before)
+    kept = [_between(*each, problem.target) for each in zip(start.levels, levels, shares, strict=True)]
+    if problem.target == "gltf-anisotropic":
+        kept = material.align_directions(kept)
+    return _Refined(kept, shares, scored(start, kept))
+
+
+def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
+    """Coarse levels together, then finer ones one by one, in windows where they are large."""
+    sizes = problem.sizes
+    fine = sum(max(size) > _COARSE for size in sizes)
+    rounds = 0 if everything else _COARSE_ROUNDS
+    yield _Step(Region(0, 1, 0, 1, range(fine, len(sizes))), rounds, math.sqrt(_COARSE * _COARSE))
+    if not everything:
+        return
+    for level in range(fine - 1, -1, -1):
+        height, width = sizes[level]
+        window = DEFAULT_BUDGET.window
+        rows, columns = -(-height // window), -(-width // window)
+        top, left = np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1)
+        for i in range(rows):
+            for j in range(columns):
+                region = Region(
+                    float(top[i]), float(top[i + 1]), float(left[j]), float(left[j + 1]), range(level, level + 1)
+                )
+                yield _Step(region, rounds, math.sqrt(height * width) / (rows * columns))
+
+
+def _texels(problem: Problem, region: Region) -> float:
+    """How many of them a round works on, and a thousand more for what does not depend on it."""
+    each = [height * width for height, width in (problem.sizes[level] for level in region.levels)]
+    return sum(each) * float(region.extent.prod()) + 1000.0 * len(region.levels)
+
+
+def _between(first: Image, second: Image, share: float, model: str) -> Image:
+    """first + share (second - first); exact at both ends."""
+    if share in (0.0, 1.0):
+        return second if share else first
+    return material.regularise(first + np.float32(share) * (second - first), model)
+
+
+def scored(start: Blend, levels: Sequence[Image]) -> list[Score]:
+    """Scores of a stack as the judge of a blend sees it, at all of its levels of detail."""
+    judge = start.judge
+    return [
+        judge.of(mean([judge.looked_up(levels[level], index) for level in probe.levels]), index)
+        for index, probe in enumerate(judge.probes)
+    ]
+
+
+def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Sequence[Score]) -> list[float]:
+    """Of each level's change the share that the judge confirms, against the start and every closed form."""
+    judge, cache = start.judge, dict[tuple[int, int], tuple[Image, Image]]()
+
+    def texels(index: int, level: int, share: float) -> Image:
+        if (index, level) not in cache:
+            cache[index, level] = (
+                judge.looked_up(start.levels[level], index),
+                judge.looked_up(levels[level], index),
+            )
+        return _between(*cache[index, level], share, problem.target)
+
+    rivals = [[Rival("start", row) for row in score.log_errors] for score in before]
+    lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
+    return settle(judge, texels, len(levels), rivals, lit)
+
+
+def promised(start: Blend, refined: _Refined) -> Promise:
+    """What the judge found of every level."""
+    sets = list(PAIR_SETS)
+    levels = []
+    for level, (sources, share) in enumerate(zip(start.sources, refined.shares, strict=True)):
+        rows, rivals = refined.scores[2 * level].log_errors, start.rivals[2 * level]
+        others = np.stack([rival.log_errors for rival in rivals])
+
+        def by_set(values: Array) -> dict[str, float]:
+            return {name: round(float(value), 4) for name, value in zip(sets, values, strict=True)}
+
+        levels.append(
+            LevelPromise(
+                level,
+                sources,
+                share,
+                snr=by_set(-DECIBEL * rows.mean(1)),
+                standard_error=by_set(DECIBEL * error_of_mean(rows)),
+                best_closed_form={name: rival.name for name, rival in zip(sets, rivals, strict=True)},
+                best_closed_form_snr=by_set(-DECIBEL * others.mean(1)),
+                gain_error=by_set(DECIBEL * error_of_mean(rows - others)),
+            )
+        )
+    effort = start.judge.effort
+    return Promise(tuple(levels), effort.groups * SET_SIZE, effort.groups * effort.points)
+
+
+def spoken_snr(snr: Array) -> str:
+    """`near-mirror 21.3 dB, hemisphere 24.1 dB`."""
+    return ", ".join(f"{name} {value:.1f} dB" for name, value in zip(PAIR_SETS, snr, strict=True))

@@ -1,0 +1,243 @@
+"""`auto` and `refine`: no worse than the best closed form, better where there is a prize, and what they promise."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from mipbake import MipStack, TextureSet, bake, material, open_stack
+from mipbake.errors import UsageError
+from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.prefilter import METHODS, blending, method_named, refine
+from mipbake.prefilter.base import PrefilterResult
+from mipbake.prefilter.held_out import Budget, Problem
+from mipbake.prefilter.level_fit import Term, columns, fit_level
+from mipbake.prefilter.lit_samples import encoded
+from mipbake.prefilter.promise import promise_from
+from mipbake.prefilter.scores import Effort, Scores, displayed
+from mipbake.render import candidate, random_points, reference
+
+WRAP = ("wrap", "wrap")
+SMALL = Effort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
+TINY = Effort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
+SHORT = Budget(rounds=5, pairs=16, samples=4, points=32, held_out_pairs=128, lit=True)
+
+
+@pytest.fixture(autouse=True)
+def little_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refine, "DEFAULT_EFFORT", SMALL)
+    monkeypatch.setattr(refine, "DEFAULT_BUDGET", SHORT)
+
+
+def material_of_two(size: int) -> np.ndarray:
+    """Bumpy gloss on one half, smooth gloss of varying roughness and colour on the other."""
+    rng = np.random.default_rng(3)
+    normal = np.concatenate([0.25 * rng.standard_normal((size, size, 2)), np.ones((size, size, 1))], -1)
+    normal[:, size // 2 :] = 0, 0, 1
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    rest = np.broadcast_to(np.array([0.7, 0.5, 0.3, 1, 0.25]), (size, size, 5)).copy()
+    rest[:, size // 2 :, :3] = rng.random((size, size - size // 2, 1))
+    rest[:, size // 2 :, 4] = rng.uniform(0.2, 0.7, (size, size - size // 2))
+    return np.concatenate([rest, normal], -1).astype(np.float32)
+
+
+def run(
+    method: str, stored: np.ndarray, target: str = "gltf", kernel: str = "gaussian", source: str = "gltf"
+) -> PrefilterResult:
+    return METHODS[method](stored, source, target, kernel, WRAP, lambda _: None)
+
+
+def measured(stacks: dict[str, list[np.ndarray]], stored: np.ndarray, lod: float, name: str, sets: int = 6):
+    """SNR of stacks at a level of detail, means over sets of pairs that nothing here draws, at points of their own."""
+    figures = {key: [] for key in stacks}
+    for seed in range(sets):
+        pairs, rng = pair_set(name, 100 + seed), np.random.default_rng([seed, round(2 * lod)])
+        uv = random_points(rng, 256)
+        first, second = (reference(stored, "gltf", WRAP, uv, lod, "gaussian", pairs, 64, rng) for _ in range(2))
+        for key, levels in stacks.items():
+            figures[key].append(snr_db(candidate(levels, "gltf", WRAP, uv, lod, pairs), first, second))
+    return {key: float(np.mean(values)) for key, values in figures.items()}
+
+
+@pytest.fixture(scope="module")
+def two() -> np.ndarray:
+    return material_of_two(32)
+
+
+@pytest.fixture(scope="module")
+def solved(two: np.ndarray) -> PrefilterResult:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refine, "DEFAULT_EFFORT", SMALL)
+        patch.setattr(refine, "DEFAULT_BUDGET", SHORT)
+        return run("auto", two)
+
+
+def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
+    forms = {
+        f"{name} ({kernel})": METHODS[name](two, "gltf", "gltf", kernel, WRAP, lambda _: None).levels
+        for name, kernel in itertools.product(("linear", "lean"), ("box", "gaussian"))
+    }
+    gains = []
+    for lod, name in itertools.product((0.0, 0.5, 1.0, 2.0, 3.5, 5.0), PAIR_SETS):
+        found = measured({"auto": solved.levels, **forms}, two, lod, name)
+        gains.append(found.pop("auto") - max(found.values()))
+        assert gains[-1] > -0.25, (lod, name, found)
+    assert np.mean(gains) > 1
+
+
+def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
+    promise = solved.promise
+    assert promise is not None and [each.level for each in promise.levels] == list(range(6))
+    for each, name in itertools.product(promise.levels, PAIR_SETS):
+        found = measured({"auto": solved.levels}, two, each.level, name, 12)["auto"]
+        # Groups are what these figures are means over, so twelve sets scatter as much as SMALL.groups do.
+        error = each.standard_error[name] * math.sqrt(1 + SMALL.groups / 12)
+        assert abs(each.snr[name] - found) < 4 * error + 0.3, (each.level, name)
+        assert each.gain(name) > -2 * each.gain_error[name] - 0.1
+        assert each.best_closed_form[name].split(" ")[0] in METHODS
+
+
+@pytest.mark.parametrize("model", material.MODELS)
+def test_a_constant_material_is_left_alone(model: str) -> None:
+    gltf = np.array([0.2, 0.4, 0.6, 1, 0.35, 0.3, 0, np.sqrt(0.91)], np.float32)
+    stored = np.broadcast_to(material.convert(gltf, "gltf", model), (8, 8, material.MODELS[model].channels)).copy()
+    for name in ("auto", "refine"):
+        for level in run(name, stored, model, source=model).levels:
+            assert level == pytest.approx(np.broadcast_to(stored[:1, :1], level.shape), abs=2e-5)
+
+
+def test_a_black_material_is_fine() -> None:
+    stored = np.zeros((8, 8, 8), np.float32)
+    stored[..., 3], stored[..., 4], stored[..., 7] = 1, 0.5, 1
+    for level in run("auto", stored).levels:
+        assert np.isfinite(level).all()
+
+
+def test_blends_that_went_wrong_are_not_kept(two: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoilt(bench, train, asked):
+        count = len(material.MODELS["gltf"].maps) * len(bench.others)
+        return [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count) for _ in range(6)]
+
+    monkeypatch.setattr(blending, "_fitted", spoilt)
+    task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
+    made = blending.blend(task, list(blending.closed_forms(task)), SMALL)
+    for index, score in enumerate(refine.scored(made, made.levels)):
+        best = np.stack([rival.log_errors for rival in made.rivals[index]])
+        lost = (score.log_errors - best).mean(1)
+        assert (lost < 0.25).all(), index
+
+
+def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
+    """The reference in a probe is replaced by renders of a known blend of two candidates."""
+    task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
+    scores = Scores(task, SMALL, 5, [1.0])
+    base, other = (scores.looked_up(run(name, two).levels[1], 0) for name in ("linear", "lean"))
+    made = columns(base, [other], "gltf")
+    true = np.array([0.0, 0.0, 0.6, 0.3], np.float32)  # base colour, metallic, roughness, normal
+    texels = material.regularise(base + np.tensordot(true, made, 1), "gltf").astype(np.float32)
+    probe = scores.probes[0]
+    count = probe.uv.shape[0] * probe.uv.shape[1]
+    from mipbake.shading import shade, shade_lit
+
+    single = texels[:count].reshape(*probe.uv.shape[:2], -1)
+    shaded = shade("gltf", single, probe.light, probe.view)
+    room = scores.lighting
+    seen = shade_lit("gltf", texels[count:], probe.frame, probe.lit_view, room.direction, 1.5 * room.radiance)
+    shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed(seen))
+    found = fit_level([Term(shown, scores.of(base, 0), 1.0, None, base, made)], "gltf", room)
+    assert found[2:] == pytest.approx(true[2:], abs=0.02)
+
+
+def test_displays_agree() -> None:
+    radiance = np.geomspace(1e-6, 1e3, 64, dtype=np.float32)
+    assert encoded(torch.from_numpy(radiance)).numpy() == pytest.approx(displayed(radiance), abs=1e-5)
+
+
+@pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
+def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str) -> None:
+    stored = np.broadcast_to(np.array([0.2, 0.4, 0.6, 0.5, 0.4, 0, 0, 1], np.float32), (8, 8, 8)).copy()
+    scores = Scores(Problem(stored, "gltf", "gltf", kernel, WRAP), TINY, 0, [0.0, 1.5])
+    for index in range(2):
+        score = scores.of(scores.looked_up(stored, index), index)
+        assert (score.decibels > 60).all()
+        assert score.lit < 1e-3
+
+
+def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solved: PrefilterResult) -> None:
+    notes: list[str] = []
+    shares: list[float] = []
+
+    class Told:
+        def __call__(self, share: float) -> None:
+            shares.append(share)
+
+        def note(self, text: str) -> None:
+            notes.append(text)
+
+    result = method_named("refine", budget="best")(two, "gltf", "gltf", "gaussian", WRAP, Told())
+    assert shares == sorted(shares) and shares[-1] == 1
+    assert notes and all("near-mirror" in note and "dB" in note for note in notes)
+    assert result.promise is not None
+    assert max(each.refined for each in result.promise.levels) > 0
+    gains = []
+    for lod, name in itertools.product((0.0, 1.0, 2.5), PAIR_SETS):
+        found = measured({"start": solved.levels, "refined": result.levels}, two, lod, name)
+        gains.append(found["refined"] - found["start"])
+    assert min(gains) > -0.3
+
+
+def test_without_time_the_blend_stays(two: np.ndarray) -> None:
+    stretched = np.tile(two, (5, 5, 1))
+    result = method_named("refine", budget="0.001s")(stretched, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    assert result.promise is not None
+    task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
+    start = blending.blend(task, [*blending.closed_forms(task), *refine.Refine()._learned(task)], SMALL)
+    assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
+    steps = list(refine._steps(task, True))
+    assert sorted(level for step in steps for level in step.region.levels) == list(range(8))
+
+
+def test_results_hang_on_the_seed_alone() -> None:
+    stored = material_of_two(8)
+    one, again = (run("auto", stored).levels for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
+
+
+def test_filters_without_weights_blend_closed_forms_alone() -> None:
+    stored = material_of_two(8)
+    result = run("auto", stored, kernel="mitchell")
+    assert result.weights is None
+    assert result.promise is not None
+    assert not any("neural" in each.sources for each in result.promise.levels)
+    info = next(name for name in ("residual-gltf",))
+    with pytest.raises(UsageError, match=rf"weights {info} are for"):
+        method_named("auto", weights=info)(stored, "gltf", "gltf", "mitchell", WRAP, lambda _: None)
+
+
+def test_the_promise_is_kept_in_files(tmp_path) -> None:
+    stored = material_of_two(8)
+    texture_set = TextureSet.from_arrays(
+        "two",
+        base_color=stored[..., :3],
+        metallic=stored[..., 3],
+        roughness=stored[..., 4],
+        normal=stored[..., 5:8],
+    )
+    stack = bake(texture_set, "auto")
+    assert stack.provenance.promise is not None
+    stack.save(tmp_path / "two")
+    back: MipStack = open_stack(tmp_path / "two")
+    assert back.provenance.promise == stack.provenance.promise
+    assert bake(texture_set, "linear").provenance.promise is None
+
+
+def test_promises_of_other_shapes_are_refused() -> None:
+    assert promise_from(None) is None
+    for wrong in ([], {"levels": [{"level": 0}]}, {}):
+        with pytest.raises((TypeError, KeyError, ValueError)):
+            promise_from(wrong)
