@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 # These modules import NumPy and nothing heavier: readers, colour science and torch are imported where they are used.
 from mipbake.bake import bake
+from mipbake.convert import Material, convert, open_material
 from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.stack import MipStack, open_stack
 from mipbake.texture_set import TextureSet, load
@@ -19,6 +20,7 @@ from mipbake.validate import Validation, validate
 
 __all__ = [
     "InputError",
+    "Material",
     "MipStack",
     "MipbakeError",
     "OutputError",
@@ -26,7 +28,9 @@ __all__ = [
     "UsageError",
     "Validation",
     "bake",
+    "convert",
     "load",
+    "open_material",
     "open_stack",
     "validate",
 ]

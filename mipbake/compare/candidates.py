@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from mipbake.compare.result import Method
 from mipbake.errors import OutputError, UsageError
+from mipbake.io.map_files import Levels
 from mipbake.material import model_named
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
-from mipbake.stack import Levels, MipStack
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 BAKED = "baked"

@@ -9,10 +9,10 @@ import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.layout import MANIFEST, SCHEMA
+from mipbake.io.layout import MANIFEST, MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
@@ -75,13 +75,24 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
 
 
 def _refuse_baked(folder: Path) -> None:
-    """InputError for a stack: its maps are filtered already, and its own output would replace it."""
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return
-    if isinstance(manifest, dict) and manifest.get("schema") == SCHEMA:
+    """InputError for a stack, whose maps are filtered already, and for a material in a model that sets are not in."""
+    if _manifest(folder, MANIFEST, SCHEMA) is not None:
         raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
+    converted = _manifest(folder, MATERIAL_MANIFEST, MATERIAL_SCHEMA)
+    if converted is not None and not str(converted.get("model")).startswith("gltf"):
+        raise InputError(
+            f"{folder} is a material converted to {converted.get('model')}: expected a texture set, give its source "
+            "or convert it to gltf first"
+        )
+
+
+def _manifest(folder: Path, name: str, schema: str) -> dict[str, Any] | None:
+    """The manifest of that name and schema; None where there is none."""
+    try:
+        manifest = json.loads((folder / name).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return manifest if isinstance(manifest, dict) and manifest.get("schema") == schema else None
 
 
 def _visible(folder: Path) -> list[Path]:

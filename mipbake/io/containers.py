@@ -61,6 +61,10 @@ class Container(Protocol):
 FORMATS: Mapping[str, Container] = {c.name: c for c in (MipExr(), MipPng())}
 
 
+IMAGE_FORMATS: Mapping[str, Container] = {c.name: c for c in (MipExr(mipmapped=False), MipPng(numbered=False))}
+"""The same for maps of one level, whose files have no number in their names."""
+
+
 def format_named(name: str) -> Container:
     """The container of that name; UsageError with the list of names when there is none."""
     if name not in FORMATS:

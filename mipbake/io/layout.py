@@ -20,6 +20,11 @@ MANIFEST = "stack.json"
 
 SCHEMA = "mipbake-stack"
 
+MATERIAL_MANIFEST = "material.json"
+"""The file of a converted material's folder that declares everything about it."""
+
+MATERIAL_SCHEMA = "mipbake-material"
+
 COLOUR, UNIT, SIGNED, LOG = "colour", "unit", "signed", "log"
 """Encodings. `colour`: linear Rec.709, which integer containers store sRGB-encoded; `unit`: the value itself;
 `signed`: (x + 1) / 2 of a value from -1 to 1; `log`: the value itself, a logarithm that only float containers hold."""

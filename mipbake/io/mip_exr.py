@@ -17,13 +17,20 @@ _WRAP_MODES = {"wrap": "periodic", "clamp": "clamp"}
 
 
 class MipExr:
-    """Tiled, levels rounded down, ZIP-compressed; colours linear Rec.709."""
+    """Tiled, levels rounded down, ZIP-compressed; colours linear Rec.709.
+
+    Args:
+        mipmapped: whether files hold levels; plain images in lines otherwise, for maps of one level.
+    """
 
     name = "exr"
     summary = "one MIP-mapped half-float OpenEXR file per map, colours linear"
     precision = "half"
     srgb = False
     encodings = frozenset({COLOUR, UNIT, SIGNED, LOG})
+
+    def __init__(self, mipmapped: bool = True) -> None:
+        self._mipmapped = mipmapped
 
     def files(self, layout: MapLayout, levels: int) -> list[str]:
         """See Container."""
@@ -58,9 +65,10 @@ class MipExr:
             height, width, channels = level.shape
             spec = OpenImageIO.ImageSpec(width, height, channels, "half")
             spec.channelnames = layout.channel_names
-            spec.tile_width = spec.tile_height = _TILE
-            # Without this attribute OpenImageIO stores level 0 only, and reports no error.
-            spec.attribute("textureformat", "Plain Texture")
+            if self._mipmapped:
+                spec.tile_width = spec.tile_height = _TILE
+                # Without this attribute OpenImageIO stores level 0 only, and reports no error.
+                spec.attribute("textureformat", "Plain Texture")
             spec.attribute("wrapmodes", ",".join(_WRAP_MODES[mode] for mode in wrap))
             spec.attribute("compression", "zip")
             # Otherwise the time of writing is stored, and no two bakes would be the same file.
@@ -87,13 +95,13 @@ class MipExr:
             levels: list[NDArray[np.generic]] = []
             for index, (height, width) in enumerate(sizes):
                 if not source.seek_subimage(0, index):
-                    raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake the stack again")
+                    raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
                 spec = source.spec()
                 names = list(spec.channelnames)
                 if (spec.height, spec.width) != (height, width) or set(names) != set(layout.channel_names):
                     raise InputError(
                         f"level {index} of {path} is {spec.width} x {spec.height} with channels {', '.join(names)}, "
-                        f"expected {width} x {height} with {', '.join(layout.channel_names)}: bake the stack again"
+                        f"expected {width} x {height} with {', '.join(layout.channel_names)}: bake or convert it again"
                     )
                 pixels = source.read_image(0, index, 0, len(names), "half")
                 if pixels is None or source.has_error:
@@ -102,7 +110,7 @@ class MipExr:
                 # OpenEXR sorts channels by name.
                 levels.append(pixels[..., [names.index(name) for name in layout.channel_names]])
             if source.seek_subimage(0, len(sizes)):
-                raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake the stack again")
+                raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
             return levels
         finally:
             source.close()

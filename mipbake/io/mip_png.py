@@ -17,7 +17,11 @@ _SLACK = 0.5 / 255
 
 
 class MipPng:
-    """`<map>_mip00.png` upwards; colours sRGB-encoded."""
+    """`<map>_mip00.png` upwards; colours sRGB-encoded.
+
+    Args:
+        numbered: whether file names have a level; `<map>.png` otherwise, for maps of one level.
+    """
 
     name = "png"
     summary = "one 8-bit PNG file per map and level, colours sRGB-encoded"
@@ -25,8 +29,13 @@ class MipPng:
     srgb = True
     encodings = frozenset({COLOUR, UNIT, SIGNED})
 
+    def __init__(self, numbered: bool = True) -> None:
+        self._numbered = numbered
+
     def files(self, layout: MapLayout, levels: int) -> list[str]:
         """See Container."""
+        if not self._numbered:
+            return [f"{layout.name}.png"][:levels]
         return [f"{layout.name}_mip{level:02}.png" for level in range(levels)]
 
     def quantise(self, values: NDArray[np.float64], layout: MapLayout) -> NDArray[np.generic]:
@@ -81,7 +90,7 @@ class MipPng:
                 if (spec.height, spec.width, spec.nchannels) != (height, width, channels):
                     raise InputError(
                         f"{path} is {spec.width} x {spec.height} with {spec.nchannels} channels, "
-                        f"expected {width} x {height} with {channels}: bake the stack again"
+                        f"expected {width} x {height} with {channels}: bake or convert it again"
                     )
                 pixels = source.read_image(0, 0, 0, channels, "uint8")
                 if pixels is None or source.has_error:

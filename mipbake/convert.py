@@ -1,0 +1,249 @@
+"""Level 0 of a texture set in another material model, texel by texel and unfiltered.
+
+A converted material lies in a folder: `material.json`, which declares every convention, and the maps beside it, one
+file each. It is not a MIP stack: nothing is prefiltered, and there is one level. What is converted to `gltf` or
+`gltf-anisotropic` is a texture set again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import __version__, material
+from mipbake.errors import InputError, UsageError
+from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
+from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, MapLayout, extra_layout
+from mipbake.io.map_files import Maps, check_same_sources, described, is_result_folder, read_map, write_maps
+from mipbake.io.publish import check_target, published
+from mipbake.material import MODELS, model_named
+from mipbake.texture_set import TextureSet
+
+MATERIAL_SCHEMA_VERSION = 1
+
+ANALYTIC = "analytic"
+"""The rule of `mipbake.material.convert`, texel by texel."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """How a material was converted. It holds no times and no machine: the same conversion gives the same files.
+
+    Args:
+        source_model: material model that it was given in.
+        rule: what converted it.
+        tool_version: version of mipbake.
+        sources: source file name to SHA-256 of its bytes.
+        source_hash: one hash of everything that the material was made from.
+        warnings: what a user should know, in sentences.
+    """
+
+    source_model: str
+    rule: str = ANALYTIC
+    tool_version: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    source_hash: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A material at full resolution, in one material model.
+
+    Args:
+        name: the texture set's name.
+        model: a name in `mipbake.material.MODELS`.
+        stored: (H, W, C) float32 stored channels.
+        extra: the maps that do not shade, by role: (h, w, 1 to 4) float32, at their own sizes.
+        wrap: addressing along u and v, each "wrap" or "clamp".
+        provenance: how it was converted.
+
+    Raises:
+        UsageError: on construction, when model or shapes are not as described, or a value is not finite.
+    """
+
+    name: str
+    model: str
+    stored: NDArray[np.float32]
+    extra: Mapping[str, NDArray[np.float32]]
+    wrap: tuple[str, str]
+    provenance: Conversion
+
+    def __post_init__(self) -> None:
+        """Checks the shapes."""
+        channels = model_named(self.model).channels
+        for what, image in (("the material", self.stored), *self.extra.items()):
+            expected = (channels,) if image is self.stored else (1, 2, 3, 4)
+            if image.ndim != 3 or image.dtype != np.float32 or image.shape[-1] not in expected or not image.size:
+                raise UsageError(f"{what} is {image.dtype} {image.shape}: expected float32 (H, W, {channels})")
+            if not np.isfinite(image).all():
+                raise UsageError(f"{what} holds values that are not finite: expected none")
+
+    def maps(self) -> Maps:
+        """Every map that is written, as one level: (H, W, channels of the map)."""
+        shading = [(layout, [self.stored[..., layout.channels]]) for layout in LAYOUTS[self.model]]
+        return shading + [(extra_layout(role, image.shape[-1]), [image]) for role, image in self.extra.items()]
+
+    def save(
+        self,
+        path: str | Path,
+        format: str = DEFAULT_FORMAT,
+        progress: Callable[[float], None] = lambda _share: None,
+    ) -> list[Path]:
+        """Writes the material into the folder `path` and reads every map back to compare.
+
+        The folder appears under its name when it is complete. An earlier material of the same source files is replaced;
+        a folder that holds anything else is left alone. Missing parent folders are made.
+
+        Args:
+            path: the folder; its last part need not be the material's name.
+            format: a name in `mipbake.io.containers.IMAGE_FORMATS`. Values are rounded to what it stores.
+            progress: told the finished share, from 0 to 1.
+
+        Returns:
+            The files, material.json first.
+
+        Raises:
+            UsageError: an unknown format, or one that cannot hold this material.
+            OutputError: the folder cannot be written, or holds the material of other source files.
+        """
+        target, container = Path(path), image_container(self.model, format)
+        check_material_output(target, self.provenance.sources)
+        write = write_maps(self.maps(), container, self.wrap, progress)
+        manifest = self._manifest(container)
+        with published(target, is_material_folder) as folder:
+            write(folder)
+            (folder / MATERIAL_MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        progress(1.0)
+        names = [MATERIAL_MANIFEST, *(n for entry in manifest["maps"].values() for n in entry["files"])]
+        return [target / name for name in names]
+
+    def _manifest(self, container: Container) -> dict[str, Any]:
+        height, width = self.stored.shape[:2]
+        return {
+            "schema": MATERIAL_SCHEMA,
+            "schema_version": MATERIAL_SCHEMA_VERSION,
+            "name": self.name,
+            "model": self.model,
+            "width": width,
+            "height": height,
+            "wrap": {"u": self.wrap[0], "v": self.wrap[1]},
+            **described(self.model, self.maps(), container),
+            "provenance": {**asdict(self.provenance), "sources": dict(self.provenance.sources)},
+        }
+
+
+def convert(source: TextureSet | Material, target: str) -> Material:
+    """Converts level 0 to another material model, texel by texel; nothing is filtered.
+
+    What the models share is kept to rounding, and what the target cannot represent becomes the nearest that it can; see
+    `mipbake.material`. Maps that do not shade are kept as they are.
+
+    Args:
+        source: from `mipbake.load`, or a material that was converted before.
+        target: a material model in `mipbake.material.MODELS`.
+
+    Raises:
+        UsageError: an unknown target.
+    """
+    model_named(target)
+    if isinstance(source, TextureSet):
+        model, sources = source.source_model, {}
+        for texture in source.maps.values():
+            if texture.source.path is not None:
+                sources[texture.source.path.name] = texture.source.sha256
+        stored = source.material(model)
+        extra = {role: texture.pixels for role, texture in source.plain_maps.items()}
+        made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
+    else:
+        model, stored, extra, given = source.model, source.stored, dict(source.extra), source.provenance
+        made = Conversion(model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
+    converted = material.convert(stored, model, target)
+    if target != model:
+        converted = material.regularise(converted, target)
+    converted = np.ascontiguousarray(converted, np.float32)
+    return Material(source.name, target, converted, extra, source.wrap, made)
+
+
+def image_container(model: str, format: str) -> Container:
+    """The container of that name for maps of one level; UsageError when there is none or it cannot hold the model."""
+    if format not in IMAGE_FORMATS:
+        raise UsageError(f"unknown format {format!r}: expected one of {', '.join(IMAGE_FORMATS)}")
+    container = IMAGE_FORMATS[format]
+    for layout in LAYOUTS[model]:
+        if not container.encodings.issuperset(layout.encodings):
+            raise UsageError(
+                f"format {format} cannot hold the map {layout.name} of the model {model}: its logarithms do not fit in "
+                f"{container.precision}, use format {DEFAULT_FORMAT} or another model"
+            )
+    return container
+
+
+def is_material_folder(path: Path) -> bool:
+    """Whether a folder holds a converted material and nothing else."""
+    return is_result_folder(path, MATERIAL_MANIFEST, MATERIAL_SCHEMA)
+
+
+def check_material_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
+    """Raises OutputError when a material cannot be saved to the folder `path`; leaves nothing there.
+
+    Args:
+        path: the folder that `Material.save` would be given.
+        sources: source file name to SHA-256, empty where the file has not been read yet: a material that shares no
+            source file with them is in the way. None leaves that to `Material.save`.
+    """
+    target = Path(path)
+    check_target(target, is_material_folder)
+    if sources is not None and is_material_folder(target):
+        check_same_sources(target / MATERIAL_MANIFEST, "material", sources)
+
+
+def open_material(path: str | Path) -> Material:
+    """Reads a material that `Material.save` wrote, whatever its format.
+
+    Raises:
+        InputError: no material there, a map that is missing or broken, or a schema of a later version.
+    """
+    folder = Path(path)
+    file = folder / MATERIAL_MANIFEST
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {file} ({error}): expected what `mipbake convert` wrote") from error
+    if not isinstance(manifest, dict) or manifest.get("schema") != MATERIAL_SCHEMA:
+        raise InputError(f"{file} is not the description of a material: its schema is not {MATERIAL_SCHEMA}")
+    if manifest.get("schema_version") != MATERIAL_SCHEMA_VERSION:
+        raise InputError(
+            f"{file} has schema version {manifest.get('schema_version')}, expected {MATERIAL_SCHEMA_VERSION}: open it "
+            "with the version of mipbake that wrote it, or convert it again"
+        )
+    try:
+        model = model_named(manifest["model"]).name
+        container = image_container(model, manifest["format"])
+        layouts = {layout.name: layout for layout in LAYOUTS[model]}
+        images = {}
+        for name, entry in manifest["maps"].items():
+            if not name.isidentifier():  # a role becomes a file name: it must not lead elsewhere
+                raise ValueError(f"{name!r} is no name of a map")
+            (images[name],) = read_map(container, folder, _layout(layouts, name, entry), entry)
+        provenance = manifest["provenance"]
+        made = Conversion(**{**provenance, "warnings": tuple(provenance["warnings"])})
+        wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
+        stored = np.concatenate([images.pop(name) for name in layouts], -1)
+        return Material(str(manifest["name"]), model, stored, images, wrap, made)
+    except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
+        raise InputError(f"{file} does not describe a material ({error}): convert it again") from error
+
+
+def _layout(layouts: Mapping[str, MapLayout], name: str, entry: Mapping[str, Any]) -> MapLayout:
+    return layouts.get(name) or extra_layout(name, len(entry["channels"]))
+
+
+TARGETS = tuple(MODELS)
+"""What can be converted to."""
