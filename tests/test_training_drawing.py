@@ -1,0 +1,83 @@
+"""Batches drawn beside the training."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from dataclasses import dataclass
+
+import pytest
+import torch
+
+from mipbake.errors import MipbakeError, UsageError
+from mipbake.training.drawing import Drawer
+
+torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Of the shape that batches of a training have."""
+
+    source: str
+    patches: torch.Tensor
+    views: tuple[torch.Tensor, ...]
+    independent: torch.Tensor | None
+
+
+def batch(index: int) -> Batch:
+    generator = torch.Generator().manual_seed(index)
+    views = (torch.rand(2, 3, generator=generator), torch.arange(7, dtype=torch.int32) + index)
+    return Batch("ggx", torch.rand(1, 5 + index, 4, 3, generator=generator), views, None)
+
+
+def same(left: Batch, right: Batch) -> bool:
+    pairs = zip((left.patches, *left.views), (right.patches, *right.views), strict=True)
+    equal = all(a.dtype == b.dtype and torch.equal(a, b) for a, b in pairs)
+    return equal and left.source == right.source and left.independent is right.independent is None
+
+
+@pytest.mark.parametrize("platform", ["linux", "other"])
+def test_batches_arrive_whole_and_in_order(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if platform == "other":
+        monkeypatch.setattr(sys, "platform", "darwin")
+    elif sys.platform != "linux":
+        pytest.skip("no processes are forked here")
+    kept = []
+    with Drawer(batch, 0) as drawer:
+        for index in range(4):
+            drawer.ask(index)
+            kept.append(drawer.take())
+    # Later batches do not overwrite those that are kept.
+    assert all(same(found, batch(index)) for index, found in enumerate(kept))
+    kept[0].patches.add_(1)  # nor are they read-only
+
+
+def fails(index: int) -> Batch:
+    if index:
+        raise UsageError(f"no batch {index}")
+    return batch(index)
+
+
+def test_what_drawing_raises_is_raised() -> None:
+    with Drawer(fails, 0) as drawer:
+        drawer.ask(3)
+        with pytest.raises(UsageError, match="no batch 3"):
+            drawer.take()
+        drawer.ask(0)
+        assert same(drawer.take(), batch(0))
+
+
+def dies(index: int) -> Batch:
+    if index:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return batch(index)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no processes are forked here")
+def test_the_death_of_the_process_is_told() -> None:
+    with Drawer(dies, 0) as drawer:
+        drawer.ask(1)
+        with pytest.raises(MipbakeError, match="died"):
+            drawer.take()

@@ -1,0 +1,134 @@
+"""Batches drawn beside the training: in a process of their own where the system can fork one, else in a thread.
+
+Drawing and training both are many short calls. Two threads of one interpreter would wait for each other at every one of
+them; two processes share nothing but the memory that a batch is handed over in.
+"""
+
+from __future__ import annotations
+
+import io
+import mmap
+import multiprocessing
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+import torch
+from torch import Tensor
+
+from mipbake.errors import MipbakeError
+
+T = TypeVar("T")
+
+_ALIGNMENT = 64
+
+
+class _Pickler(pickle.Pickler):
+    """Leaves the numbers of arrays and tensors out, for a buffer of their own."""
+
+    def reducer_override(self, value: Any) -> Any:
+        return (torch.from_numpy, (value.numpy(),)) if isinstance(value, Tensor) else NotImplemented
+
+
+def pack(value: Any) -> tuple[bytes, list[memoryview]]:
+    """What `unpack` makes the value of again: a description, and the numbers of the CPU tensors in it."""
+    file, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
+    _Pickler(file, protocol=5, buffer_callback=buffers.append).dump(value)
+    return file.getvalue(), [buffer.raw() for buffer in buffers]
+
+
+def _places(sizes: list[int]) -> tuple[list[slice], int]:
+    """Where buffers of these sizes lie one after the other, and their end."""
+    places, end = [], 0
+    for size in sizes:
+        places.append(slice(end, end + size))
+        end += -(-size // _ALIGNMENT) * _ALIGNMENT
+    return places, end
+
+
+class Drawer(Generic[T]):
+    """Draws batches ahead, in the order asked for: `ask` for some indices, then `take` as many.
+
+    Args:
+        draw: the batch of an index, a pure function.
+        example: an index; no batch is much larger than that one's.
+    """
+
+    def __init__(self, draw: Callable[[int], T], example: int) -> None:
+        self._threads: ThreadPoolExecutor | None = None
+        if sys.platform != "linux":
+            self._threads = ThreadPoolExecutor(1, initializer=_one_thread)
+            self._draw, self._pending = draw, list[Future[T]]()
+            return
+        _, buffers = pack(draw(example))
+        self._memory = mmap.mmap(-1, 2 * _places([len(b) for b in buffers])[1] + mmap.PAGESIZE)  # shared with the fork
+        context = multiprocessing.get_context("fork")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(draw, theirs, self._pipe, self._memory), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def ask(self, index: int) -> None:
+        """Has a batch drawn; one at a time until it is taken."""
+        if self._threads is not None:
+            self._pending.append(self._threads.submit(self._draw, index))
+        else:
+            self._pipe.send(index)
+
+    def take(self) -> T:
+        """The batch that was asked for; raises what its drawing raised."""
+        if self._threads is not None:
+            return self._pending.pop(0).result()
+        try:
+            answer, sizes = self._pipe.recv()
+        except EOFError as error:
+            raise MipbakeError("the process that draws batches has died; continue with --resume") from error
+        if isinstance(answer, BaseException):
+            raise answer
+        places, end = _places(sizes)
+        own = memoryview(bytearray(memoryview(self._memory)[:end]))
+        batch: T = pickle.loads(answer, buffers=[own[place] for place in places])
+        return batch
+
+    def __enter__(self) -> Drawer[T]:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._threads is not None:
+            self._threads.shutdown(cancel_futures=True)
+            return
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join()
+
+
+def _one_thread() -> None:
+    """Drawing and training share the cores: a second team of torch threads would only wait for the first."""
+    torch.set_num_threads(1)
+
+
+def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memory: mmap.mmap) -> None:
+    theirs.close()  # the parent's end, which its death is to close
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to handle
+    _one_thread()
+    target = memoryview(memory)
+    while True:
+        try:
+            index = pipe.recv()
+        except EOFError:
+            return
+        try:
+            answer, buffers = pack(draw(index))
+            sizes = [len(buffer) for buffer in buffers]
+            for place, buffer in zip(_places(sizes)[0], buffers, strict=True):
+                target[place] = buffer
+            pipe.send((answer, sizes))
+        except Exception as error:  # whatever it is, the parent raises it
+            pipe.send((error, []))
