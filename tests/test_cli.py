@@ -16,8 +16,10 @@ import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import LoadOptions
-from mipbake.prefilter import METHODS
+from mipbake.prefilter import METHODS, refine
+from mipbake.prefilter.held_out import Budget
 from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.prefilter.scores import Effort
 
 from .command_line import bumps, fails, tree, write_set
 
@@ -41,6 +43,21 @@ def test_bake_writes_what_it_says(folder, tmp_path, capsys, fmt):
     stack = mipbake.open_stack(tmp_path / "out" / "metal")
     assert (stack.provenance.method, stack.provenance.pixel_filter, stack.model) == ("lean", "gaussian", "gltf")
     assert set(stack.provenance.sources) == {"base_color.png", "normal.png", "roughness.png"}
+
+
+def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(refine, "DEFAULT_EFFORT", Effort(2, 4, 2, 8, 2))
+    monkeypatch.setattr(refine, "DEFAULT_BUDGET", Budget(rounds=1, pairs=8, points=16, held_out_pairs=32))
+    arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "refine", "--budget", "0.01s"]
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    promise = mipbake.open_stack(tmp_path / "out" / "metal").provenance.promise
+    for name in ("near-mirror", "hemisphere"):
+        assert f"beside the best closed form of each level, {name}: {promise.summary(name)}" in out
+    assert main([*arguments, "--json"]) == 0
+    levels = json.loads(capsys.readouterr().out)["results"][0]["stack"]["provenance"]["promise"]["levels"]
+    assert [each["level"] for each in levels] == list(range(len(promise.levels)))
+    assert set(levels[0]["snr"]) == {"near-mirror", "hemisphere"}
 
 
 def test_bake_equals_the_library(folder, tmp_path, capsys):
