@@ -10,6 +10,7 @@ the candidate that is safe there, as far as needed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,9 @@ BLENDED = ("linear", "lean", "unreal", "godot")
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 _MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
+_CHANCE = 0.5  # of a standard error by which a rival may be ahead
+_TIE = 0.01  # logarithm of errors below which two measure the same
+_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two candidates are baked at a time
 _WORSE = 10.0  # weight of a logarithm behind what is asked for against one gained
 
 
@@ -109,10 +113,15 @@ def blend(
     Args:
         candidates: in the order of preference where they measure the same, BASE with the pixel filter among them. A
             network need not be.
-        effort: of the renders that judge; those that are fitted to have half the points.
+        effort: of the renders that judge; those that are fitted to have a third of the points.
     """
     # A handful of weights a level needs fewer points than a verdict on them.
-    fewer = replace(effort, points=max(1, effort.points // 2), lit_points=max(1, effort.lit_points // 2))
+    fewer = replace(
+        effort,
+        groups=max(1, 2 * effort.groups // 3),
+        points=max(1, effort.points // 2),
+        lit_points=max(1, effort.lit_points // 2),
+    )
     train, judge = Scores(problem, fewer, 2 * seed), Scores(problem, effort, 2 * seed + 1)
     bench = _Bench(problem, candidates, (train, judge), progress)
     asked = [bench.asked(0, index) for index in range(len(train.lods))]
@@ -148,11 +157,17 @@ class _Bench:
         self._looked_up: dict[tuple[str, int, int, int], Image] = {}
         self._found: dict[tuple[str, int], list[Score]] = {}
         names = sorted(self._candidates, key=lambda name: name != self.base)
-        for done, name in enumerate(names):
+
+        def look(name: str) -> None:
             levels = self.levels(name)
             for which, each in enumerate(scores):
                 self._look_up(name, levels, which, each)
-            progress((done + 1) / (len(names) + 2))
+
+        # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
+        workers = 2 if texels <= _SIDE_BY_SIDE else 1
+        with ThreadPoolExecutor(workers) as pool:
+            for done, _ in enumerate(pool.map(look, names)):
+                progress((done + 1) / (len(names) + 2))
 
     def levels(self, name: str) -> list[Image]:
         """Every level of a candidate, baked again unless it was kept."""
@@ -324,9 +339,9 @@ def settle(
         return judge.of(mean([texels(index, level, shares[level]) for level in judge.probes[index].levels]), index)
 
     def behind(found: Score, index: int) -> float:
-        """The most that a rival is ahead by, beyond the standard error of the difference."""
+        """The most that a rival is ahead by, beyond what chance may do."""
         lost = np.stack([row - rival.log_errors for row, rival in zip(found.log_errors, rivals[index], strict=True)])
-        return float((lost.mean(1) - standard_error(lost)).max())
+        return float((lost.mean(1) - _CHANCE * standard_error(lost)).max()) - _TIE
 
     def cost(found: Score, index: int) -> float:
         asked = Score(np.stack([rival.log_errors for rival in rivals[index]]), 0.0, lit[index])

@@ -57,7 +57,7 @@ class Effort:
         lit_points, lit_samples: under the studio's lights.
     """
 
-    groups: int = 16
+    groups: int = 24
     points: int = 192
     samples: int = 16
     lit_points: int = 1024
