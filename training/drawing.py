@@ -121,14 +121,17 @@ def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memo
     target = memoryview(memory)
     while True:
         try:
-            index = pipe.recv()
-        except EOFError:
-            return
-        try:
-            answer, buffers = pack(draw(index))
-            sizes = [len(buffer) for buffer in buffers]
-            for place, buffer in zip(_places(sizes)[0], buffers, strict=True):
-                target[place] = buffer
-            pipe.send((answer, sizes))
-        except Exception as error:  # whatever it is, the parent raises it
-            pipe.send((error, []))
+            pipe.send(_answer(draw, pipe.recv(), target))
+        except (EOFError, OSError):
+            return  # nobody asks any more
+
+
+def _answer(draw: Callable[[int], Any], index: int, target: memoryview) -> tuple[bytes | Exception, list[int]]:
+    try:
+        answer, buffers = pack(draw(index))
+        sizes = [len(buffer) for buffer in buffers]
+        for place, buffer in zip(_places(sizes)[0], buffers, strict=True):
+            target[place] = buffer
+    except Exception as error:  # whatever it is, the parent raises it
+        return error, []
+    return answer, sizes
