@@ -80,7 +80,7 @@ class _Dense(torch.autograd.Function):
             seen = slice(0, inputs) if i == 0 else slice(new.start - growth, new.start)
             column = columns[i] if columns else out[..., seen]
             by_matrix = torch.mm(later.flatten(0, 1).T, column.flatten(0, 1))
-            by_matrix = by_matrix.unflatten(1, (-1, seen.stop - seen.start))
+            by_matrix = by_matrix.reshape(len(by_matrix), -1, seen.stop - seen.start)
             for j in range(i, layers):
                 by_weights[j][..., seen] = by_matrix[(j - i) * growth : (j - i + 1) * growth]
             if i > 0 or ctx.needs_input_grad[0]:
@@ -97,7 +97,7 @@ class _Dense(torch.autograd.Function):
 
 def _as_weights(gradient: Tensor, shape: torch.Size) -> Tensor:
     """(G, taps, maps read) as the weights lie: maps last in memory."""
-    return gradient.unflatten(1, (3, 3)).movedim(-1, 1) if len(shape) == 4 else gradient[:, 0]
+    return gradient.reshape(len(gradient), 3, 3, -1).movedim(-1, 1) if len(shape) == 4 else gradient[:, 0]
 
 
 def _grouped(weights: tuple[Tensor, ...], maps: slice) -> Tensor:

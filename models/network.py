@@ -17,6 +17,7 @@ variance: where a material is constant the result is exactly the average, and wh
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 import torch
@@ -102,10 +103,9 @@ class Encoder(nn.Module):
 
     def periodic(self, whitened: Tensor) -> Tensor:
         """(B, H, W, P) whitened parameters of images that repeat to (B, H, W, Z) latents; the faster in training."""
-        weights, biases = [layer.weight for layer in self.layers], [layer.bias for layer in self.layers]
-        maps = dense(whitened.flatten(1, 2), weights, biases, (whitened.shape[1], whitened.shape[2]))
+        maps = dense(whitened.flatten(1, 2), *_parameters(self.layers), (whitened.shape[1], whitened.shape[2]))
         latent: Tensor = self.project(maps)
-        return latent.unflatten(1, whitened.shape[1:3])
+        return latent.reshape(*whitened.shape[:3], -1)
 
 
 class Decoder(nn.Module):
@@ -126,16 +126,21 @@ class Decoder(nn.Module):
 
     def forward(self, latent: Tensor) -> Tensor:
         """(..., Z) latents to (..., P) whitened parameters."""
-        weights, biases = [layer.weight for layer in self.layers], [layer.bias for layer in self.layers]
-        maps = dense(latent.reshape(1, -1, latent.shape[-1]), weights, biases)
+        maps = dense(latent.reshape(1, -1, latent.shape[-1]), *_parameters(self.layers))
         out: Tensor = self.output(maps)
         return out.reshape(*latent.shape[:-1], -1)
 
 
 def _initialise(layers: nn.ModuleList) -> None:
-    for layer in layers:
-        nn.init.kaiming_normal_(layer.weight, SLOPE, nonlinearity="leaky_relu")
-        nn.init.zeros_(layer.bias)
+    for weight, bias in zip(*_parameters(layers), strict=True):
+        nn.init.kaiming_normal_(weight, SLOPE, nonlinearity="leaky_relu")
+        nn.init.zeros_(bias)
+
+
+def _parameters(layers: nn.ModuleList) -> tuple[list[Tensor], list[Tensor]]:
+    """Weights and biases of each layer."""
+    known = [cast("nn.Linear | nn.Conv2d", layer) for layer in layers]
+    return [layer.weight for layer in known], [cast(Tensor, layer.bias) for layer in known]
 
 
 class Network(nn.Module):
@@ -149,6 +154,18 @@ class Network(nn.Module):
         self.whitening = nn.ModuleDict({model: Whitening(PARAMETERS[model]) for model in config.models})
         self.encoders = nn.ModuleDict({model: Encoder(config, model) for model in config.encoders})
         self.decoders = nn.ModuleDict({model: Decoder(config, model) for model in config.decoders})
+
+    def whitening_of(self, model: str) -> Whitening:
+        """That of a model which is read or made."""
+        return cast(Whitening, self.whitening[model])
+
+    def encoder_of(self, source: str) -> Encoder:
+        """That of a model which is read."""
+        return cast(Encoder, self.encoders[source])
+
+    def decoder_of(self, target: str) -> Decoder:
+        """That of a model which is made."""
+        return cast(Decoder, self.decoders[target])
 
     @property
     def halo(self) -> int:
@@ -167,19 +184,21 @@ class Network(nn.Module):
         """
         encoders, first = self.config.encoders, self.config.encoders[0]
         for model in self.config.models:
-            self.whitening[model].fit(samples[model if model in encoders else first][model])
+            self.whitening_of(model).fit(samples[model if model in encoders else first][model])
         if self.config.residual:
             return
         counts = [PARAMETERS[model] for model in encoders]
         slots = {m: slice(sum(counts[:i]), sum(counts[: i + 1])) for i, m in enumerate(encoders)}
         with torch.no_grad():
-            for source, encoder in self.encoders.items():
+            for source in encoders:
+                encoder = self.encoder_of(source)
                 for model, slot in slots.items():
                     matrix, offset = self._linear_map(samples[source], source, model)
                     encoder.project.weight[slot] = 0
                     encoder.project.weight[slot, : PARAMETERS[source]] = matrix
                     encoder.project.bias[slot] = offset
-            for model, decoder in self.decoders.items():
+            for model in self.config.decoders:
+                decoder = self.decoder_of(model)
                 source = model if model in encoders else first
                 matrix, offset = self._linear_map(samples[source], source, model)
                 decoder.output.weight.zero_()
@@ -190,7 +209,7 @@ class Network(nn.Module):
         """Matrix (Q, P) and offset (Q,) of the least-squares map between whitened parameters of two models."""
         if source == target:
             return torch.eye(PARAMETERS[source]), torch.zeros(PARAMETERS[source])
-        inputs, outputs = (self.whitening[m](samples[m]).double() for m in (source, target))
+        inputs, outputs = (self.whitening_of(m)(samples[m]).double() for m in (source, target))
         inputs = torch.cat([inputs, torch.ones_like(inputs[:, :1])], 1)
         # A ridge: channels that are constant in the sample say nothing, and are to be ignored rather than extrapolated.
         gram = inputs.T @ inputs / len(inputs) + 1e-6 * torch.eye(inputs.shape[1], dtype=torch.float64)
@@ -201,15 +220,15 @@ class Network(nn.Module):
         """(B, H, W, C) stored channels of a source (default: the only one) to (B, H, W, Z) latents, any size."""
         source = source or self._only("encoders")
         if wrap == _PERIODIC and not self.config.residual:
-            latent: Tensor = self.encoders[source].periodic(self.whitening[source](to_parameters(stored, source)))
+            latent: Tensor = self.encoder_of(source).periodic(self.whitening_of(source)(to_parameters(stored, source)))
             return latent
         return self.encode_extended(extend(stored, self.halo, wrap), source)
 
     def encode_extended(self, stored: Tensor, source: str | None = None) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, C) stored channels, borders included, to (B, H, W, Z) latents."""
         source = source or self._only("encoders")
-        whitened = self.whitening[source](to_parameters(stored, source))
-        latent: Tensor = self.encoders[source](whitened)
+        whitened = self.whitening_of(source)(to_parameters(stored, source))
+        latent: Tensor = self.encoder_of(source)(whitened)
         return torch.cat([self._moments(whitened), latent], -1) if self.config.residual else latent
 
     def _moments(self, whitened: Tensor) -> Tensor:
@@ -226,13 +245,13 @@ class Network(nn.Module):
     def decode(self, latent: Tensor, target: str | None = None) -> Tensor:
         """(..., Z) latents of any level to (..., C) stored channels of a target, valid as they are; differentiable."""
         target = target or self._only("decoders")
-        whitened = self.decoders[target](latent)
+        whitened = self.decoder_of(target)(latent)
         if self.config.residual:
             p = PARAMETERS[target]
             mean = latent[..., :p]
             variance = (latent[..., p : p + 1] - mean.square().sum(-1, keepdim=True)).clamp(min=0)
             whitened = mean + _STEP * variance / (variance + _GATE) * whitened
-        return to_stored(self.whitening[target].inverse(whitened), target)
+        return to_stored(self.whitening_of(target).inverse(whitened), target)
 
     def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
         """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
 import signal
-import sys
 from dataclasses import dataclass
 
 import pytest
@@ -38,12 +38,11 @@ def same(left: Batch, right: Batch) -> bool:
     return equal and left.source == right.source and left.independent is right.independent is None
 
 
-@pytest.mark.parametrize("platform", ["linux", "other"])
-def test_batches_arrive_whole_and_in_order(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if platform == "other":
-        monkeypatch.setattr(sys, "platform", "darwin")
-    elif sys.platform != "linux":
+@pytest.mark.parametrize("system", ["Linux", "Darwin"])
+def test_batches_arrive_whole_and_in_order(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if system == "Linux" != platform.system():
         pytest.skip("no processes are forked here")
+    monkeypatch.setattr(platform, "system", lambda: system)
     kept = []
     with Drawer(batch, 0) as drawer:
         for index in range(4):
@@ -75,7 +74,7 @@ def dies(index: int) -> Batch:
     return batch(index)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="no processes are forked here")
+@pytest.mark.skipif(platform.system() != "Linux", reason="no processes are forked here")
 def test_the_death_of_the_process_is_told() -> None:
     with Drawer(dies, 0) as drawer:
         drawer.ask(1)

@@ -10,8 +10,8 @@ import io
 import mmap
 import multiprocessing
 import pickle
+import platform
 import signal
-import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
@@ -61,7 +61,7 @@ class Drawer(Generic[T]):
 
     def __init__(self, draw: Callable[[int], T], example: int) -> None:
         self._threads: ThreadPoolExecutor | None = None
-        if sys.platform != "linux":
+        if platform.system() != "Linux":
             self._threads = ThreadPoolExecutor(1, initializer=_one_thread)
             self._draw, self._pending = draw, list[Future[T]]()
             return
