@@ -30,7 +30,7 @@ from mipbake.shading.ops import shade
 
 _SETS = len(PAIR_SETS)
 _BEHIND = 4.0  # times that a logarithm counts in addition while it is behind what is asked for
-_LIT = 1.0  # that the error under the studio's lights counts, beside each pair set
+_LIT = 0.5  # that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 2e-3
 _UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _STRIDE = 4  # one in so many pairs takes part in curvature

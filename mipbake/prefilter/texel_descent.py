@@ -33,7 +33,8 @@ from mipbake.shading.ops import shade
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
 
-_LIT_BEHIND = 4.0  # times that the tonemapped error counts in addition while it is above the start's
+_LIT, _LIT_BEHIND = 0.5, 2.0  # that the tonemapped error counts beside a pair set; more while above the start's
+_LIT_SLACK = 1.05  # of the start's, squared
 _LIT_PIXELS = 1024  # of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
@@ -234,8 +235,8 @@ def _lit_weights(crops: dict[int, Crop], lit: list[LitBatch], asked: dict[int, f
     out = {}
     for level, (total, count) in sums.items():
         error = max(total / count, 1e-7)
-        behind = error > asked.setdefault(level, error)
-        out[level] = (1 + _LIT_BEHIND * behind) / (error * count)
+        behind = error > _LIT_SLACK * asked.setdefault(level, error)
+        out[level] = (_LIT + _LIT_BEHIND * behind) / (error * count)
     return out
 
 
