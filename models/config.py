@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -77,6 +78,61 @@ class NetworkConfig:
         return self.residual
 
 
+@dataclass(frozen=True)
+class MomentConfig:
+    """Architecture of a network that corrects averages (mipbake.models.moment_network), for `gltf`.
+
+    Args:
+        latent_channels: learned maps beside the moments.
+        convolutions: dense 3 x 3 layers of the encoder; also its halo in texels.
+        pointwise: dense 1 x 1 layers of the encoder.
+        growth: new maps a layer of the encoder.
+        decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
+    """
+
+    latent_channels: int = 40
+    convolutions: int = 2
+    pointwise: int = 2
+    growth: int = 24
+    decoder_layers: int = 4
+    decoder_growth: int = 32
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value: Any = getattr(self, field.name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise UsageError(f"network.{field.name} must be a whole number of at least 1, got {value!r}")
+
+    @property
+    def encoders(self) -> tuple[str, ...]:
+        """The material model that is read."""
+        return ("gltf",)
+
+    @property
+    def decoders(self) -> tuple[str, ...]:
+        """The material model that is made."""
+        return ("gltf",)
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Both are the same."""
+        return ("gltf",)
+
+
+AnyConfig = NetworkConfig | MomentConfig
+
+ARCHITECTURES: Mapping[str, type[NetworkConfig] | type[MomentConfig]] = {
+    "latent": NetworkConfig,
+    "moments": MomentConfig,
+}
+"""What descriptions of weights call the kinds of networks."""
+
+
+def architecture_of(config: AnyConfig) -> str:
+    """The key of ARCHITECTURES."""
+    return next(name for name, kind in ARCHITECTURES.items() if isinstance(config, kind))
+
+
 def _check_models(name: str, models: Any) -> None:
     if not isinstance(models, tuple) or not models or len(set(models)) < len(models):
         raise UsageError(f"network.{name} must name one or more different material models, got {models!r}")
@@ -111,7 +167,7 @@ def made_from(config: NetworkConfig, target: str) -> str:
     raise UsageError(f"these weights make {', '.join(targets(config))}, not {target!r}; choose other weights")
 
 
-def targets(config: NetworkConfig) -> tuple[str, ...]:
+def targets(config: AnyConfig) -> tuple[str, ...]:
     """Material models that a network can bake: those of its decoders, and what is converted from them."""
     converted = (to for to, made in _CONVERTED.items() if made in config.decoders)
     return tuple(dict.fromkeys((*config.decoders, *converted)))

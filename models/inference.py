@@ -7,8 +7,7 @@ that two levels of latents at most exist at once, the finest of them a quarter t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -20,20 +19,8 @@ from mipbake.errors import UsageError
 from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
 from mipbake.models.network import Network, border_indices
+from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
-
-DEFAULT_TILE = 128
-"""Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Tile of one axis, and what it adds to the next level: rows[i] += weights[i, j] texel[start + j]."""
-
-    start: int
-    stop: int
-    rows: Tensor
-    weights: Tensor
 
 
 def bake(
@@ -99,7 +86,7 @@ def bake_levels(
                     out = np.empty((height, width, decoded.shape[-1]), np.float32) if out is None else out
                     out[part] = decoded
                     if coarser is not None:
-                        _add(coarser, z, row, column)
+                        add(coarser, z, row, column)
                     done += z.shape[0] * z.shape[1]
                     progress(done / texels)
             assert out is not None  # no level is empty
@@ -113,7 +100,7 @@ def _aligned(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.f
 
 
 def _encode_tile(
-    network: Network, stored: NDArray[np.float32], wrap: Wrap, row: _Piece, column: _Piece, source: str | None
+    network: Network, stored: NDArray[np.float32], wrap: Wrap, row: Piece, column: Piece, source: str | None
 ) -> Tensor:
     """(h, w, Z) latents of one tile of level 0."""
     halo = network.halo
@@ -122,27 +109,8 @@ def _encode_tile(
     return network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None], source)[0]
 
 
-def _add(coarser: Tensor, z: Tensor, row: _Piece, column: _Piece) -> None:
-    """Adds what (h, w, Z) latents of a tile contribute to the next level."""
-    height, width, channels = z.shape
-    part = torch.mm(row.weights, z.reshape(height, width * channels)).reshape(-1, width, channels)
-    part = torch.matmul(column.weights, part)
-    coarser.index_put_((row.rows[:, None], column.rows[None, :]), part, accumulate=True)
-
-
-def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, first: bool) -> list[_Piece]:
+def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, first: bool) -> list[Piece]:
     if n_out is None:
-        return [_Piece(0, n_in, torch.empty(0), torch.empty(0))]
+        return [Piece(0, n_in, torch.empty(0), torch.empty(0))]
     index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, first)
-    return list(_split(index, weights, n_in, tile))
-
-
-def _split(index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, tile: int) -> Iterator[_Piece]:
-    for start in range(0, n_in, tile):
-        stop = min(start + tile, n_in)
-        inside = (index >= start) & (index < stop)
-        rows = np.flatnonzero(inside.any(1))
-        matrix = np.zeros((len(rows), stop - start), np.float32)
-        output, tap = np.nonzero(inside[rows])
-        np.add.at(matrix, (output, index[rows][output, tap] - start), weights[rows][output, tap])
-        yield _Piece(start, stop, torch.from_numpy(rows), torch.from_numpy(matrix))
+    return pieces(index, weights, n_in, tile)

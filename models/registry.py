@@ -10,15 +10,18 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mipbake.errors import InputError, MipbakeError, UsageError
-from mipbake.models.config import NetworkConfig, targets
+from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of, targets
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from mipbake.models.moment_network import MomentNetwork
     from mipbake.models.network import Network
+
+    AnyNetwork: TypeAlias = Network | MomentNetwork
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 WEIGHTS_LICENCE = "CC0-1.0"
@@ -31,7 +34,7 @@ class WeightsInfo:
     Args:
         name: what users call the weights.
         network: architecture.
-        pixel_filter: filter that the network was trained for.
+        pixel_filters: that the network was trained for.
         default: whether bakes of this model and pixel filter use it when nobody names another.
         steps: training steps behind it.
         commit: revision of this project that trained it.
@@ -42,8 +45,8 @@ class WeightsInfo:
     """
 
     name: str
-    network: NetworkConfig
-    pixel_filter: str
+    network: AnyConfig
+    pixel_filters: tuple[str, ...]
     default: bool
     steps: int
     commit: str
@@ -59,11 +62,6 @@ class WeightsInfo:
         return targets(self.network)
 
     @property
-    def pixel_filters(self) -> tuple[str, ...]:
-        """Pixel filters that they can make them for."""
-        return (self.pixel_filter,)
-
-    @property
     def tensors(self) -> Path:
         """The safetensors file."""
         return self.folder / f"{self.name}.safetensors"
@@ -72,6 +70,7 @@ class WeightsInfo:
         """Text of `<name>.json`."""
         content = asdict(self)
         del content["folder"]
+        content["network"] = {"architecture": architecture_of(self.network), **content["network"]}
         return json.dumps(content, indent=2) + "\n"
 
 
@@ -79,10 +78,9 @@ def read_info(path: Path) -> WeightsInfo:
     """The description in that JSON file; InputError when it is no such thing."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        network = NetworkConfig(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in content.pop("network").items()}
-        )
-        info = WeightsInfo(network=network, folder=path.parent, **content)
+        described = _tuples(content.pop("network"))
+        network = ARCHITECTURES[described.pop("architecture")](**described)
+        info = WeightsInfo(network=network, folder=path.parent, **_tuples(content))
     except (OSError, ValueError, TypeError, AttributeError, KeyError, MipbakeError) as error:
         raise InputError(
             f"{path}: not a description of mipbake weights ({error}); install the release again"
@@ -96,7 +94,12 @@ def read_info(path: Path) -> WeightsInfo:
     return info
 
 
-_TYPES: dict[str, type] = {"str": str, "int": int, "bool": bool}
+_TYPES: dict[str, type] = {"str": str, "int": int, "bool": bool, "tuple[str, ...]": tuple}
+
+
+def _tuples(content: dict[str, Any]) -> dict[str, Any]:
+    """JSON has lists where the descriptions have tuples."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in content.items()}
 
 
 def list_weights(folder: Path = WEIGHTS_FOLDER) -> list[WeightsInfo]:
@@ -125,7 +128,7 @@ def default_weights(target: str, pixel_filter: str = "gaussian", folder: Path = 
     )
 
 
-def load_network(info: WeightsInfo) -> Network:
+def load_network(info: WeightsInfo) -> AnyNetwork:
     """The network with its weights, ready for inference.
 
     Raises:
@@ -133,8 +136,6 @@ def load_network(info: WeightsInfo) -> Network:
     """
     import torch
     from safetensors.torch import load
-
-    from mipbake.models.network import Network
 
     try:
         content = info.tensors.read_bytes()
@@ -148,7 +149,7 @@ def load_network(info: WeightsInfo) -> Network:
             f"{info.tensors}: damaged or altered weights, expected SHA-256 {info.sha256[:12]}..., found "
             f"{digest[:12]}...; install the release again"
         )
-    network = Network(info.network)
+    network = untrained(info.network)
     try:
         network.load_state_dict(_named(load(content), info.network))
     except (RuntimeError, ValueError) as error:
@@ -159,9 +160,24 @@ def load_network(info: WeightsInfo) -> Network:
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
 
 
-def _named(tensors: dict[str, Tensor], config: NetworkConfig) -> dict[str, Tensor]:
+def untrained(config: AnyConfig) -> AnyNetwork:
+    """A network of that architecture, as it is initialised."""
+    if isinstance(config, MomentConfig):
+        from mipbake.models.moment_network import MomentNetwork
+
+        return MomentNetwork(config)
+    from mipbake.models.network import Network
+
+    return Network(config)
+
+
+def _named(tensors: dict[str, Tensor], config: AnyConfig) -> dict[str, Tensor]:
     """Tensors by today's names; residual weights were released when a network had one encoder and one decoder."""
-    if not config.residual or any(name.startswith("encoders.") for name in tensors):
+    if (
+        not isinstance(config, NetworkConfig)
+        or not config.residual
+        or any(name.startswith("encoders.") for name in tensors)
+    ):
         return tensors
     model = config.encoders[0]
     parts = {

@@ -245,7 +245,7 @@ def released(tmp_path: Path) -> registry.WeightsInfo:
 
     content = save({k: v.contiguous() for k, v in perturbed("gltf").state_dict().items()})
     info = registry.WeightsInfo(
-        name="tiny", network=NetworkConfig(), pixel_filter="gaussian", default=True, steps=1, commit="c",
+        name="tiny", network=NetworkConfig(), pixel_filters=("gaussian",), default=True, steps=1, commit="c",
         data="d", data_licence="CC0-1.0", licence="CC0-1.0", sha256=sha256(content).hexdigest(), folder=tmp_path,
     )  # fmt: skip
     info.tensors.write_bytes(content)

@@ -1,0 +1,74 @@
+"""Kernels that make the levels of a stack from level 0, with the lookup that will read them taken into account.
+
+A level is read by bilinear interpolation, which blurs it once more: by a tent one of its texels wide, of variance 1/6.
+The pixel filter alone, followed by that, is too wide. So a level is filtered with the pixel filter and then with
+(-a, 1 + 2 a, -a) along both axes: its response 1 + a w^2 + O(w^4) undoes the tent's 1 - w^2 / 12, up to second order,
+where a = 1/12. The source, too, is interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
+(1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that, so a = 1/12 - 4^-L / 24.
+
+On seven of eight real sets any closed form gains 0.2 to 1.2 dB over the pixel filter alone (docs/research.md).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake.prefilter.pixel_filter import level_sizes, resample_weights
+
+
+def sharpening(level: int) -> float:
+    """a of a level."""
+    return 1 / 12 - 4.0**-level / 24
+
+
+def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:
+    """(..., H, W, C) filtered with (-a, 1 + 2 a, -a) along both axes; an axis of one texel stays as it is."""
+    a = sharpening(level)
+    for axis, mode in ((image.ndim - 3, wrap[1]), (image.ndim - 2, wrap[0])):
+        size = image.shape[axis]
+        if size > 1:
+            index = torch.arange(size)
+            before, after = index - 1, index + 1
+            if mode == "wrap":
+                before, after = before % size, after % size
+            else:
+                before, after = before.clamp(min=0), after.clamp(max=size - 1)
+            sides = image.index_select(axis, before) + image.index_select(axis, after)
+            image = (1 + 2 * a) * image - a * sides
+    return image
+
+
+def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str) -> NDArray[np.float64]:
+    """(n_out, n_in): the pixel filter along one axis, from texels of level 0."""
+    index, weights = resample_weights(n_in, n_out, pixel_filter, wrap)
+    matrix = np.zeros((n_out, n_in))
+    np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
+    return matrix
+
+
+@lru_cache(maxsize=64)
+def periodic_matrices(size: int, pixel_filter: str) -> tuple[Tensor, ...]:
+    """(size_L, size) of every level of a square image that repeats: pixel filter and sharpening in one."""
+    out = []
+    for level, (side, _) in enumerate(level_sizes(size, size)):
+        matrix = axis_matrix(size, side, pixel_filter, "wrap")
+        if side > 1:
+            a = sharpening(level)
+            matrix = (1 + 2 * a) * matrix - a * (np.roll(matrix, 1, 0) + np.roll(matrix, -1, 0))
+        out.append(torch.from_numpy(matrix.astype(np.float32)))
+    return tuple(out)
+
+
+def periodic_levels(image: Tensor, pixel_filter: str) -> list[Tensor]:
+    """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
+    batch, size, _, channels = image.shape
+    matrices = periodic_matrices(size, pixel_filter)
+    rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
+    rows = rows.reshape(batch, -1, size, channels)
+    parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)
+    return [torch.matmul(m, part).flatten(1, 2) for m, part in zip(matrices, parts, strict=True)]

@@ -1,0 +1,131 @@
+"""Baking with a MomentNetwork, tile by tile.
+
+A 4096 x 4096 set would have 4 GiB of latents at level 0. They are never held: a tile is encoded with the texels around
+it that its filter reaches, filtered, decoded as its part of level 0, and added into the levels that are filtered from
+level 0, and into box averages half as fine, from which the coarser levels follow as `filtered_levels` makes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.models.lookup_kernel import sharpened
+from mipbake.models.moment_network import MomentNetwork
+from mipbake.models.network import border_indices
+from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
+from mipbake.prefilter.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
+
+_FROM_TOP = 3
+"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""
+
+_ROWS = 64  # of a level, decoded at a time
+
+
+def bake(
+    network: MomentNetwork,
+    stored: NDArray[np.float32],
+    source: str,
+    target: str,
+    pixel_filter: str,
+    wrap: Wrap,
+    progress: Callable[[float], None],
+    tile: int = DEFAULT_TILE,
+) -> list[NDArray[np.float32]]:
+    """See MomentNetwork.bake. The result does not depend on `tile` beyond rounding."""
+    kernel = filter_named(pixel_filter).name
+    if target != "gltf":
+        raise UsageError(f"these weights make gltf, not {target!r}; choose other weights")
+    if network.pixel_filters and kernel not in network.pixel_filters:
+        filters = ", ".join(network.pixel_filters)
+        raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
+    channels = np.ascontiguousarray(material.convert(stored, source, "gltf"))
+    sizes = level_sizes(*channels.shape[:2])
+    with torch.inference_mode():
+        top, latents = _from_top(network, channels, kernel, wrap, sizes, tile, lambda share: progress(0.8 * share))
+        levels = [top]
+        for level, latent in enumerate(latents, 1):
+            levels.append(_decoded(network, latent, level, kernel, wrap))
+    progress(1.0)
+    return [material.regularise(level, "gltf") for level in levels]
+
+
+@dataclass(frozen=True)
+class _Sink:
+    """An image that tiles add to: (H, W, Z), and the pieces of its rows and columns."""
+
+    image: Tensor
+    rows: Sequence[Piece]
+    columns: Sequence[Piece]
+
+
+def _sink(sizes: tuple[int, int], into: tuple[int, int], kernel: str, wrap: Wrap, tile: int, channels: int) -> _Sink:
+    rows, columns = (
+        pieces(*resample_weights(sizes[axis], into[axis], kernel, wrap[1 - axis]), sizes[axis], tile) for axis in (0, 1)
+    )
+    return _Sink(torch.zeros(*into, channels), rows, columns)
+
+
+def _from_top(
+    network: MomentNetwork,
+    stored: NDArray[np.float32],
+    kernel: str,
+    wrap: Wrap,
+    sizes: list[tuple[int, int]],
+    tile: int,
+    progress: Callable[[float], None],
+) -> tuple[NDArray[np.float32], list[Tensor]]:
+    """Level 0 of the stack, and the filtered latents (H_L, W_L, Z) of every other level."""
+    z = network.latent_channels
+    direct = [_sink(sizes[0], size, kernel, wrap, tile, z) for size in sizes[1 : 1 + _FROM_TOP]]
+    coarse = len(sizes) > 1 + _FROM_TOP
+    boxes = [_sink(sizes[0], sizes[1], "box", wrap, tile, z)] if coarse else []
+    taps = torch.from_numpy(resample_weights(16, 16, kernel, "wrap")[1][0])  # the same for every texel of a level 0
+    reach = len(taps) // 2 + 1  # and the sharpening's neighbour
+    top = np.empty(stored.shape, np.float32)
+    starts = [range(0, length, tile) for length in sizes[0]]
+    for i, y in enumerate(starts[0]):
+        for j, x in enumerate(starts[1]):
+            stop = min(y + tile, sizes[0][0]), min(x + tile, sizes[0][1])
+            border = reach + network.halo
+            rows = border_indices(y - border, stop[0] + border, sizes[0][0], wrap[1]).numpy()
+            columns = border_indices(x - border, stop[1] + border, sizes[0][1], wrap[0]).numpy()
+            around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])
+            filtered = sharpened(_valid(around[0], taps), 0, ("clamp", "clamp"))[1:-1, 1:-1]
+            top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
+            inside = around[0, reach:-reach, reach:-reach]
+            for sink in (*direct, *boxes):
+                add(sink.image, inside, sink.rows[i], sink.columns[j])
+        progress((i + 1) / len(starts[0]))
+    latents = [sink.image for sink in direct]
+    if boxes:
+        box = boxes[0].image.numpy()
+        for level in range(1 + _FROM_TOP, len(sizes)):
+            finer = level - _FROM_TOP
+            if finer > 1:
+                box = resample(box, sizes[finer], "box", wrap)
+            latents.append(torch.from_numpy(resample(box, sizes[level], kernel, wrap)))
+    return top, latents
+
+
+def _valid(image: Tensor, taps: Tensor) -> Tensor:
+    """(H, W, Z) filtered along both axes with taps, where all of them lie inside."""
+    for axis in (0, 1):
+        size = image.shape[axis] - len(taps) + 1
+        image = torch.stack([w * image.narrow(axis, i, size) for i, w in enumerate(taps)]).sum(0)
+    return image
+
+
+def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wrap: Wrap) -> NDArray[np.float32]:
+    """(H, W, 8) stored channels of a level's latents."""
+    ready = sharpened(latent, level, wrap)
+    index = torch.full((1,), float(level))
+    parts = [network.decode(rows, index, kernel) for rows in torch.split(ready, _ROWS)]
+    return torch.cat(parts).numpy()

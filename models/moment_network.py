@@ -1,0 +1,189 @@
+"""The network behind `mipbake-1`: averages of moments and of learned quantities, corrected by a pointwise decoder.
+
+    stack_L = decode(K_L * [moments(theta), encode(theta)], L, p)
+
+The structure is that of Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter.
+It differs from theirs in four ways.
+
+- Part of the latent code is not learned (moments.py): what closed forms average.
+- The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
+  will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
+- The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
+  material is constant: there the result is the averaged input, exactly.
+- Colours of dielectrics stay averages, whose diffuse light is right from every direction; those of metals may change.
+
+Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from mipbake.errors import UsageError
+from mipbake.material import MIN_ROUGHNESS
+from mipbake.models.config import MomentConfig
+from mipbake.models.dense import SLOPE
+from mipbake.models.lookup_kernel import periodic_levels
+from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
+from mipbake.prefilter.pixel_filter import FILTERS, Wrap, level_sizes
+
+_INPUTS = 10
+_CODE = 3 + len(FILTERS)
+_OUTPUTS = 14
+
+_STEP = 0.1
+"""Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
+
+_FIRST_GUESS = 0.7
+"""Share of `unreal`'s widening that an untrained network applies."""
+
+_MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
+_LEAST_CHANGE, _MOST_CHANGE = -2.0, 3.0  # of ln roughness
+_MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
+
+
+class MomentNetwork(nn.Module):
+    """Encoder, filtering and decoder for the material model `gltf`. Images are (B, H, W, channels).
+
+    Args:
+        config: the architecture.
+    """
+
+    def __init__(self, config: MomentConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.pixel_filters: tuple[str, ...] = ()
+        """What it was trained for, of released weights."""
+        growth, layers = config.growth, config.convolutions + config.pointwise
+        self.encoder = nn.ModuleList(
+            nn.Conv2d(_INPUTS + growth * i, growth, 3 if i < config.convolutions else 1) for i in range(layers)
+        )
+        self.project = nn.Conv2d(_INPUTS + growth * layers, config.latent_channels, 1)
+        seen, wide = FEATURES + _CODE + config.latent_channels, config.decoder_growth
+        self.decoder = nn.ModuleList(nn.Linear(seen + wide * i, wide) for i in range(config.decoder_layers))
+        self.output = nn.Linear(seen + wide * config.decoder_layers, _OUTPUTS)
+        for layer in (*self.encoder, *self.decoder):
+            nn.init.kaiming_normal_(layer.weight, a=SLOPE)
+            nn.init.zeros_(layer.bias)
+        nn.init.zeros_(self.output.weight)
+        nn.init.zeros_(self.output.bias)
+        with torch.no_grad():
+            self.output.bias[1] = _FIRST_GUESS / _STEP
+        # Convolutions run on channels-last memory, in which images come.
+        self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    @property
+    def halo(self) -> int:
+        """Texels around a texel that its latents depend on."""
+        return self.config.convolutions
+
+    @property
+    def latent_channels(self) -> int:
+        """Moments and learned channels together."""
+        return COUNT + self.config.latent_channels
+
+    def encode_extended(self, stored: Tensor) -> Tensor:
+        """(B, H + 2 halo, W + 2 halo, 8) stored channels, borders included, to (B, H, W, Z), not filtered yet."""
+        border = self.halo
+        inside = stored[:, border : stored.shape[1] - border, border : stored.shape[2] - border]
+        maps = _inputs(stored).permute(0, 3, 1, 2)
+        for index, layer in enumerate(self.encoder):
+            new = functional.leaky_relu(layer(maps), SLOPE)
+            if index < self.config.convolutions:
+                maps = maps[:, :, 1:-1, 1:-1]
+            maps = torch.cat([maps, new], 1)
+        learned = self.project(maps).permute(0, 2, 3, 1)
+        return torch.cat([moments(inside), learned], -1)
+
+    def decode(self, latent: Tensor, level: Tensor, pixel_filter: str) -> Tensor:
+        """(..., Z) filtered latents to (..., 8) stored channels, valid as they are; differentiable.
+
+        Args:
+            level: float index of the level of each texel, (..., 1) or what broadcasts to it.
+            pixel_filter: that the latents were filtered with.
+        """
+        found = statistics(latent[..., :COUNT])
+        level = level.expand(*latent.shape[:-1], 1)
+        first, second = (level == 0).float(), (level == 1).float()
+        named = latent.new_zeros(len(FILTERS))
+        named[list(FILTERS).index(pixel_filter)] = 1
+        code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
+        maps = torch.cat([found.features(), *code, latent[..., COUNT:]], -1)
+        for layer in self.decoder:
+            maps = torch.cat([maps, functional.leaky_relu(layer(maps), SLOPE)], -1)
+        return _changed(found, _STEP * self.output(maps))
+
+    def forward(self, stored: Tensor, pixel_filter: str) -> list[Tensor]:
+        """(B, S, S, 8) stored channels of images that repeat to every level, (B, S_L, S_L, 8), down to 1 x 1.
+
+        S must be a power of two.
+        """
+        halo = self.halo
+        maps = functional.pad(stored.permute(0, 3, 1, 2), (halo, halo, halo, halo), mode="circular")
+        latents = periodic_levels(self.encode_extended(maps.permute(0, 2, 3, 1)), pixel_filter)
+        counts = [z.shape[1] for z in latents]
+        # One pass over the texels of all levels: the small ones cost no more than their texels.
+        index = torch.cat([latents[0].new_full((count, 1), float(level)) for level, count in enumerate(counts)])
+        decoded = torch.split(self.decode(torch.cat(latents, 1), index, pixel_filter), counts, 1)
+        sizes = level_sizes(stored.shape[1], stored.shape[2])
+        return [d.reshape(len(stored), *size, -1) for d, size in zip(decoded, sizes, strict=True)]
+
+    def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
+        """(B, S, S, 8) stored channels of `gltf`, of images that repeat, to the levels for the first pixel filter."""
+        if wrap != ("wrap", "wrap") or source != "gltf":
+            raise UsageError(f"this network makes stacks of gltf images that repeat, not of {source} with {wrap}")
+        return {"gltf": self(stored, next(iter(FILTERS)))}
+
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[NDArray[np.float32]]:
+        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as channels of `gltf`.
+
+        Raises:
+            UsageError: another target, or a pixel filter that these weights were not trained for.
+        """
+        from mipbake.models.moment_inference import bake
+
+        return bake(self, stored, source, target, pixel_filter, wrap, progress)
+
+
+def _inputs(stored: Tensor) -> Tensor:
+    """(..., 8) stored channels to (..., _INPUTS) numbers of about 1 for the encoder.
+
+    Slopes come twice: as normals, and in units of the lobe's width, where they decide how a glossy surface looks.
+    """
+    base, metallic, xy, z = stored[..., :3], stored[..., 3:4], stored[..., 5:7], stored[..., 7:8]
+    roughness = stored[..., 4:5].clamp(min=MIN_ROUGHNESS)
+    relative = torch.asinh(xy / z.clamp(min=0.1) / roughness.square()) / 3
+    steepness = 4 * xy.square().sum(-1, keepdim=True)
+    return torch.cat([2 * base - 0.8, metallic, roughness.log() + 0.8, 3 * xy, relative, steepness], -1)
+
+
+def _changed(found: Statistics, out: Tensor) -> Tensor:
+    """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers."""
+    change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_unreal + out[..., 2:3] * found.to_geometric
+    change = change + out[..., 3:4] * found.to_quartic + found.freedom * out[..., 4:5].tanh()
+    shaded = found.log_roughness.exp()
+    # What lies below the roughness that is shaded is kept beside the change, so that no change is no change.
+    below = found.roughness - found.roughness.clamp(min=MIN_ROUGHNESS)
+    roughness = (shaded * change.clamp(_LEAST_CHANGE, _MOST_CHANGE).exp() + below).clamp(0, 1)
+    gain = _MOST_GAIN * found.colour_freedom.clamp(max=1) * found.metallic * out[..., 5:8].tanh()
+    base = (found.base * gain.exp() + out[..., 8:9] * found.metallic_colour).clamp(0, 1)
+    metallic = (found.metallic + out[..., 9:10] * found.metallic_variance).clamp(0, 1)
+    tilt = (1 + found.freedom * out[..., 11:12].tanh()) * found.normal + out[..., 10:11] * found.lean_normal
+    xy = tilt + found.spread.sqrt() * out[..., 12:14].tanh()
+    xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
+    height = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=_MIN_HEIGHT2).sqrt()
+    return torch.cat([base, metallic, roughness, xy, height], -1)

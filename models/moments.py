@@ -1,0 +1,157 @@
+"""What can be averaged exactly: moments of the stored channels of `gltf`, and what they tell about a level's texel.
+
+Averages of these quantities over a pixel are what closed forms are made of: the stored channels (`linear`), slopes and
+their squares (`lean`), the length of the mean normal (`toksvig`, `unreal`). A network that is given them need not learn
+them, and what it predicts can be expressed in them: every change that is offered here vanishes where a material is
+constant, so that there the averages stay as they are, 0 and 1 included.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from mipbake.material import MIN_ROUGHNESS
+
+COUNT = 19
+"""Moments of a texel."""
+
+FEATURES = 24
+"""Numbers that describe a texel to a decoder."""
+
+_MIN_ALPHA2 = MIN_ROUGHNESS**4
+_MIN_LOG = math.log(MIN_ROUGHNESS)
+_MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
+_SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed
+_SOFT_VARIANCE = 0.02  # variance of normals, or of metallic, where half of a change of colour is
+
+
+def moments(stored: Tensor) -> Tensor:
+    """(..., 8) stored channels of `gltf` to (..., COUNT).
+
+    Base colour 3, metallic, roughness, n_x, n_y, 1 - n_z, slopes 2, their products 3, alpha^2, ln roughness, metallic
+    times base colour 3, metallic squared. Slopes are cut at 10; alpha and the logarithm are those of roughness raised
+    to MIN_ROUGHNESS.
+    """
+    base, metallic, roughness = stored[..., :3], stored[..., 3:4], stored[..., 4:5]
+    xy, z = stored[..., 5:7], stored[..., 7:8]
+    # 1 - n_z without cancellation: alpha^2 goes down to 4e-6, and spreads of normals are measured against it.
+    drop = torch.where(z > 0, xy.square().sum(-1, keepdim=True) / (1 + z.clamp(min=0)), 1 - z)
+    slope = xy / z.clamp(min=_MIN_HEIGHT)
+    x, y = slope[..., :1], slope[..., 1:]
+    shaded = roughness.clamp(min=MIN_ROUGHNESS)
+    parts = [base, metallic, roughness, xy, drop, slope, x * x, y * y, x * y, shaded**4, shaded.log()]
+    return torch.cat([*parts, metallic * base, metallic * metallic], -1)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Averages of a level's texels and what follows from them; (..., n) each.
+
+    Args:
+        base, metallic, roughness: averages, 3, 1 and 1, cut to [0, 1].
+        log_roughness: of the roughness that is shaded, 1.
+        normal: x and y of the mean normal, normalised.
+        to_lean, to_unreal, to_geometric, to_quartic: by how much the logarithm of roughness is greater in `lean`, in
+            `unreal`, for the mean of ln roughness, and for the mean of alpha^2; 1 each. 0 on a constant material.
+        lean_normal: that of the mean slope minus `normal`, 2.
+        spread: variance of the unit normals, 1 - |mean|^2, 1.
+        metallic_variance: 1. metallic_colour: covariance of metallic and base colour, 3.
+        slopes: variance of both slopes together, 1. axes: their covariance tensor's deviator over it, 2.
+        freedom: from 0 on a constant material to 1 where closed forms disagree, 1.
+        colour_freedom: the same for colours, from what varies beside them, 1.
+    """
+
+    base: Tensor
+    metallic: Tensor
+    roughness: Tensor
+    log_roughness: Tensor
+    normal: Tensor
+    to_lean: Tensor
+    to_unreal: Tensor
+    to_geometric: Tensor
+    to_quartic: Tensor
+    lean_normal: Tensor
+    spread: Tensor
+    metallic_variance: Tensor
+    metallic_colour: Tensor
+    slopes: Tensor
+    axes: Tensor
+    freedom: Tensor
+    colour_freedom: Tensor
+
+    def features(self) -> Tensor:
+        """(..., FEATURES): the statistics scaled to about 1, for a decoder."""
+        ratio = self.slopes * (-4 * self.log_roughness).exp()
+        parts = [
+            4 * self.to_lean,
+            4 * self.to_unreal,
+            4 * self.to_geometric,
+            4 * self.to_quartic,
+            self.log_roughness + 0.8,
+            self.metallic,
+            2 * self.base - 0.8,
+            (self.slopes + 1e-5).log() / 4 + 1,
+            (self.spread + 1e-5).log() / 4 + 1,
+            2 * self.axes,
+            4 * self.metallic_variance,
+            4 * self.metallic_colour,
+            2 * self.normal,
+            4 * self.lean_normal,
+            self.freedom,
+            self.colour_freedom,
+            (ratio + 1e-3).log() / 4,
+        ]
+        return torch.cat(parts, -1)
+
+
+def statistics(means: Tensor) -> Statistics:
+    """Of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; everything is cut to its own."""
+    base, metallic, roughness = (means[..., i:j].clamp(0, 1) for i, j in ((0, 3), (3, 4), (4, 5)))
+    xy, drop, slope = means[..., 5:7], means[..., 7:8], means[..., 8:10]
+    quartic = means[..., 13:14].clamp(_MIN_ALPHA2, 1)
+    length2 = xy.square().sum(-1, keepdim=True)
+    spread = (2 * drop - drop * drop - length2).clamp(0, 1)
+    height = 1 - drop
+    normal = xy * (length2 + height * height).clamp(min=1e-8).rsqrt()
+    x, y = slope[..., :1], slope[..., 1:]
+    xx, yy, xy_ = means[..., 10:11] - x * x, means[..., 11:12] - y * y, means[..., 12:13] - x * y
+    slopes = (xx + yy).clamp(0, 50)
+    shaded = roughness.clamp(min=MIN_ROUGHNESS)
+    log_roughness = shaded.log()
+    length = (1 - spread).clamp(min=1e-6).sqrt()
+    concentration = (1 - length) / length
+    alpha2 = shaded**4
+    unreal = (alpha2 + 2 * concentration * (1 - alpha2)) / (1 + 2 * concentration)
+    to_lean = (quartic + slopes).clamp(max=1).log() / 4 - log_roughness
+    to_unreal = unreal.log() / 4 - log_roughness
+    to_geometric = (means[..., 14:15].clamp(_MIN_LOG, 0) - log_roughness).clamp(-2, 0.5)
+    lean_normal = slope * (1 + slope.square().sum(-1, keepdim=True)).rsqrt() - normal
+    metallic_variance = (means[..., 18:19] - metallic * metallic).clamp(0, 1)
+    differing = to_lean.clamp(min=0) + to_unreal - to_geometric.clamp(max=0)
+    return Statistics(
+        base=base,
+        metallic=metallic,
+        roughness=roughness,
+        log_roughness=log_roughness,
+        normal=normal,
+        to_lean=to_lean,
+        to_unreal=to_unreal,
+        to_geometric=to_geometric,
+        to_quartic=quartic.log() / 4 - log_roughness,
+        lean_normal=lean_normal,
+        spread=spread,
+        metallic_variance=metallic_variance,
+        metallic_colour=means[..., 15:18] - metallic * base,
+        slopes=slopes,
+        axes=torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5),
+        freedom=differing / (differing + _SOFT),
+        colour_freedom=_share(spread) + _share(metallic_variance),
+    )
+
+
+def _share(variance: Tensor) -> Tensor:
+    return variance / (variance + _SOFT_VARIANCE)

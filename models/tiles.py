@@ -1,0 +1,45 @@
+"""Linear downsampling of images that are made tile by tile: each tile adds its part to the coarser image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+DEFAULT_TILE = 128
+"""Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Tile of one axis, and what it adds to a coarser level: rows[i] += weights[i, j] texel[start + j]."""
+
+    start: int
+    stop: int
+    rows: Tensor
+    weights: Tensor
+
+
+def pieces(index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, tile: int) -> list[Piece]:
+    """The tiles of an axis of n_in texels, whose coarser level takes (n_out, taps) source texels with their weights."""
+    found = []
+    for start in range(0, n_in, tile):
+        stop = min(start + tile, n_in)
+        inside = (index >= start) & (index < stop)
+        rows = np.flatnonzero(inside.any(1))
+        matrix = np.zeros((len(rows), stop - start), np.float32)
+        output, tap = np.nonzero(inside[rows])
+        np.add.at(matrix, (output, index[rows][output, tap] - start), weights[rows][output, tap])
+        found.append(Piece(start, stop, torch.from_numpy(rows), torch.from_numpy(matrix)))
+    return found
+
+
+def add(coarser: Tensor, z: Tensor, row: Piece, column: Piece) -> None:
+    """Adds what (h, w, Z) texels of a tile contribute to (H, W, Z) of a coarser level."""
+    height, width, channels = z.shape
+    part = torch.mm(row.weights, z.reshape(height, width * channels)).reshape(-1, width, channels)
+    part = torch.matmul(column.weights, part)
+    coarser.index_put_((row.rows[:, None], column.rows[None, :]), part, accumulate=True)
