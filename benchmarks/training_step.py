@@ -19,8 +19,9 @@ from pathlib import Path
 import torch
 
 from mipbake.training import loop, loss
+from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, TrainingConfig, read_config
-from mipbake.training.data import draw_crops, load_materials, step_generator
+from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 
 PAPER = Path(__file__).resolve().parent.parent / "training" / "configs" / "paper-ggx.toml"
 
@@ -41,12 +42,12 @@ class Stopwatch:
         self._last = now
 
 
-def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, watch: Stopwatch) -> None:
-    """What loop.draw_batch and TrainingState.advance do, with a lap after each part."""
+def one_step(state: loop.TrainingState, materials: Materials, step: int, watch: Stopwatch) -> None:
+    """What batches.draw_batch and TrainingState.advance do, with a lap after each part."""
     config, (model,) = state.config, state.config.network.encoders
     settings, rng = config.loss, step_generator(config.run.seed, step)
     watch.start()
-    patches = torch.from_numpy(draw_crops(materials, settings.crops, settings.crop_size, model, rng))
+    patches = torch.from_numpy(draw_crops(materials, settings.crops, settings.crop_size, model, rng, config.data))
     watch.lap("patches and augmentation")
     views = loss.draw_views(settings, rng)
     watch.lap("views")
@@ -68,12 +69,12 @@ def one_step(state: loop.TrainingState, materials: loop.Materials, step: int, wa
     watch.lap("optimiser")
 
 
-def whole_loop(config: TrainingConfig, materials: loop.Materials, steps: int) -> list[float]:
+def whole_loop(config: TrainingConfig, materials: Materials, steps: int) -> list[float]:
     """Seconds of each step of the real loop."""
     state, times = loop.new_state(config), []
     loop.fit_whitening(state.network, materials, config)
     last = time.perf_counter()
-    for step, batch in enumerate(loop.batches(materials, config, 0)):
+    for step, batch in enumerate(batches(materials, config, 0)):
         state.advance(batch)
         now = time.perf_counter()
         times.append(now - last)

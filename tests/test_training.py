@@ -15,7 +15,8 @@ from mipbake.material import MIN_ROUGHNESS, MODELS, convert, tensor_exp
 from mipbake.metrics import pair_set
 from mipbake.render import reference
 from mipbake.shading.ops import shade
-from mipbake.training import augmentation, data, loop, loss
+from mipbake.training import augmentation, data, loss
+from mipbake.training.batches import draw_batch
 from mipbake.training.config import (
     AUGMENTED,
     LossConfig,
@@ -226,7 +227,7 @@ def test_mixes_take_each_texel_from_one_of_the_two() -> None:
 def test_draws_are_functions_of_seed_and_step() -> None:
     config = tiny()
     materials, _ = data.load_materials(config)
-    first, again, other = (loop.draw_batch(materials, config, step) for step in (3, 3, 4))
+    first, again, other = (draw_batch(materials, config, step) for step in (3, 3, 4))
     assert torch.equal(first.target, again.target)
     assert torch.equal(first.patches, again.patches)
     assert not torch.equal(first.patches, other.patches)

@@ -16,6 +16,7 @@ from mipbake.models.config import NetworkConfig, made_from, read_as, targets
 from mipbake.models.parameters import to_parameters
 from mipbake.models.registry import default_weights, load_network
 from mipbake.training import data, loop
+from mipbake.training.batches import batch_loss, batches, draw_batch
 from mipbake.training.config import TrainingConfig
 from mipbake.training.export import export_weights
 from mipbake.training.loss import look_up, render_loss
@@ -47,11 +48,11 @@ def started(config: TrainingConfig) -> tuple[loop.TrainingState, data.Materials]
 def test_encoders_take_turns_and_targets_are_rendered_in_what_is_read() -> None:
     config = crossed()
     materials, _ = data.load_materials(config)
-    batches = [loop.draw_batch(materials, config, step) for step in range(3)]
-    assert [batch.source for batch in batches] == ["ggx", "beckmann", "ggx"]
-    for batch in batches:
+    drawn = [draw_batch(materials, config, step) for step in range(3)]
+    assert [batch.source for batch in drawn] == ["ggx", "beckmann", "ggx"]
+    for batch in drawn:
         assert batch.patches.shape[-1] == MODELS[batch.source].channels
-    assert batches[1].patches[..., 11].std() > 0.01
+    assert drawn[1].patches[..., 11].std() > 0.01
 
 
 def test_a_step_trains_its_encoder_and_every_decoder() -> None:
@@ -59,7 +60,7 @@ def test_a_step_trains_its_encoder_and_every_decoder() -> None:
     state, materials = started(config)
     for step in range(4):
         before = {name: value.clone() for name, value in state.network.named_parameters()}
-        state.advance(loop.draw_batch(materials, config, step))
+        state.advance(draw_batch(materials, config, step))
         moved = {
             ".".join(name.split(".")[:2])
             for name, value in state.network.named_parameters()
@@ -71,7 +72,7 @@ def test_a_step_trains_its_encoder_and_every_decoder() -> None:
 def test_the_loss_is_the_mean_over_decoders_each_shaded_under_its_own_model() -> None:
     config = crossed()
     state, materials = started(config)
-    batch = loop.draw_batch(materials, config, 1)
+    batch = draw_batch(materials, config, 1)
     with torch.no_grad():
         stacks = state.network.stacks(batch.patches, ("wrap", "wrap"), batch.source)
         each = [
@@ -79,7 +80,7 @@ def test_the_loss_is_the_mean_over_decoders_each_shaded_under_its_own_model() ->
             for model, levels in stacks.items()
         ]
         assert list(stacks) == list(DECODERS)
-        assert float(loop.batch_loss(state.network, batch, 0)) == pytest.approx(float(sum(each)) / 4, rel=1e-5)
+        assert float(batch_loss(state.network, batch, config)) == pytest.approx(float(sum(each)) / 4, rel=1e-5)
 
 
 @pytest.mark.parametrize("source", ENCODERS)
@@ -103,7 +104,7 @@ def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
         run={"steps": 40},
     )
     state, materials = started(config)
-    held = [loop.draw_batch(materials, config, 1000 + i) for i in range(6)]
+    held = [draw_batch(materials, config, 1000 + i) for i in range(6)]
 
     def losses() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         out = np.zeros(len(DECODERS))
@@ -117,7 +118,7 @@ def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
         return out
 
     before = losses()
-    for batch in loop.batches(materials, config, 0):
+    for batch in batches(materials, config, 0):
         state.advance(batch)
     assert (losses() < 0.95 * before).all()
 

@@ -17,6 +17,7 @@ from mipbake.material import lift_normal
 from mipbake.models.inference import bake_levels
 from mipbake.models.registry import default_weights, load_network
 from mipbake.training import data, loop
+from mipbake.training.batches import batch_loss, batches, draw_batch
 from mipbake.training.data import Materials
 from mipbake.training.export import export_weights
 from mipbake.training.procedural import procedural_set
@@ -93,14 +94,14 @@ def test_loss_decreases() -> None:
     materials = Materials([np.concatenate([rest, normal], -1).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
-    held = [loop.draw_batch(materials, config, 1000 + i) for i in range(4)]
+    held = [draw_batch(materials, config, 1000 + i) for i in range(4)]
 
     def dense_loss() -> float:
         with torch.no_grad():
-            return float(np.mean([float(loop.batch_loss(state.network, batch, 16)) for batch in held]))
+            return float(np.mean([float(batch_loss(state.network, batch, config)) for batch in held]))
 
     before = dense_loss()
-    for batch in loop.batches(materials, config, 0):
+    for batch in batches(materials, config, 0):
         state.advance(batch)
     assert dense_loss() < 0.9 * before
 
@@ -110,7 +111,7 @@ def test_average_follows_the_weights() -> None:
     materials, _ = data.load_materials(config)
     state = loop.new_state(config)
     before = [v.clone() for v in state.network.parameters()]
-    state.advance(loop.draw_batch(materials, config, 0))
+    state.advance(draw_batch(materials, config, 0))
     for start, value, mean in zip(before, state.network.parameters(), state.average.parameters(), strict=True):
         assert torch.allclose(mean, (start + value) / 2, atol=1e-7)
 

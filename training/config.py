@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from mipbake.errors import UsageError
-from mipbake.models.config import NetworkConfig
+from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of
 from mipbake.prefilter.pixel_filter import filter_named
 
 if sys.version_info >= (3, 11):
@@ -24,6 +25,10 @@ def _require(condition: bool, name: str, expected: str, got: object) -> None:
         raise UsageError(f"{name} must be {expected}, got {got!r}")
 
 
+def _share(name: str, value: float) -> None:
+    _require(0 <= value <= 1, name, "between 0 and 1", value)
+
+
 @dataclass(frozen=True)
 class DataConfig:
     """Materials to train on; a folder of texture sets, procedural sets, or both.
@@ -33,6 +38,8 @@ class DataConfig:
         held_out: of every `held_out` sets in the folder one is kept for validation; 0 keeps none.
         procedural_sets: how many sets the project's own generator makes.
         procedural_size: their side in texels.
+        strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
+        plain: share of the patches that are left as they are, but for orientation and the order of colours.
         description, licence: of the data, for the weights' card.
     """
 
@@ -40,6 +47,8 @@ class DataConfig:
     held_out: int = 14
     procedural_sets: int = 0
     procedural_size: int = 256
+    strided: float = 0.0
+    plain: float = 0.0
     description: str = "procedural sets of this project"
     licence: str = "CC0-1.0"
 
@@ -47,6 +56,8 @@ class DataConfig:
         _require(self.held_out == 0 or self.held_out > 1, "data.held_out", "0 or at least 2", self.held_out)
         _require(self.procedural_sets >= 0, "data.procedural_sets", "at least 0", self.procedural_sets)
         _require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
+        for name in ("strided", "plain"):
+            _share(f"data.{name}", getattr(self, name))
 
 
 WEIGHTINGS = ("prediction", "error")
@@ -85,8 +96,7 @@ class LossConfig:
             _require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
         power = self.crop_size >= 4 and self.crop_size & (self.crop_size - 1) == 0
         _require(power, "loss.crop_size", "a power of two of at least 4", self.crop_size)
-        fraction = self.near_mirror_fraction
-        _require(0 <= fraction <= 1, "loss.near_mirror_fraction", "between 0 and 1", fraction)
+        _share("loss.near_mirror_fraction", self.near_mirror_fraction)
         _require(
             self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples
         )
@@ -105,6 +115,72 @@ class LossConfig:
 
 
 @dataclass(frozen=True)
+class BalancedLossConfig:
+    """One step's batch and its loss, for networks that correct averages (mipbake.training.balanced_loss).
+
+    Args:
+        crops: material patches a step.
+        crop_size: their side in texels, a power of two.
+        near_mirror, hemisphere, narrow_lobes, wide_lobes: light-view pairs a patch, drawn like those pair sets, around
+            the lobe of a texel and around one as wide as the patch; together a multiple of 10 with those of rooms.
+        grazing: share of the pairs whose views are drawn towards the horizon.
+        rooms: views a patch that see several lights. room_lights: lights of each.
+        light_weight, room_weight: weight of the errors of single lights of rooms, and of their sums.
+        pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
+        below: share of the levels of detail below 0 that are kept; the others become 0.
+    """
+
+    crops: int = 4
+    crop_size: int = 32
+    near_mirror: int = 6
+    hemisphere: int = 4
+    narrow_lobes: int = 4
+    wide_lobes: int = 4
+    grazing: float = 0.5
+    rooms: int = 2
+    room_lights: int = 6
+    light_weight: float = 0.5
+    room_weight: float = 1.0
+    pixel_filter: str = "gaussian"
+    any_filter: float = 0.4
+    below: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "rooms", "room_lights"):
+            _require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        power = self.crop_size >= 4 and self.crop_size & (self.crop_size - 1) == 0
+        _require(power, "loss.crop_size", "a power of two of at least 4", self.crop_size)
+        for name in ("grazing", "any_filter", "below"):
+            _share(f"loss.{name}", getattr(self, name))
+        for name in ("light_weight", "room_weight"):
+            _require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
+        every = sum(self.kinds) + self.rooms * self.room_lights
+        _require(every % 10 == 0, "pairs of [loss], rooms' included,", "a multiple of 10", every)
+        filter_named(self.pixel_filter)
+
+    @property
+    def kinds(self) -> tuple[int, int, int, int]:
+        """Pairs of each kind."""
+        return self.near_mirror, self.hemisphere, self.narrow_lobes, self.wide_lobes
+
+    @property
+    def pairs(self) -> int:
+        """Pairs a patch, those of rooms included."""
+        return sum(self.kinds) + self.rooms * self.room_lights
+
+    @property
+    def max_lod(self) -> int:
+        """Last level of a patch, 1 x 1."""
+        return self.crop_size.bit_length() - 1
+
+
+LOSSES: Mapping[str, type[LossConfig] | type[BalancedLossConfig]] = {
+    "single-lights": LossConfig,
+    "balanced": BalancedLossConfig,
+}
+
+
+@dataclass(frozen=True)
 class OptimiserConfig:
     """Adam and its schedule.
 
@@ -113,6 +189,8 @@ class OptimiserConfig:
         beta1, beta2, epsilon: Adam's.
         ramp: steps of the linear ramp from zero.
         halve_every: steps after which the rate is halved, again and again.
+        fall_from, fall_until: steps between which the rate also falls along half a cosine, to a hundredth; 0 for never.
+        clip: longest gradient; longer ones are shortened. 0 for any length.
         ema_decay: decay of the moving average of the weights that is validated and exported; 0 for no average.
     """
 
@@ -122,6 +200,9 @@ class OptimiserConfig:
     epsilon: float = 1e-6
     ramp: int = 100
     halve_every: int = 50_000
+    fall_from: int = 0
+    fall_until: int = 0
+    clip: float = 0.0
     ema_decay: float = 0.0
 
     def __post_init__(self) -> None:
@@ -132,10 +213,17 @@ class OptimiserConfig:
             _require(0 <= value < 1, f"optimiser.{name}", "at least 0 and below 1", value)
         for name in ("ramp", "halve_every"):
             _require(getattr(self, name) >= 1, f"optimiser.{name}", "at least 1", getattr(self, name))
+        for name in ("fall_from", "clip"):
+            _require(getattr(self, name) >= 0, f"optimiser.{name}", "at least 0", getattr(self, name))
+        _require(self.fall_until >= self.fall_from, "optimiser.fall_until", "at least fall_from", self.fall_until)
 
     def rate(self, step: int) -> float:
         """Learning rate of step 0, 1, ..."""
-        return self.learning_rate * min(1.0, (step + 1) / self.ramp) * 0.5 ** (step // self.halve_every)
+        rate = self.learning_rate * min(1.0, (step + 1) / self.ramp) * 0.5 ** (step // self.halve_every)
+        if self.fall_until:
+            done = min(max(0.0, (step - self.fall_from) / max(1, self.fall_until - self.fall_from)), 1.0)
+            rate *= 0.01 + 0.99 * (1 + math.cos(math.pi * done)) / 2
+        return rate
 
 
 @dataclass(frozen=True)
@@ -147,6 +235,8 @@ class RunConfig:
         seed: of everything random; a step's numbers depend on the seed and its index alone.
         log_every, validate_every, checkpoint_every: steps between lines of the log, validations, checkpoints.
         tensorboard: also log for TensorBoard.
+        uses: steps that a batch serves, where drawing it costs as much as a step: once when it is drawn, then as one of
+            the last few.
     """
 
     steps: int = 310_000
@@ -155,9 +245,10 @@ class RunConfig:
     validate_every: int = 2_000
     checkpoint_every: int = 1_000
     tensorboard: bool = False
+    uses: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("steps", "log_every", "validate_every", "checkpoint_every"):
+        for name in ("steps", "log_every", "validate_every", "checkpoint_every", "uses"):
             _require(getattr(self, name) >= 1, f"run.{name}", "at least 1", getattr(self, name))
         _require(self.seed >= 0, "run.seed", "at least 0", self.seed)
 
@@ -166,15 +257,22 @@ class RunConfig:
 class TrainingConfig:
     """A whole configuration; the sections of the TOML file."""
 
-    network: NetworkConfig = field(default_factory=NetworkConfig)
+    network: AnyConfig = field(default_factory=NetworkConfig)
     data: DataConfig = field(default_factory=DataConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
+    loss: LossConfig | BalancedLossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     run: RunConfig = field(default_factory=RunConfig)
 
     def __post_init__(self) -> None:
         for model in self.network.encoders:
             _require(model in AUGMENTED, "network.encoders", f"of {', '.join(AUGMENTED)} in a training", model)
+        moments, balanced = isinstance(self.network, MomentConfig), isinstance(self.loss, BalancedLossConfig)
+        _require(moments == balanced, "loss.kind", '"balanced" for network.architecture "moments" alone', self.kinds)
+
+    @property
+    def kinds(self) -> tuple[str, str]:
+        """network.architecture and loss.kind."""
+        return architecture_of(self.network), next(k for k, kind in LOSSES.items() if isinstance(self.loss, kind))
 
 
 def read_config(path: Path) -> TrainingConfig:
@@ -192,7 +290,21 @@ def config_from(content: Mapping[str, Any]) -> TrainingConfig:
     """A configuration from nested plain types, as TOML and checkpoints hold it."""
     sections: dict[str, Any] = {f.name: f.default_factory for f in fields(TrainingConfig)}
     _known(content, sections, "section")
+    content = dict(content)
+    for name, (key, kinds) in _KINDS.items():
+        section = content.get(name, {})
+        if isinstance(section, Mapping) and key in section:
+            _require(section[key] in kinds, f"{name}.{key}", f"one of {', '.join(kinds)}", section[key])
+            sections[name] = kinds[section[key]]
+            content[name] = {k: value for k, value in section.items() if k != key}
     return TrainingConfig(**{name: _section(name, sections[name], content.get(name, {})) for name in sections})
+
+
+_KINDS: Mapping[str, tuple[str, Mapping[str, type[Any]]]] = {
+    "network": ("architecture", ARCHITECTURES),
+    "loss": ("kind", LOSSES),
+}
+"""Sections of several kinds, and the field that says which; without it they are what the paper has."""
 
 
 def _section(name: str, kind: type[Any], content: Any) -> Any:
@@ -227,4 +339,7 @@ def _known(content: Mapping[str, Any], known: Mapping[str, Any], what: str) -> N
 
 def plain(config: TrainingConfig) -> dict[str, Any]:
     """Nested plain types; the inverse of config_from."""
-    return dataclasses.asdict(config)
+    content = dataclasses.asdict(config)
+    for (name, (key, _)), kind in zip(_KINDS.items(), config.kinds, strict=True):
+        content[name] = {key: kind, **content[name]}
+    return content

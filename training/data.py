@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.errors import InputError, MipbakeError, UsageError
-from mipbake.training.augmentation import augment, mix
+from mipbake.training.augmentation import augment, mix, permute_colours, reorient
 from mipbake.training.config import DataConfig, TrainingConfig
 from mipbake.training.procedural import procedural_set
 
 Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
 
+_STRIDES = (2, 4, 8)
 _VALIDATION_SEEDS = 1_000_000  # procedural sets from here on are for validation
 
 
@@ -34,13 +35,18 @@ class Materials:
     names: Sequence[str]
     model: str
 
-    def crops(self, count: int, size: int, rng: np.random.Generator) -> Crops:
-        """`count` patches, each of a random set at a random place."""
+    def crops(self, count: int, size: int, rng: np.random.Generator, strided: float = 0.0) -> Crops:
+        """`count` patches, each of a random set at a random place; a share of them of every 2nd, 4th or 8th texel."""
         patches = []
         for index in rng.integers(len(self.images), size=count):
-            image = self.images[index]
-            top, left = (int(rng.integers(n - size + 1)) for n in image.shape[:2])
-            patches.append(image[top : top + size, left : left + size])
+            image, stride = self.images[index], 1
+            if strided and rng.random() < strided:
+                stride = int(rng.choice(_STRIDES))
+                while (size - 1) * stride + 1 > min(image.shape[:2]):
+                    stride //= 2
+            extent = (size - 1) * stride + 1
+            top, left = (int(rng.integers(n - extent + 1)) for n in image.shape[:2])
+            patches.append(image[top : top + extent : stride, left : left + extent : stride])
         return np.stack(patches).astype(np.float32)
 
 
@@ -98,11 +104,22 @@ def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[n
     return f"procedural-{seed}", stored.astype(np.float16)
 
 
-def draw_crops(materials: Materials, count: int, size: int, model: str, rng: np.random.Generator) -> Crops:
-    """`count` augmented patches of a model: each two materials, differently augmented, mixed by a Perlin-noise mask."""
-    crops = material.convert(materials.crops(2 * count, size, rng), materials.model, model)
+def draw_crops(
+    materials: Materials, count: int, size: int, model: str, rng: np.random.Generator, data: DataConfig | None = None
+) -> Crops:
+    """`count` augmented patches of a model: each two materials, differently augmented, mixed by a Perlin-noise mask.
+
+    A share of `data.plain` of them are one material with nothing changed but its orientation and the order of colours.
+    """
+    crops = material.convert(
+        materials.crops(2 * count, size, rng, data.strided if data else 0.0), materials.model, model
+    )
     patches = augment(crops, model, rng)
-    return mix(patches[:count], patches[count:], rng)
+    patches = mix(patches[:count], patches[count:], rng)
+    if data is None or not data.plain:
+        return patches
+    plain = reorient(permute_colours(crops[:count], model, rng), model, rng)
+    return np.where((rng.random(count) < data.plain)[:, None, None, None], plain, patches)
 
 
 def step_generator(seed: int, step: int) -> np.random.Generator:

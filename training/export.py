@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from pathlib import Path
 
 from mipbake.errors import OutputError, UsageError
+from mipbake.models.config import AnyConfig, NetworkConfig
+from mipbake.models.moments import COUNT
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
-from mipbake.training.config import TrainingConfig
+from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
 from mipbake.training.loop import load_state
 
 _CARD = """# {name}
 
 Weights of mipbake's `neural` method: {parameters} parameters that turn a texture set into a MIP stack, level 0
-included, for rendering with the `{pixel_filter}` pixel filter. They read {encoders} and make {decoders}.
+included, for rendering with the pixel filter {filters}. They read {encoders} and make {decoders}.
 
 | | |
 |---|---|
-| Method | Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023 |
-| Architecture | encoder {encoder_layers} layers of 3 x 3, decoder {decoder_layers} of 1 x 1, {growth} new maps a \
-layer, {latent_channels} latent channels, latents downsampled with `{latent_filter}` |
+| Method | {method} |
+| Architecture | {architecture} |
 | Trained on | {data} |
 | Licence of the data | {data_licence} |
-| Training | {steps} steps of {crops} patches of {crop_size} x {crop_size} texels and {pairs} light-view pairs, \
-{mirror} of them near the mirror direction |
-| Validation when exported | mean SNR {best:.2f} dB on held-out patches |
+| Training | {steps} steps of {crops} patches of {crop_size} x {crop_size} texels and {pairs} light-view pairs{drawn} |
+| Validation when exported | {validation} |
 | Revision | {commit} |
 | Licence of the weights | {licence} |
 | SHA-256 | `{sha256}` |
@@ -34,6 +36,8 @@ The weights are a few hundred kilobytes of numbers; they hold no texel of the da
 seen in training, are extrapolated: the decoder meets averages over ever larger areas. A surface whose normals fall into
 several distinct directions within a pixel cannot be matched by one lobe; there the result is a compromise.
 """
+
+_PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"
 
 
 def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> WeightsInfo:
@@ -58,7 +62,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     info = WeightsInfo(
         name=name,
         network=config.network,
-        pixel_filter=config.loss.pixel_filter,
+        pixel_filters=_filters(config.loss),
         default=default,
         steps=state.step,
         commit=state.commit,
@@ -80,6 +84,12 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     return info
 
 
+def _filters(loss: LossConfig | BalancedLossConfig) -> tuple[str, ...]:
+    """The pixel filters that a training was for, its main one first."""
+    others = FILTERS if isinstance(loss, BalancedLossConfig) and loss.any_filter > 0 else ()
+    return tuple(dict.fromkeys((loss.pixel_filter, *others)))
+
+
 def _listed(models: tuple[str, ...]) -> str:
     *others, last = [f"`{model}`" for model in models]
     return f"{', '.join(others)} and {last}" if others else last
@@ -92,28 +102,42 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float) -> str:
-    network, loss = info.network, config.loss
+    loss = config.loss
+    drawn = ", drawn for both pair sets by importance"
+    if isinstance(loss, LossConfig):
+        drawn = f", {loss.mirror_pairs} of them near the mirror direction"
     return _CARD.format(
         name=info.name,
         parameters=parameters,
-        encoders=_listed(network.encoders),
-        decoders=_listed(network.decoders),
-        pixel_filter=info.pixel_filter,
-        encoder_layers=network.encoder_layers,
-        decoder_layers=network.decoder_layers,
-        growth=network.growth,
-        latent_channels=network.latent_channels,
-        latent_filter=network.latent_filter,
+        filters=_listed(info.pixel_filters),
+        encoders=_listed(info.network.encoders),
+        decoders=_listed(info.network.decoders),
+        method=_PAPER if isinstance(info.network, NetworkConfig) else f"averages of moments, corrected; after {_PAPER}",
+        architecture=_architecture(info.network),
         data=info.data,
         data_licence=info.data_licence,
         steps=info.steps,
         crops=loss.crops,
         crop_size=loss.crop_size,
         pairs=loss.pairs,
-        mirror=loss.mirror_pairs,
-        best=best,
+        drawn=drawn,
+        validation=f"mean SNR {best:.2f} dB on held-out patches" if math.isfinite(best) else "none",
         commit=info.commit,
         licence=info.licence,
         sha256=info.sha256,
         max_lod=loss.max_lod,
+    )
+
+
+def _architecture(network: AnyConfig) -> str:
+    if isinstance(network, NetworkConfig):
+        return (
+            f"encoder {network.encoder_layers} layers of 3 x 3, decoder {network.decoder_layers} of 1 x 1, "
+            f"{network.growth} new maps a layer, {network.latent_channels} latent channels, latents downsampled with "
+            f"`{network.latent_filter}`"
+        )
+    return (
+        f"encoder {network.convolutions} layers of 3 x 3 and {network.pointwise} of 1 x 1, {network.growth} new maps a "
+        f"layer; {network.latent_channels} learned latent channels beside {COUNT} moments, filtered with the pixel "
+        f"filter; decoder {network.decoder_layers} layers of 1 x 1, {network.decoder_growth} new maps a layer"
     )

@@ -8,31 +8,27 @@ import ctypes
 import os
 import subprocess
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.material import convert
-from mipbake.models.network import Network
+from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.parameters import to_parameters
+from mipbake.models.registry import untrained
+from mipbake.training.batches import AnyBatch, batch_loss, batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
-from mipbake.training.loss import (
-    TORUS,
-    Views,
-    draw_target,
-    draw_views,
-    look_up,
-    render_loss,
-)
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.validation import Validator
+
+if TYPE_CHECKING:
+    from mipbake.models.registry import AnyNetwork
 
 LAST, BEST = "last.pt", "best.pt"
 
@@ -40,51 +36,6 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 _WHITENING_SAMPLES = 16
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Everything of one step that does not depend on the network."""
-
-    source: str
-    """Material model of the patches."""
-    patches: Tensor
-    views: Views
-    target: Tensor
-    independent: Tensor | None
-    """A second estimate of the target, where the loss needs one."""
-
-
-def draw_batch(materials: Materials, config: TrainingConfig, step: int) -> Batch:
-    """The batch of a step: a pure function of the materials, the configuration and the step.
-
-    Encoders take turns, and the target is rendered in the model that is read (section 3.5).
-    """
-    rng, loss = step_generator(config.run.seed, step), config.loss
-    source = config.network.encoders[step % len(config.network.encoders)]
-    patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, source, rng))
-    views = draw_views(loss, rng)
-    target, *independent = (
-        draw_target(patches, views, source, loss.pixel_filter, loss.target_samples, rng)
-        for _ in range(2 if loss.weighting == "error" else 1)
-    )
-    return Batch(source, patches, views, target, independent[0] if independent else None)
-
-
-def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
-    """The batches of steps `first` to the last, each drawn in a second thread while its predecessor is trained on."""
-    with ThreadPoolExecutor(1, initializer=_one_thread) as pool:
-        pending = pool.submit(draw_batch, materials, config, first)
-        for step in range(first, config.run.steps):
-            batch = pending.result()
-            if step + 1 < config.run.steps:
-                pending = pool.submit(draw_batch, materials, config, step + 1)
-            yield batch
-
-
-def _one_thread() -> None:
-    """The two threads share the cores: a second team of torch threads would only wait for the first."""
-    torch.set_num_threads(1)
 
 
 def threads_beside_batches() -> int:
@@ -105,16 +56,6 @@ def keep_freed_memory() -> None:
         mallopt(option, 1 << 30)
 
 
-def batch_loss(network: Network, batch: Batch, mirror: int) -> Tensor:
-    """Predicts, renders and compares: the scalar loss of one batch, the mean over the models that are made."""
-    stacks = network.stacks(batch.patches, TORUS, batch.source)
-    losses = [
-        render_loss(look_up(levels, batch.views), model, batch.views, batch.target, batch.independent, mirror)
-        for model, levels in stacks.items()
-    ]
-    return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
-
-
 @dataclass
 class TrainingState:
     """All that a training carries from step to step; randomness needs nothing but the step's index.
@@ -125,17 +66,17 @@ class TrainingState:
     """
 
     config: TrainingConfig
-    network: Network
-    average: Network
+    network: AnyNetwork
+    average: AnyNetwork
     optimiser: FlatAdam
     step: int = 0
     best: float = float("-inf")
     commit: str = "unknown"
 
-    def advance(self, batch: Batch) -> Tensor:
+    def advance(self, batch: AnyBatch) -> Tensor:
         """One optimisation step; returns its loss."""
         self.optimiser.zero_grad()
-        loss = batch_loss(self.network, batch, self.config.loss.mirror_pairs)
+        loss = batch_loss(self.network, batch, self.config)
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step(self.step, batch.source)
         self.step += 1
@@ -165,11 +106,11 @@ def new_state(config: TrainingConfig) -> TrainingState:
     """An untrained network, initialised from the seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.run.seed)
-        network = Network(config.network)
+        network = untrained(config.network)
     return _state(config, network)
 
 
-def _state(config: TrainingConfig, network: Network) -> TrainingState:
+def _state(config: TrainingConfig, network: AnyNetwork) -> TrainingState:
     settings = config.optimiser
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
     optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
@@ -181,7 +122,7 @@ def load_state(path: Path) -> TrainingState:
     try:
         content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         config = config_from(content["config"])
-        state = _state(config, Network(config.network))
+        state = _state(config, untrained(config.network))
         state.network.load_state_dict(content["network"])
         state.average.load_state_dict(content["average"])
         state.optimiser.load_state_dict(content["optimiser"])
@@ -205,8 +146,13 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     return state
 
 
-def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
-    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read."""
+def fit_whitening(network: AnyNetwork, materials: Materials, config: TrainingConfig) -> None:
+    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read.
+
+    A network that corrects averages has no whitening.
+    """
+    if isinstance(network, MomentNetwork):
+        return
     rng, samples = step_generator(config.run.seed, _WHITENING_STEP), {}
     for source in config.network.encoders:
         patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng)

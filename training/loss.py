@@ -36,8 +36,8 @@ is predicted black, its normals beyond the horizon, does not outweigh thousands 
 
 _CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
 
-_TABLE = 1 << 14  # quantiles of the pixel filter
-_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: powers of 1 / plastic number
+TABLE = 1 << 14  # quantiles of the pixel filter
+SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: powers of 1 / plastic number
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ def draw_views(config: LossConfig, rng: np.random.Generator) -> Views:
 
 
 @lru_cache(maxsize=8)
-def _quantiles(pixel_filter: str) -> tuple[Tensor, Tensor]:
+def quantiles(pixel_filter: str) -> tuple[Tensor, Tensor]:
     """(table,) offsets in pixels, at the midpoints of equally likely bins of |p|, and their weights."""
-    offsets, weights = filter_named(pixel_filter).offsets((np.arange(_TABLE) + 0.5) / _TABLE)
+    offsets, weights = filter_named(pixel_filter).offsets((np.arange(TABLE) + 0.5) / TABLE)
     return torch.from_numpy(offsets.astype(np.float32)), torch.from_numpy(weights.astype(np.float32))
 
 
@@ -93,19 +93,19 @@ def draw_target(
     One level of detail at a time, whose lookups stay near a core.
     """
     (b, k), (lods, n) = views.light.shape[:2], views.uv.shape[1:3]
-    offsets, weights = _quantiles(pixel_filter)
+    offsets, weights = quantiles(pixel_filter)
     signed = bool((weights != weights[0]).any())
     reach = torch.exp2(views.lod) / patches.shape[1]
     light, view = (d.reshape(b * (k // samples), samples, 3) for d in (views.light, views.view))
     # Integers in place of fractions: adding two and masking is adding modulo 1, exactly.
-    shift = torch.from_numpy(rng.integers(_TABLE, size=(b, lods, 1, n, 2), dtype=np.int32))
+    shift = torch.from_numpy(rng.integers(TABLE, size=(b, lods, 1, n, 2), dtype=np.int32))
     out = patches.new_empty((b, lods, k, n, 3))
     for lod in range(lods):
         total = out[:, lod].view(b, k // samples, samples, n, 3)
         for index in range(samples):
-            place = (np.arange(k // samples)[:, None] * samples + index) * _SEQUENCE % 1 * _TABLE
+            place = (np.arange(k // samples)[:, None] * samples + index) * SEQUENCE % 1 * TABLE
             quantile = shift[:, lod] + torch.from_numpy(place.astype(np.int32))[:, None]
-            quantile &= _TABLE - 1
+            quantile &= TABLE - 1
             offset = offsets.index_select(0, quantile.flatten()).view(quantile.shape)
             offset *= reach[:, lod, None, None, None]
             offset += views.uv[:, lod, None]

@@ -66,6 +66,9 @@ class FlatAdam:
             group["lr"] = self._settings.rate(index)
         for name, part in self._parts.items():
             part.vector.grad = part.gradient if name in ("", source) else None
+        if self._settings.clip:
+            vectors = [part.vector for part in self._parts.values() if part.vector.grad is not None]
+            torch.nn.utils.clip_grad_norm_(vectors, self._settings.clip)
         self._adam.step()
         for part in self._parts.values():
             if part.average is not None:

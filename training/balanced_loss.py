@@ -1,0 +1,182 @@
+"""The loss of `mipbake-1`: a decibel counts the same for every patch, level of detail and pair set.
+
+As in loss.py a patch is a torus, seen by pixels at random places, and the target is the pixel-filtered render of level
+0, estimated twice, independently. What differs:
+
+- Every squared error is divided by the error of its patch, level of detail and pair set as the network is now (from the
+  second estimate, or chance would weigh down what it made large): the gradient is that of the mean error in decibels.
+- Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
+  sum over the lights.
+- Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
+- Some pixels are smaller than a texel. Level 0 is what they look up, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from mipbake.models.moment_network import MomentNetwork
+from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.sampling import texture
+from mipbake.shading.ops import shade
+from mipbake.training.balanced_pairs import Pairs, draw_pairs
+from mipbake.training.config import BalancedLossConfig
+from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
+
+_FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
+_DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
+_OWN = 0.1  # of the mean error of a patch's rooms, added to that of each light: none has all the weight
+
+
+@dataclass(frozen=True)
+class Band:
+    """A range of levels of detail and how it is sampled.
+
+    Args:
+        low, high: levels of detail, uniform between them; below 0 pixels are smaller than texels.
+        lods: drawn for each patch. side: pixels a side of each.
+        samples: of a target pixel. groups: of pairs with lookups of their own.
+    """
+
+    low: float
+    high: float
+    lods: int
+    side: int
+    samples: int
+    groups: int
+
+
+BANDS = (Band(-0.7, 1.5, 2, 32, 2, 5), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
+"""For patches of 32 x 32 texels; others have as many levels of detail between their ends."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a band sees: B patches, N pixels of S levels of detail.
+
+    Args:
+        lod: (B, S N) levels of detail. uv: (B, S N, 2). lods: S.
+        target, independent: (B, K, S N, 3) two estimates of the reference.
+    """
+
+    lod: Tensor
+    uv: Tensor
+    lods: int
+    target: Tensor
+    independent: Tensor
+
+
+@dataclass(frozen=True)
+class BalancedBatch:
+    """Everything of one step that does not depend on the network."""
+
+    patches: Tensor
+    pixel_filter: str
+    pairs: Pairs
+    seen: tuple[Seen, ...]
+
+    @property
+    def source(self) -> str:
+        """Material model of the patches."""
+        return "gltf"
+
+
+def draw_balanced(patches: Tensor, config: BalancedLossConfig, rng: np.random.Generator) -> BalancedBatch:
+    """The batch of (B, S, S, 8) patches of `gltf`."""
+    names = list(FILTERS)
+    any_filter = rng.random() < config.any_filter
+    pixel_filter = names[int(rng.integers(len(names)))] if any_filter else config.pixel_filter
+    pairs = draw_pairs(patches, config, rng)
+    return BalancedBatch(
+        patches, pixel_filter, pairs, tuple(_seen(patches, pairs, pixel_filter, band, config, rng) for band in BANDS)
+    )
+
+
+def _seen(
+    patches: Tensor, pairs: Pairs, pixel_filter: str, band: Band, config: BalancedLossConfig, rng: np.random.Generator
+) -> Seen:
+    batch, side = len(patches), band.side
+    lod = rng.uniform(band.low, band.high, (batch, band.lods)).clip(None, config.max_lod)
+    lod = np.where(rng.random(lod.shape) < config.below, lod, lod.clip(0)).astype(np.float32)
+    row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
+    uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
+    where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
+    target, independent = (_target(patches, pairs, *where, pixel_filter, band, rng) for _ in range(2))
+    return Seen(*where, band.lods, target, independent)
+
+
+@lru_cache(maxsize=8)
+def _signed(pixel_filter: str) -> bool:
+    _, weights = quantiles(pixel_filter)
+    return bool((weights != weights[0]).any())
+
+
+def _target(
+    patches: Tensor, pairs: Pairs, lod: Tensor, uv: Tensor, pixel_filter: str, band: Band, rng: np.random.Generator
+) -> Tensor:
+    """(B, K, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
+    batch, count = pairs.light.shape[:2]
+    groups, points = band.groups, uv.shape[1]
+    offsets, weights = quantiles(pixel_filter)
+    reach = torch.exp2(lod)[:, None, :, None] / patches.shape[1]
+    light, view = (d.reshape(batch * groups, count // groups, 3) for d in (pairs.light, pairs.view))
+    shift = torch.from_numpy(rng.integers(TABLE, size=(batch, 1, points, 2)))  # int64: an index as it is
+    total = torch.zeros(())
+    for index in range(band.samples):
+        place = (np.arange(groups)[:, None] * band.samples + index) * SEQUENCE % 1 * TABLE
+        quantile = (shift + torch.from_numpy(place.astype(np.int64))[:, None]) & (TABLE - 1)
+        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape)
+        texels = texture(patches, torch.addcmul(uv[:, None], offset, reach), filter_mode="linear", boundary_mode=TORUS)
+        radiance = shade("gltf", texels.reshape(batch * groups, points, -1), light, view)
+        if _signed(pixel_filter):
+            weight = weights.index_select(0, quantile.flatten()).reshape(quantile.shape).prod(-1)
+            radiance = radiance * weight.reshape(batch * groups, 1, points, 1)
+        total = total + radiance
+    return (total / band.samples).reshape(batch, count, points, 3)
+
+
+def balanced_loss(network: MomentNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
+    """Predicts, renders and compares: the scalar loss of one batch; about 1 for each of its parts."""
+    levels = network(batch.patches, batch.pixel_filter)
+    lods = sum(seen.lods for seen in batch.seen)
+    return torch.stack([_band_loss(levels, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]).sum()
+
+
+def _band_loss(levels: list[Tensor], batch: BalancedBatch, seen: Seen, config: BalancedLossConfig) -> Tensor:
+    pairs, single = batch.pairs, batch.pairs.weights.shape[2]
+    uv, lod = seen.uv[:, None], seen.lod.clamp(min=0)[:, None]
+    texels = texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
+    prediction = shade("gltf", texels, pairs.light, pairs.view)
+    weights = pairs.weights[..., None]  # (2, B, K, 1)
+    with torch.no_grad():
+        error = _squares(prediction - seen.independent, seen.lods) + _FLOOR * _squares(seen.independent, seen.lods)
+        whole = (weights * error[:, :single]).sum(2, keepdim=True) + _DARK
+        counts = (weights / whole).sum(0)
+        lights = error[:, single:] + _DARK
+        lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))
+        room = _rooms(seen.independent, single, config)
+        room_error = _squares(_rooms(prediction, single, config) - room, seen.lods)
+        room_error = room_error + _FLOOR * _squares(room, seen.lods) + _DARK_ROOM
+    difference = prediction - seen.target
+    error = _squares(difference, seen.lods)
+    of_sets = (error[:, :single] * counts).sum(1).mean()
+    of_lights = (error[:, single:] * lights).mean()
+    of_rooms = (_squares(_rooms(difference, single, config), seen.lods) / room_error).mean()
+    return of_sets + config.light_weight * of_lights + config.room_weight * of_rooms
+
+
+def _squares(radiance: Tensor, lods: int) -> Tensor:
+    """(B, K, S): mean square of each render of (B, K, S N, 3)."""
+    batch, pairs = radiance.shape[:2]
+    return radiance.square().reshape(batch, pairs, lods, -1).mean(-1)
+
+
+def _rooms(radiance: Tensor, single: int, config: BalancedLossConfig) -> Tensor:
+    """(B, R, S N, 3): means over the lights of each room."""
+    batch, _, *rest = radiance.shape
+    return radiance[:, single:].reshape(batch, config.rooms, config.room_lights, *rest).mean(2)

@@ -1,0 +1,118 @@
+"""Light-view pairs that stand for both pair sets at once.
+
+What counts in a figure is the error summed over a pair set, and most of it comes from few pairs: lights that hit a
+narrow lobe, views and lights that graze. Pairs drawn like the sets meet them once in dozens of patches, and a step that
+has none of them is led astray. So part of the pairs are drawn where such things are, and each carries its importance
+weight for each set (the balance heuristic of Veach and Guibas 1995): sums over few pairs then are unbiased and calm.
+
+Beside them stand rooms: several lights for one view, whose sum is compared as well. Single lights hide a colour or a
+brightness that is off by a few per cent everywhere; under the many lights of an environment nothing else is left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake.material import MIN_ROUGHNESS
+from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.prefilter import lobes
+from mipbake.training.config import BalancedLossConfig
+
+GRAZING = 0.4
+"""Cosine of the view up to which grazing views are drawn, uniformly."""
+
+_WIDER, _LEAST_ALPHA = 1.2, 0.004  # lobes that pairs are drawn from, so that tails are seen and densities stay finite
+_LEAST_COSINE = 2e-3
+_MOST_WEIGHT = 0.5  # of a pair; where the densities of a set are hardly covered, chance would give one pair all
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """K + R G pairs of each of B patches.
+
+    Args:
+        light, view: (B, K + R G, 3) unit vectors; the last R G are R rooms of G lights with one view each.
+        weights: (2, B, K) of each of the first K in the mean over `near-mirror` and over `hemisphere`; they sum to
+            about 1.
+    """
+
+    light: Tensor
+    view: Tensor
+    weights: Tensor
+
+
+def draw_pairs(patches: Tensor, config: BalancedLossConfig, rng: np.random.Generator) -> Pairs:
+    """The pairs of (B, S, S, 8) patches of `gltf`."""
+    batch, counts = len(patches), config.kinds
+    near, hemisphere, narrow, wide = counts
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.from_numpy(rng.random(shape, np.float32))
+
+    view, weight = _views(sum(counts), batch, config.grazing, uniform)
+    narrow_lobe, wide_lobe = _lobes(patches, rng)
+    parts = [
+        _float(near_mirror_lights(rng, view[:near].reshape(-1, 3).double().numpy())).reshape(near, batch, 3),
+        _float(cosine_directions(rng, hemisphere * batch)).reshape(hemisphere, batch, 3),
+    ]
+    start = near + hemisphere
+    for lobe, count in ((narrow_lobe, narrow), (wide_lobe, wide)):
+        seen = view[start : start + count]
+        parts.append(lobes.reflected(seen, lobes.half_vectors(lobe, uniform(count, batch), uniform(count, batch))))
+        start += count
+    light = torch.cat(parts)
+    densities = lobes.near_mirror_density(light, view), lobes.hemisphere_density(light)
+    mixture = near * densities[0] + hemisphere * densities[1]
+    for lobe, count in ((narrow_lobe, narrow), (wide_lobe, wide)):
+        mixture = mixture + count * lobes.lobe_density(lobe, light, view)
+    above = light[..., 2] > 0
+    weights = torch.stack(densities) * (above * weight / mixture.clamp(min=1e-9))
+    light = torch.where(above[..., None], light, torch.tensor([0.0, 0.0, 1.0]))  # weighs nothing
+    room_light, room_view = _rooms(batch, config, rng)
+    return Pairs(
+        torch.cat([light.transpose(0, 1), room_light], 1).contiguous(),
+        torch.cat([view.transpose(0, 1), room_view], 1).contiguous(),
+        weights.transpose(1, 2).clamp(max=_MOST_WEIGHT).contiguous(),
+    )
+
+
+def _float(directions: NDArray[np.float64]) -> Tensor:
+    return torch.from_numpy(directions.astype(np.float32))
+
+
+def _views(count: int, batch: int, grazing: float, uniform: Callable[..., Tensor]) -> tuple[Tensor, Tensor]:
+    """(count, batch, 3) views, part of them grazing, and (count, batch) weights that make them cosine-distributed."""
+    flat = uniform(count, batch) < grazing
+    cosine = torch.where(flat, GRAZING * uniform(count, batch), uniform(count, batch).sqrt()).clamp(min=_LEAST_COSINE)
+    density = (1 - grazing) * 2 * cosine + grazing / GRAZING * (cosine < GRAZING)
+    sine, angle = (1 - cosine * cosine).sqrt(), 2 * math.pi * uniform(count, batch)
+    return torch.stack([sine * angle.cos(), sine * angle.sin(), cosine], -1), 2 * cosine / density
+
+
+def _lobes(patches: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """(B, 4) each: the lobe of one texel of each patch, and one as wide as all of the patch together."""
+    flat = patches.flatten(1, 2)
+    texel = flat[torch.arange(len(flat)), torch.from_numpy(rng.integers(flat.shape[1], size=len(flat)))]
+    alpha = texel[:, 4:5].square()
+    normal = flat[..., 5:8].mean(1)
+    normal = normal / normal.norm(dim=-1, keepdim=True).clamp(min=1e-3)
+    slopes = flat[..., 5:7] / flat[..., 7:8].clamp(min=0.1)
+    alpha2 = flat[..., 4:5].clamp(min=MIN_ROUGHNESS).pow(4).mean(1) + slopes.var(1).sum(-1, keepdim=True)
+    each = ((texel[:, 5:8], alpha), (normal, alpha2.sqrt()))
+    narrow, wide = (torch.cat([n, (_WIDER * a).clamp(_LEAST_ALPHA, 1)], -1) for n, a in each)
+    return narrow, wide
+
+
+def _rooms(batch: int, config: BalancedLossConfig, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """(B, R G, 3) lights and views, both cosine-distributed."""
+    rooms, lights = config.rooms, config.room_lights
+    view = _float(cosine_directions(rng, batch * rooms)).reshape(batch, rooms, 1, 3)
+    light = _float(cosine_directions(rng, batch * rooms * lights)).reshape(batch, rooms * lights, 3)
+    return light, view.expand(-1, -1, lights, -1).flatten(1, 2)
