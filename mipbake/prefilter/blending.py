@@ -258,7 +258,7 @@ class _Bench:
 
 def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], model: str) -> Image:
     """(..., C) the blend that weights of level_fit.columns stand for, before it is made valid."""
-    out = base.copy()
+    out: Image = base.copy()
     for index, channels in enumerate(MODELS[model].maps.values()):
         for k, other in enumerate(others):
             weight = weights[index * len(others) + k]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,8 +33,6 @@ from mipbake.prefilter.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.promise import LevelPromise, Promise
 from mipbake.prefilter.scores import DECIBEL, Array, Effort, Score
 from mipbake.prefilter.time_budget import seconds_of
-
-NAME_AUTO, NAME_REFINE = "auto", "refine"
 
 DEFAULT_EFFORT = Effort()
 DEFAULT_BUDGET = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
@@ -52,7 +50,13 @@ _SETTLING = 0.06  # of the time left after the blend, for judging what was gaine
 
 @dataclass(frozen=True)
 class _Step:
-    """Part of the work: a region of some levels, and the time it has at most; None for as long as it gains."""
+    """Part of the work.
+
+    Args:
+        region: the texels and levels that are optimised, all else held.
+        rounds: at most.
+        share: of the time, in proportion to the other steps.
+    """
 
     region: Region
     rounds: int
@@ -68,7 +72,7 @@ class Refine:
         seed: of all that is drawn.
     """
 
-    name = NAME_REFINE
+    name = "refine"
     summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
     averages = False
 
@@ -118,7 +122,7 @@ class Refine:
 class Auto(Refine):
     """The best blend of all methods, with coarse levels optimised; with a budget, all levels."""
 
-    name = NAME_AUTO
+    name = "auto"
     summary = "the best blend of neural and all closed forms, by measurement, coarse levels optimised"
 
     def __init__(self, weights: str | None = None, budget: str | None = None, seed: int = 0) -> None:
@@ -186,7 +190,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
             moving,
             lobes,
             ahead,
-            DEFAULT_BUDGET if step.rounds == 0 else Budget(**{**vars(DEFAULT_BUDGET), "rounds": step.rounds}),
+            replace(DEFAULT_BUDGET, rounds=min(step.rounds, DEFAULT_BUDGET.rounds)),
             np.random.default_rng([seed, 3, index]),
             until,
             lambda share, done=done, step=step: progress(min(0.99, (done + share * step.share) / total)),  # type: ignore[misc]
@@ -206,7 +210,7 @@ def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
     """Coarse levels together, then finer ones one by one, in windows where they are large."""
     sizes = problem.sizes
     fine = sum(max(size) > _COARSE for size in sizes)
-    rounds = 0 if everything else _COARSE_ROUNDS
+    rounds = DEFAULT_BUDGET.rounds if everything else _COARSE_ROUNDS
     yield _Step(Region(0, 1, 0, 1, range(fine, len(sizes))), rounds, math.sqrt(_COARSE * _COARSE))
     if not everything:
         return
