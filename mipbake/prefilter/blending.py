@@ -325,13 +325,14 @@ def settle(
     levels: int,
     rivals: Sequence[Sequence[Rival]],
     lit: Sequence[float],
+    slack: float = 0.25,
 ) -> list[float]:
     """Shares of levels, 1 where nothing speaks against it.
 
     Args:
         texels: of a probe's index, a level and a share, the (N, C) lookups.
         levels: how many there are.
-        rivals, lit: as Blend has them.
+        rivals, lit: as Blend has them. slack: logarithm of squares by which lit may be exceeded.
     """
     shares = [1.0] * levels
 
@@ -341,7 +342,8 @@ def settle(
     def behind(found: Score, index: int) -> float:
         """The most that a rival is ahead by, beyond what chance may do."""
         lost = np.stack([row - rival.log_errors for row, rival in zip(found.log_errors, rivals[index], strict=True)])
-        return float((lost.mean(1) - _CHANCE * standard_error(lost)).max()) - _TIE
+        ahead = float((lost.mean(1) - _CHANCE * standard_error(lost)).max()) - _TIE
+        return max(ahead, found.lit_square - lit[index] - slack)
 
     def cost(found: Score, index: int) -> float:
         asked = Score(np.stack([rival.log_errors for rival in rivals[index]]), 0.0, lit[index])

@@ -42,10 +42,11 @@ REFINE_SECONDS = 120.0
 
 _COARSE = 128  # texels a side up to which levels are refined together, and without being asked
 _COARSE_ROUNDS = 6
-_TRUST = {False: 4.0, True: 12.0}  # rounds that a blend is worth; more where only few rounds follow
+_TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
+_LIT_SLACK = 0.1  # logarithm of squares by which the tonemapped error may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
-_SETTLING = 0.06  # of the time left after the blend, for judging what was gained
+_SETTLING = 0.04  # of the time left after the blend, for judging what was gained
 
 
 @dataclass(frozen=True)
@@ -194,7 +195,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
             np.random.default_rng([seed, 3, index]),
             until,
             lambda share, done=done, step=step: progress(min(0.99, (done + share * step.share) / total)),  # type: ignore[misc]
-            _TRUST[not everything],
+            _TRUST,
             lambda snr, spoken=spoken: progress.note(f"{spoken}: {spoken_snr(snr.mean(1))}"),  # type: ignore[misc]
         ).rounds
         pace = max(pace, (time.monotonic() - now) / max(1, rounds) / texels)
@@ -263,7 +264,7 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
 
     rivals = [[Rival("start", row) for row in score.log_errors] for score in before]
     lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
-    return settle(judge, texels, len(levels), rivals, lit)
+    return settle(judge, texels, len(levels), rivals, lit, _LIT_SLACK)
 
 
 def promised(start: Blend, refined: _Refined) -> Promise:
