@@ -1,0 +1,214 @@
+"""The balanced loss: pairs that stand for both pair sets, targets, what it is nothing for, batches used again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import mipbake.training
+from mipbake.errors import UsageError
+from mipbake.metrics import LightViewPairs
+from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.models import registry
+from mipbake.models.moment_network import MomentNetwork
+from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.render import reference
+from mipbake.training import batches, loop
+from mipbake.training.balanced_loss import BANDS, BalancedBatch, balanced_loss, draw_balanced
+from mipbake.training.balanced_pairs import draw_pairs
+from mipbake.training.config import BalancedLossConfig, TrainingConfig, config_from, plain, read_config
+from mipbake.training.data import Materials, draw_crops, load_materials
+from mipbake.training.export import export_weights
+
+from .small_training import small_validation
+from .test_moment_network import TORUS, bumpy
+
+__all__ = ["small_validation"]
+
+torch.set_num_threads(1)
+
+SETTINGS = BalancedLossConfig(crops=2, crop_size=16)
+
+
+def tiny(**sections: dict[str, object]) -> TrainingConfig:
+    content: dict[str, dict[str, object]] = {
+        "network": {
+            "architecture": "moments", "latent_channels": 4, "convolutions": 1, "pointwise": 1, "growth": 4,
+            "decoder_layers": 1, "decoder_growth": 4,
+        },
+        "data": {"held_out": 0, "procedural_sets": 2, "procedural_size": 64, "plain": 0.5, "strided": 0.5},
+        "loss": {"kind": "balanced", "crops": 2, "crop_size": 16},
+        "optimiser": {"learning_rate": 1e-3, "ramp": 2, "ema_decay": 0.9, "clip": 5.0},
+        "run": {"steps": 6, "log_every": 2, "validate_every": 4, "checkpoint_every": 3, "uses": 2},
+    }  # fmt: skip
+    for name, section in sections.items():
+        content[name] |= section
+    return config_from(content)
+
+
+def patches_of(seed: int, count: int = 2) -> torch.Tensor:
+    return torch.from_numpy(np.stack([bumpy(16, 16, seed + i) for i in range(count)]))
+
+
+def test_weighted_pairs_stand_for_both_pair_sets() -> None:
+    """Means of functions that live on rare pairs, against plain draws by the hundred thousand."""
+
+    def values(light: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+        half = torch.nn.functional.normalize(light + view, dim=-1)
+        highlight = (half[..., 2] > 0.995).float()
+        grazing = ((view[..., 2] < 0.2) & (light[..., 2] < 0.3)).float()
+        return torch.stack([torch.ones_like(highlight), light[..., 2], highlight, grazing], -1)
+
+    rng = np.random.default_rng(0)
+    view = cosine_directions(rng, 400_000)
+    expected = []
+    for light in (near_mirror_lights(rng, view), cosine_directions(rng, len(view))):
+        expected.append(values(torch.from_numpy(light), torch.from_numpy(view)).double().mean(0))
+    sums = []
+    for index in range(1500):
+        pairs = draw_pairs(patches_of(index), SETTINGS, np.random.default_rng([1, index]))
+        single = pairs.weights.shape[2]
+        assert torch.allclose(pairs.light.norm(dim=-1), torch.ones(()), atol=1e-4)
+        assert (pairs.light[..., 2] >= 0).all() and (pairs.view[..., 2] > 0).all()
+        found = values(pairs.light[:, :single], pairs.view[:, :single])
+        sums.append((pairs.weights[..., None] * found).sum(2).mean(1))
+    for found, right in zip(torch.stack(sums).double().mean(0), expected, strict=True):
+        # Weights are cut: a hundredth of the whole is missing at most.
+        np.testing.assert_allclose(found, right, rtol=0.06, atol=2e-4)
+
+
+def test_rooms_see_several_lights_from_one_view() -> None:
+    pairs = draw_pairs(patches_of(0), SETTINGS, np.random.default_rng(0))
+    rooms = pairs.view[:, pairs.weights.shape[2] :].reshape(2, SETTINGS.rooms, SETTINGS.room_lights, 3)
+    assert (rooms == rooms[:, :, :1]).all()
+    lights = pairs.light[:, pairs.weights.shape[2] :].reshape(2, SETTINGS.rooms, SETTINGS.room_lights, 3)
+    assert len(torch.unique(lights.reshape(-1, 3), dim=0)) == lights[..., 0].numel()
+
+
+@pytest.mark.parametrize("pixel_filter", ["gaussian", "box"])
+def test_targets_are_the_reference(pixel_filter: str) -> None:
+    """And nearer to it than to the reference of another pixel filter, at pixels smaller than a texel, too."""
+    settings = BalancedLossConfig(crops=1, crop_size=16, pixel_filter=pixel_filter, any_filter=0.0, below=1.0)
+    patches = patches_of(3, 1)
+    patches[..., 4] = 0.5 + 0.5 * patches[..., 4]  # narrow lobes would drown all in noise
+    signal, errors = 0.0, {"gaussian": 0.0, "box": 0.0}
+    for seed in range(4):
+        batch = draw_balanced(patches, settings, np.random.default_rng(seed))
+        assert batch.pixel_filter == pixel_filter
+        pairs = LightViewPairs(batch.pairs.light[0].numpy(), batch.pairs.view[0].numpy())
+        for band, seen in zip(BANDS, batch.seen, strict=True):
+            for index in range(seen.lods):
+                some = slice(index * band.side**2, index * band.side**2 + 64)
+                uv, lod = seen.uv[0, some].numpy().astype(float), float(seen.lod[0, some.start])
+                found = (seen.target[0, :, some] + seen.independent[0, :, some]).numpy() / 2
+                for name in errors:
+                    rng = np.random.default_rng(5)
+                    right = reference(patches[0].numpy(), "gltf", TORUS, uv, lod, name, pairs, 256, rng)
+                    # Means of pixels side by side: the noise of single samples averages out.
+                    difference = (found - right).reshape(len(found), -1, 4, 3).mean(2)
+                    errors[name] += float(np.square(difference).sum())
+                    signal += float(np.square(right.reshape(len(found), -1, 4, 3).mean(2)).sum()) / len(errors)
+    assert errors[pixel_filter] < 0.05 * signal
+    assert errors[pixel_filter] == min(errors.values())
+
+
+def test_a_constant_material_costs_nothing() -> None:
+    patches = patches_of(0)
+    patches[:] = torch.tensor([0.5, 0.2, 0.1, 0.0, 0.4, 0.0, 0.0, 1.0])
+    batch = draw_balanced(patches, SETTINGS, np.random.default_rng(0))
+    network = MomentNetwork(tiny().network)  # type: ignore[arg-type]
+    assert float(balanced_loss(network, batch, SETTINGS).detach()) < 1e-3
+
+
+def test_the_loss_falls_and_every_part_counts() -> None:
+    config = tiny(run={"steps": 40}, loss={"light_weight": 0.5, "room_weight": 1.0})
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    state = loop.new_state(config)
+    held = [batches.draw_batch(materials, config, 1000 + i) for i in range(4)]
+
+    def mean_error() -> float:
+        """Squared error in units that do not move with the network."""
+        total = 0.0
+        for batch in held:
+            assert isinstance(batch, BalancedBatch)
+            levels = state.network(batch.patches, batch.pixel_filter)
+            total += sum(float(level.detach().square().mean()) for level in levels)
+        return total
+
+    before = [p.detach().clone() for p in state.network.parameters()]
+    losses = [float(state.advance(batch)) for batch in batches.batches(materials, config, 0)]
+    assert all(np.isfinite(losses)) and np.isfinite(mean_error())
+    moved = [not torch.equal(a, b) for a, b in zip(before, state.network.parameters(), strict=True)]
+    assert all(moved)
+
+
+def test_batches_serve_twice_and_a_resumed_training_sees_the_same() -> None:
+    config = tiny(run={"steps": 12})
+    materials, _ = load_materials(config)
+    indices = [batches.batch_of(step, config) for step in range(12)]
+    assert indices[::2] == list(range(6)) and all(
+        old <= new for old, new in zip(indices[1::2], indices[::2], strict=True)
+    )
+    drawn = list(batches.batches(materials, config, 0))
+    resumed = list(batches.batches(materials, config, 7))
+    for left, right in zip(drawn[7:], resumed, strict=True):
+        assert isinstance(left, BalancedBatch) and isinstance(right, BalancedBatch)
+        assert torch.equal(left.patches, right.patches)
+        assert torch.equal(left.seen[0].target, right.seen[0].target)
+
+
+def test_plain_and_strided_patches_are_materials_of_the_data() -> None:
+    config = tiny(data={"plain": 1.0, "strided": 1.0})
+    image = bumpy(128, 128, 2)
+    image[..., :3] = np.sort(image[..., :3], -1)  # the order of colours is drawn, too
+    materials = Materials([image.astype(np.float16)], ["one"], "gltf")
+    patches = draw_crops(materials, 4, 16, "gltf", np.random.default_rng(0), config.data)
+    texels = {tuple(t) for t in image.astype(np.float16).astype(np.float32)[..., :5].reshape(-1, 5)}
+    for patch in patches:
+        assert all((*sorted(t[:3]), t[3], t[4]) in texels for t in patch[..., :5].reshape(-1, 5).tolist())
+
+
+def test_training_resumes_and_exports_for_every_pixel_filter(tmp_path: Path, small_validation: None) -> None:
+    config = tiny()
+    loop.train(config, tmp_path / "run", resume=False, say=lambda _: None)
+    again = loop.train(tiny(run={"steps": 8}), tmp_path / "run", resume=True, say=lambda _: None)
+    assert again.step == 8
+    info = export_weights(tmp_path / "run" / loop.LAST, "tiny", tmp_path, default=True)
+    assert set(info.pixel_filters) == set(FILTERS) and info.targets == ("gltf",)
+    assert registry.list_weights(tmp_path) == [info]
+    assert "moments, filtered with the pixel filter" in (tmp_path / "tiny.md").read_text()
+    network = registry.load_network(info)
+    stored = bumpy(20, 12)
+    for pixel_filter in FILTERS:
+        levels = network.bake(stored, "gltf", "gltf", pixel_filter, TORUS)
+        assert all(np.isfinite(level).all() for level in levels)
+
+
+def test_the_configuration_lists_every_field() -> None:
+    path = Path(mipbake.training.__file__).parent / "configs" / "mipbake-1.toml"
+    config, text = read_config(path), path.read_text(encoding="utf-8")
+    assert config_from(plain(config)) == config
+    for section in plain(config).values():
+        assert all(f"\n{field} = " in text for field in section)
+    assert sum(band.lods for band in BANDS) == 5
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "word"),
+    [
+        ("loss", {"kind": "single-lights"}, "loss.kind"),
+        ("loss", {"kind": "loud"}, "loss.kind"),
+        ("network", {"architecture": "deep"}, "network.architecture"),
+        ("loss", {"near_mirror": 5}, "multiple of 10"),
+        ("loss", {"grazing": 1.5}, "loss.grazing"),
+        ("data", {"plain": -1.0}, "data.plain"),
+        ("run", {"uses": 0}, "run.uses"),
+        ("optimiser", {"fall_from": 5, "fall_until": 2}, "fall_until"),
+    ],
+)
+def test_wrong_settings_are_named(section: str, change: dict[str, object], word: str) -> None:
+    with pytest.raises(UsageError, match=word):
+        tiny(**{section: change})
