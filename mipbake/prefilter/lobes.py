@@ -48,16 +48,24 @@ def lobe_density(lobe: Tensor, light: Tensor, view: Tensor) -> Tensor:
     return distribution * 0.25 / (half * view).sum(-1).abs().clamp(min=1e-4)
 
 
-def near_mirror_density(light: Tensor, view: Tensor) -> Tensor:
-    """(...) density of (..., 3) lights of the pair set `near-mirror`, given the views."""
+def around_mirror_density(light: Tensor, view: Tensor) -> Tensor:
+    """(...) density of (..., 3) unit vectors around the mirror direction of views, above the horizon or not.
+
+    A Gaussian around a point of the unit sphere, projected onto it: its integral along the ray, to 1e-13 where it is
+    not negligible.
+    """
     mirror = view * torch.tensor([-1.0, -1.0, 1.0])
     s2 = NEAR_MIRROR_SPREAD**2
     square = (light * mirror).sum(-1).clamp(min=0).square()
-    # A Gaussian around a point of the unit sphere, projected onto it: its integral along the ray, to 1e-13 where it is
-    # not negligible. Lights below the horizon are drawn again: the rest is what counts.
-    kept = torch.special.ndtr(view[..., 2] / NEAR_MIRROR_SPREAD)
-    density: Tensor = ((square - 1) / (2 * s2)).exp() * (square + s2) / (2 * math.pi * s2) / kept
+    density: Tensor = ((square - 1) / (2 * s2)).exp() * (square + s2) / (2 * math.pi * s2)
     return density
+
+
+def near_mirror_density(light: Tensor, view: Tensor) -> Tensor:
+    """(...) density of (..., 3) lights of the pair set `near-mirror`, given the views: those below the horizon are
+    drawn again."""
+    kept: Tensor = torch.special.ndtr(view[..., 2] / NEAR_MIRROR_SPREAD)
+    return around_mirror_density(light, view) / kept
 
 
 def hemisphere_density(light: Tensor) -> Tensor:

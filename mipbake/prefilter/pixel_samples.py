@@ -20,6 +20,7 @@ from torch import Tensor
 
 from mipbake import sampling
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
+from mipbake.prefilter import lobes as around
 from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quantiles
 from mipbake.shading.ops import shade
 
@@ -178,57 +179,18 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
     radii = [(-2 * (1 - uniform(axis, 0)).clamp(min=1e-7).log()).sqrt() for axis in (2, 4)]
     angles = [uniform(axis, 0) * (2 * math.pi) for axis in (3, 5)]
     noise = torch.stack([radii[0] * angles[0].cos(), radii[0] * angles[0].sin(), radii[1] * angles[1].cos()], -1)
-    lights = [_unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(uniform(2, 1), uniform(3, 1))]
+    lights = [around.unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(uniform(2, 1), uniform(3, 1))]
     for kind, lobe in enumerate(lobes, 2):
         seen = view[kind * part : (kind + 1) * part]
-        lights.append(_reflected(seen, _half_vectors(lobe, uniform(2, kind), uniform(3, kind))))
+        lights.append(around.reflected(seen, around.half_vectors(lobe, uniform(2, kind), uniform(3, kind))))
     light = torch.cat(lights)
 
-    s2 = NEAR_MIRROR_SPREAD**2
-    square = (light * mirror).sum(-1).clamp(min=0).square()
-    # A Gaussian around a point of the unit sphere, projected onto it: its integral along the ray, to 1e-13 where it
-    # is not negligible.
-    near = ((square - 1) / (2 * s2)).exp() * (square + s2) / (2 * math.pi * s2)
-    hemisphere = light[..., 2].clamp(min=0) / math.pi
-    half = _unit(light + view)
-    reflection = 0.25 / (half * view).sum(-1).abs().clamp(min=1e-4)
+    near, hemisphere = around.around_mirror_density(light, view), around.hemisphere_density(light)
     density = near + hemisphere
     for lobe in lobes:
-        density = density + _distribution(lobe, half) * reflection
-    kept = torch.special.ndtr(view[..., 2] / NEAR_MIRROR_SPREAD)  # of near-mirror lights, those above the horizon
+        density = density + around.lobe_density(lobe, light, view)
     scale = (light[..., 2] > 0) / (density * part).clamp(min=1e-12)
-    return light, view, torch.stack([near / kept * scale, hemisphere * scale])
-
-
-def _unit(vectors: Tensor) -> Tensor:
-    return vectors * vectors.square().sum(-1, keepdim=True).clamp(min=1e-20).rsqrt()
-
-
-def _half_vectors(lobe: Tensor, u: Tensor, v: Tensor) -> Tensor:
-    """(K, P, 3) half vectors distributed like the GGX lobes (P, 4), of uniform numbers (K, P)."""
-    normal, alpha = lobe[:, :3], lobe[:, 3]
-    slope = alpha * (u / (1 - u).clamp(min=1e-6)).sqrt()
-    height = (1 + slope.square()).rsqrt()
-    angle = v * (2 * math.pi)
-    # Frame of Duff et al. 2017 around a normal that looks up.
-    a = -1 / (1 + normal[:, 2].clamp(min=-0.99))
-    b = normal[:, 0] * normal[:, 1] * a
-    tangent = torch.stack([1 + normal[:, 0].square() * a, b, -normal[:, 0]], -1)
-    bitangent = torch.stack([b, 1 + normal[:, 1].square() * a, -normal[:, 1]], -1)
-    x, y = slope * angle.cos() * height, slope * angle.sin() * height
-    return x[..., None] * tangent + y[..., None] * bitangent + height[..., None] * normal
-
-
-def _reflected(view: Tensor, half: Tensor) -> Tensor:
-    return _unit(2 * (view * half).sum(-1, keepdim=True) * half - view)
-
-
-def _distribution(lobe: Tensor, half: Tensor) -> Tensor:
-    """(K, P) density of half vectors distributed like the GGX lobes (P, 4)."""
-    alpha2 = lobe[:, 3].square()
-    cosine = (half * lobe[:, :3]).sum(-1).abs()
-    sine2 = (half - lobe[:, :3] * cosine[..., None]).square().sum(-1)  # 1 - cosine^2 would cancel
-    return alpha2 * cosine / (math.pi * (alpha2 * cosine.square() + sine2).square())
+    return light, view, torch.stack([around.near_mirror_density(light, view) * scale, hemisphere * scale])
 
 
 def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Tensor:
