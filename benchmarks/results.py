@@ -2,7 +2,7 @@
 
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 64]
 
-Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural and all
+Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural, auto and all
 closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them: optimising
 every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was stopped goes on.
 """
@@ -20,15 +20,21 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare import texture_space
-from mipbake.compare.candidates import bake_all, default_names
+from mipbake.compare.candidates import bake_all, closed_forms, default_names, label
 from mipbake.compare.comparing import Settings, compare
 from mipbake.compare.result import Comparison
 from mipbake.validate import DEFAULT_LODS
 
 
+MEASURED = ("neural", "auto")
+"""Methods that are no closed forms and are quick enough for whole sets."""
+
+
 def whole(texture_set: TextureSet, settings: Settings) -> dict[str, Any]:
     """Everything but the images of a comparison."""
-    return compare(texture_set, target="gltf", settings=settings).comparison.to_dict()
+    forms = (label(*each) for each in closed_forms(DEFAULT_FILTER))
+    methods = (*MEASURED, *forms)
+    return compare(texture_set, methods=methods, target="gltf", settings=settings).comparison.to_dict()
 
 
 def crop(texture_set: TextureSet, side: int) -> dict[str, Any]:
