@@ -2,8 +2,8 @@
 
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 64]
 
-Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural, auto and all
-closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them: optimising
+Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural, auto and
+all closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them: optimising
 every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was stopped goes on.
 """
 
@@ -24,7 +24,6 @@ from mipbake.compare.candidates import bake_all, closed_forms, default_names, la
 from mipbake.compare.comparing import Settings, compare
 from mipbake.compare.result import Comparison
 from mipbake.validate import DEFAULT_LODS
-
 
 MEASURED = ("neural", "auto")
 """Methods that are no closed forms and are quick enough for whole sets."""

@@ -33,7 +33,7 @@ LOG_GAMMAS = np.linspace(-material.MAX_LOG_GAMMA, material.MAX_LOG_GAMMA, 13)
 
 
 def masking_polynomial(reach: float, degree: int) -> tuple[Array, float]:
-    """sqrt(pi) erfcx(a), a from 0 to `reach`, in powers of 1 / (3 + a) mapped to -1..1, highest first; error of erfc."""
+    """sqrt(pi) erfcx(a), a from 0 to `reach`, in powers of 1 / (3 + a) in -1..1, highest first; error of erfc."""
     low, high = 1 / (3 + reach), 1 / 3
 
     def place(a: Array) -> Array:
