@@ -3,8 +3,9 @@
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 64]
 
 Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural, auto and
-all closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them: optimising
-every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was stopped goes on.
+all closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them:
+optimising every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was
+stopped goes on.
 """
 
 from __future__ import annotations
