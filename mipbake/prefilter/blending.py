@@ -113,13 +113,13 @@ def blend(
     Args:
         candidates: in the order of preference where they measure the same, BASE with the pixel filter among them. A
             network need not be.
-        effort: of the renders that judge; those that are fitted to have a third of the points.
+        effort: of the renders that judge; those that are fitted to have half the points.
     """
     # A handful of weights a level needs fewer points than a verdict on them.
     fewer = replace(
         effort,
         groups=max(1, 2 * effort.groups // 3),
-        points=max(1, effort.points // 2),
+        points=max(1, 3 * effort.points // 4),
         lit_points=max(1, effort.lit_points // 2),
     )
     train, judge = Scores(problem, fewer, 2 * seed), Scores(problem, effort, 2 * seed + 1)
@@ -339,20 +339,19 @@ def settle(
     def score(index: int) -> Score:
         return judge.of(mean([texels(index, level, shares[level]) for level in judge.probes[index].levels]), index)
 
-    def behind(found: Score, index: int) -> float:
-        """The most that a rival is ahead by, beyond what chance may do."""
+    def behind(found: Score, index: int) -> Array:
+        """By how much each rival, and the last one under the studio's lights, is ahead beyond what chance may do."""
         lost = np.stack([row - rival.log_errors for row, rival in zip(found.log_errors, rivals[index], strict=True)])
-        ahead = float((lost.mean(1) - _CHANCE * standard_error(lost)).max()) - _TIE
-        return max(ahead, found.lit_square - lit[index] - slack)
+        return np.append(lost.mean(1) - _CHANCE * standard_error(lost) - _TIE, found.lit_square - lit[index] - slack)
 
     def cost(found: Score, index: int) -> float:
-        asked = Score(np.stack([rival.log_errors for rival in rivals[index]]), 0.0, lit[index])
-        return _cost(found, asked)
+        gained = found.log_errors.mean(1).sum() + found.lit_square
+        return float(gained + _WORSE * np.maximum(behind(found, index), 0).sum())
 
     now = [score(index) for index in range(len(judge.probes))]
     for _ in range(2):
-        worst = sorted(range(len(now)), key=lambda each: -behind(now[each], each))
-        for index in (each for each in worst if behind(now[each], each) > 0):
+        worst = sorted(range(len(now)), key=lambda each: -behind(now[each], each).max())
+        for index in (each for each in worst if behind(now[each], each).max() > 0):
             for level in judge.probes[index].levels:
                 near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
                 tried = {}

@@ -42,7 +42,7 @@ class Promise:
 
     Args:
         levels: all of them.
-        pairs, points: light-view pairs of each pair set, and points, that a level was measured with at most.
+        pairs: of each pair set that every level was measured with, at least. points: at most.
     """
 
     levels: tuple[LevelPromise, ...]

@@ -44,6 +44,7 @@ _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws
 DECIBEL = 10 / math.log(10)
 FLOOR = 1e-7  # error in units of the signal that is as good as none
 _RESOLVED = 0.01  # share of the reference's noise energy below which an error is chance (metrics.snr)
+_FEW, _MORE_GROUPS = 32, 3  # texels a side up to which there are so many times the groups, of fewer points
 _RADIANCES = 1 << 18  # at a time
 EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
 
@@ -53,7 +54,8 @@ class Effort:
     """How much is rendered at each level of detail.
 
     Args:
-        groups: of pairs. points: in each. samples: of the reference at each point, twice.
+        groups: of pairs; levels of few texels have more. points: in each, at most.
+        samples: of the reference at each point, twice.
         lit_points, lit_samples: under the studio's lights.
     """
 
@@ -125,9 +127,12 @@ class Scores:
         problem, effort = self.problem, self.effort
         groups, sets = effort.groups, len(PAIR_SETS)
         height, width = problem.sizes[int(lod)]
-        # Levels of few texels need few points, and more samples: the reference hardly varies over them.
+        # Levels of few texels need few points, and more samples: the reference hardly varies over them, and pairs are
+        # what chance is in.
         points = max(1, min(effort.points, max(4 * height * width, 16)))
         samples = effort.samples * max(1, effort.points // points)
+        if max(height, width) <= _FEW:
+            groups, points, samples = _MORE_GROUPS * groups, max(1, points // _MORE_GROUPS), 2 * samples
         spread = random_points(problem, whole(problem), 0, groups * points, rng)
         uv = rng.permutation(np.resize(spread, (groups * points, 2))).reshape(groups, points, 2)
         pairs = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
