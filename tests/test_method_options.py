@@ -29,7 +29,7 @@ def test_other_budgets_say_what_is_expected(text: str) -> None:
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_methods_without_an_option_refuse_it(option: str) -> None:
-    value = {"weights": "mipbake-1", "budget": "1s"}[option]
+    value = list_weights()[0].name if option == "weights" else "1s"
     for name in METHODS:
         if name in OPTIONS[option]:
             assert method_named(name, **{option: value}).name == name
