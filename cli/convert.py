@@ -84,6 +84,10 @@ def _convert_one(session: Session, source: Path, out: Path, load: LoadOptions, t
             given = open_material(source)
             reading("read", 1.0)
         place = out / given.name
+        if place.resolve() == source.resolve():
+            raise UsageError(
+                f"{source} would be replaced by what is made of it, which may hold less: choose another --out"
+            )
         check_material_output(place, given.provenance.sources)
         height, width = given.stored.shape[:2]
         read = {"name": given.name, "width": width, "height": height, "model": given.model}

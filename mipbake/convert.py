@@ -224,6 +224,9 @@ def open_material(path: str | Path) -> Material:
             "with the version of mipbake that wrote it, or convert it again"
         )
     try:
+        title = str(manifest["name"])
+        if title in ("", ".", "..") or any(mark in title for mark in "/\\\0"):  # a folder's, of its own
+            raise ValueError(f"{title!r} is no name of a material")
         model = model_named(manifest["model"]).name
         container = image_container(model, manifest["format"])
         layouts = {layout.name: layout for layout in LAYOUTS[model]}
@@ -236,7 +239,9 @@ def open_material(path: str | Path) -> Material:
         made = Conversion(**{**provenance, "warnings": tuple(provenance["warnings"])})
         wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
         stored = np.concatenate([images.pop(name) for name in layouts], -1)
-        return Material(str(manifest["name"]), model, stored, images, wrap, made)
+        if not {*wrap} <= {"wrap", "clamp"}:
+            raise ValueError(f"wrap is {wrap}: expected wrap or clamp along u and v")
+        return Material(title, model, stored, images, wrap, made)
     except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
         raise InputError(f"{file} does not describe a material ({error}): convert it again") from error
 

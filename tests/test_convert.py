@@ -126,6 +126,10 @@ def test_broken_materials_are_said_to_be(folder: Path, tmp_path: Path) -> None:
         ({"model": "phong"}, "unknown material model 'phong'"),
         ({"maps": {}}, "does not describe a material"),
         ({"maps": {"../x": {}}}, "no name of a map"),
+        ({"name": "../x"}, "no name of a material"),
+        ({"name": "/x"}, "no name of a material"),
+        ({"name": ".."}, "no name of a material"),
+        ({"wrap": {"u": "wrap", "v": "mirror"}}, "expected wrap or clamp"),
         ({"format": "png"}, "cannot hold the map log_roughness"),
     ):
         manifest.write_text(json.dumps({**json.loads(text), **change}), encoding="utf-8")
@@ -202,4 +206,5 @@ def test_what_cannot_be_is_said(folder: Path, tmp_path: Path, capsys: Any) -> No
         tmp_path / "others" / "metal", **{name: np.roll(pixels, (3, 3), (0, 1)) for name, pixels in bumps().items()}
     )
     assert "other source files" in fails(capsys, 4, "convert", other, "--to", "ggx", "-o", out)
+    assert "would be replaced" in fails(capsys, 2, "convert", converted, "--to", "gltf", "-o", out)
     assert {name: (converted / name).read_bytes() for name in tree(converted)} == before
