@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.config import MomentConfig
 from mipbake.models.dense import SLOPE
@@ -133,12 +132,6 @@ class MomentNetwork(nn.Module):
         decoded = torch.split(self.decode(torch.cat(latents, 1), index, pixel_filter), counts, 1)
         sizes = level_sizes(stored.shape[1], stored.shape[2])
         return [d.reshape(len(stored), *size, -1) for d, size in zip(decoded, sizes, strict=True)]
-
-    def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
-        """(B, S, S, 8) stored channels of `gltf`, of images that repeat, to the levels for the first pixel filter."""
-        if wrap != ("wrap", "wrap") or source != "gltf":
-            raise UsageError(f"this network makes stacks of gltf images that repeat, not of {source} with {wrap}")
-        return {"gltf": self(stored, next(iter(FILTERS)))}
 
     def bake(
         self,

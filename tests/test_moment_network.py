@@ -11,7 +11,7 @@ from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS, lift_normal
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models.config import MomentConfig
-from mipbake.models.lookup_kernel import periodic_levels, sharpened, sharpening
+from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
 from mipbake.models.moment_inference import bake
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.moments import COUNT, FEATURES, moments, statistics
@@ -199,3 +199,13 @@ def test_bakes_other_than_trained_for_are_refused() -> None:
         network.bake(stored, "gltf", "gltf", "tent", TORUS)
     with pytest.raises(UsageError, match="whole number"):
         MomentConfig(growth=0)
+
+
+def test_kernels_first_asked_for_by_validation_serve_training_too() -> None:
+    periodic_matrices.cache_clear()
+    image = torch.ones(1, 4, 4, 2)
+    with torch.inference_mode():
+        periodic_levels(image, "box")
+    again = image.clone().requires_grad_()
+    sum(level.sum() for level in periodic_levels(again, "box")).backward()  # type: ignore[union-attr]
+    assert again.grad is not None

@@ -22,6 +22,7 @@ from mipbake.training.balanced_pairs import draw_pairs
 from mipbake.training.config import BalancedLossConfig, TrainingConfig, config_from, plain, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials
 from mipbake.training.export import export_weights
+from mipbake.training.validation import Validator
 
 from .small_training import small_validation
 from .test_moment_network import TORUS, bumpy
@@ -212,3 +213,16 @@ def test_the_configuration_lists_every_field() -> None:
 def test_wrong_settings_are_named(section: str, change: dict[str, object], word: str) -> None:
     with pytest.raises(UsageError, match=word):
         tiny(**{section: change})
+
+
+def test_validation_bakes_for_the_filter_that_it_measures(small_validation: None) -> None:
+    config = tiny(loss={"pixel_filter": "mitchell"})
+    _, held_out = load_materials(config)
+    network = MomentNetwork(config.network)  # type: ignore[arg-type]
+    validator = Validator(held_out, config.network, "mitchell")
+    patch = validator.patches[0]
+    found = validator.stacks(network, patch)["gltf"]
+    for name, same in (("mitchell", True), ("gaussian", False)):
+        with torch.no_grad():
+            expected = network(torch.from_numpy(patch.stored)[None], name)
+        assert np.allclose(found[1], expected[1][0].numpy(), atol=1e-6) == same

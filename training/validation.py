@@ -19,6 +19,7 @@ from mipbake import material
 from mipbake.errors import OutputError
 from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
 from mipbake.models.config import AnyConfig
+from mipbake.models.moment_network import MomentNetwork
 from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.pixel_filter import Wrap
 from mipbake.render import candidate, random_points, reference
@@ -127,7 +128,11 @@ class Validator:
     def stacks(self, network: AnyNetwork, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
         """The network's stacks of one patch, by model."""
         with torch.inference_mode():
-            stacks = network.stacks(torch.from_numpy(patch.stored)[None], _TORUS, patch.model)
+            stored = torch.from_numpy(patch.stored)[None]
+            if isinstance(network, MomentNetwork):
+                stacks = {"gltf": network(stored, self.pixel_filter)}
+            else:
+                stacks = network.stacks(stored, _TORUS, patch.model)
         return {model: [level[0].numpy() for level in levels] for model, levels in stacks.items()}
 
     def score(self, network: AnyNetwork) -> Score:
