@@ -94,6 +94,11 @@ def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) 
         ({"optimiser": {"beta1": 1.0}}, r"optimiser\.beta1"),
         ({"run": {"steps": True}}, r"run\.steps"),
         ({"network": 3}, r"\[network\]"),
+        ({"network": {"architecture": []}}, r"network\.architecture must be one of latent, moments, got \[\]"),
+        (
+            {"network": {"architecture": "moments"}, "loss": {"kind": "balanced", "grazing": 1.0}},
+            r"loss\.grazing.*below 1",
+        ),
     ],
 )
 def test_wrong_fields_are_named(content: dict[str, Any], message: str) -> None:

@@ -152,6 +152,7 @@ class BalancedLossConfig:
         _require(power, "loss.crop_size", "a power of two of at least 4", self.crop_size)
         for name in ("grazing", "any_filter", "below"):
             _share(f"loss.{name}", getattr(self, name))
+        _require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
         for name in ("light_weight", "room_weight"):
             _require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         every = sum(self.kinds) + self.rooms * self.room_lights
@@ -294,8 +295,9 @@ def config_from(content: Mapping[str, Any]) -> TrainingConfig:
     for name, (key, kinds) in _KINDS.items():
         section = content.get(name, {})
         if isinstance(section, Mapping) and key in section:
-            _require(section[key] in kinds, f"{name}.{key}", f"one of {', '.join(kinds)}", section[key])
-            sections[name] = kinds[section[key]]
+            kind = section[key]
+            _require(isinstance(kind, str) and kind in kinds, f"{name}.{key}", f"one of {', '.join(kinds)}", kind)
+            sections[name] = kinds[kind]
             content[name] = {k: value for k, value in section.items() if k != key}
     return TrainingConfig(**{name: _section(name, sections[name], content.get(name, {})) for name in sections})
 

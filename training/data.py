@@ -65,9 +65,7 @@ def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
     train += [_procedural(seed, data, model) for seed in range(data.procedural_sets)]
     if not held_out:
         held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(8)]
-    return tuple(
-        Materials([image for _, image in sets], [name for name, _ in sets], model) for sets in (train, held_out)
-    )  # type: ignore[return-value]
+    return _materials(train, model), _materials(held_out, model)
 
 
 def _materials(sets: _Sets, model: str) -> Materials:

@@ -193,7 +193,7 @@ def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], 
             state.save(out / BEST)
 
     if not resume:
-        validate()  # of the untrained network, which is linear prefiltering of its parameters
+        validate()  # of the untrained network: averages of parameters, or of moments with its first guess
     run, started, first = config.run, time.perf_counter(), state.step
     recent: list[Tensor] = []
     for batch in batches(train_materials, config, first):
