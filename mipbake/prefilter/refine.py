@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,17 +94,18 @@ class Refine:
         learned = self._learned(problem)
         candidates = [*closed_forms(problem), *learned]
         first = 0.5 if not self.everything else 0.1  # of the progress
-        start = blend(problem, candidates, DEFAULT_EFFORT, self._seed, lambda share: progress(first * share))
         info = self._neural.weights(target, pixel_filter) if learned else None
         deadline = math.inf if self.seconds is None else began + self.seconds
-        refined = _refined(
-            problem,
-            start,
-            deadline if self.everything else math.inf,
-            self.everything,
-            self._seed,
-            _Part(progress, first),
-        )
+        with _one_torch_thread():
+            start = blend(problem, candidates, DEFAULT_EFFORT, self._seed, lambda share: progress(first * share))
+            refined = _refined(
+                problem,
+                start,
+                deadline if self.everything else math.inf,
+                self.everything,
+                self._seed,
+                _Part(progress, first),
+            )
         progress(1.0)
         return PrefilterResult(
             refined.levels, info.name if info else None, info.sha256 if info else None, promised(start, refined)
@@ -118,6 +120,20 @@ class Refine:
                 raise
             return []
         return [candidate(problem, self._neural, problem.pixel_filter)]
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Tensors here are small and many, and two Python threads work on them: a team of torch threads for each would
+    mostly wait, which takes the time of both."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Auto(Refine):
