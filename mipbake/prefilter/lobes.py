@@ -42,8 +42,9 @@ def lobe_density(lobe: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """(K, P) density of (K, P, 3) lights whose half vectors with the views are distributed like the lobes (P, 4)."""
     half = unit(light + view)
     alpha2 = lobe[:, 3].square()
-    cosine = (half * lobe[:, :3]).sum(-1).abs()
-    sine2 = (half - lobe[:, :3] * cosine[..., None]).square().sum(-1)  # 1 - cosine^2 would cancel
+    signed = (half * lobe[:, :3]).sum(-1)
+    sine2 = (half - lobe[:, :3] * signed[..., None]).square().sum(-1)  # 1 - cosine^2 would cancel
+    cosine = signed.abs()  # a half vector and its opposite reflect alike
     distribution = alpha2 * cosine / (math.pi * (alpha2 * cosine.square() + sine2).square())
     return distribution * 0.25 / (half * view).sum(-1).abs().clamp(min=1e-4)
 
