@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LevelPromise:
-    """A level of a stack, measured on renders that it was not fitted to.
+    """A level of a stack, measured on renders that it was not fitted to, but that also decided what was kept.
 
     Figures are SNR in dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
     (mipbake.metrics.pairs.PAIR_SETS).
@@ -38,7 +38,10 @@ class LevelPromise:
 
 @dataclass(frozen=True)
 class Promise:
-    """No level is worse than the best closed form by more than what the measure itself is uncertain by.
+    """How every level measured beside the best closed form.
+
+    Levels that were found behind it by more than the measure is uncertain by gave way to the safest candidate, as far
+    as that helped; the figures say what remains.
 
     Args:
         levels: all of them.
@@ -50,14 +53,13 @@ class Promise:
     points: int
 
     def summary(self, pair_set: str) -> str:
-        """What the levels gain over the best closed forms: `+0.1 to +3.4 dB, +2.1 in the mean (each within 0.4)`.
-
-        Within: the largest standard error of a level's gain.
-        """
+        """What the levels gain over the best closed forms, at least, at most and in the mean, and how sure that is."""
         gains = [each.gain(pair_set) for each in self.levels]
         error = max(each.gain_error[pair_set] for each in self.levels)
         middle = sum(gains) / len(gains)
-        return f"{min(gains):+.1f} to {max(gains):+.1f} dB, {middle:+.1f} in the mean (each within {error:.1f})"
+        return (
+            f"{min(gains):+.1f} to {max(gains):+.1f} dB, {middle:+.1f} in the mean (standard error {error:.1f} at most)"
+        )
 
 
 def promise_from(content: object) -> Promise | None:

@@ -8,8 +8,8 @@ next to nothing. `auto` leaves it at those; `refine`, or `auto` with a budget, g
 Each level has a share of the time that grows with the root of its texels, since gains fall off with time spent. Where
 a level would get so little that a round or two is all, its blend stays and the others have its time.
 
-In the end each level keeps of its change what independent renders confirm, against the blend and against every closed
-form. What they measured is the promise that comes with the stack.
+In the end each level keeps of its change what independent renders confirm, against the blend, which itself was held
+against every closed form. What they measured is the promise that comes with the stack.
 """
 
 from __future__ import annotations
@@ -267,7 +267,7 @@ def scored(start: Blend, levels: Sequence[Image]) -> list[Score]:
 
 
 def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Sequence[Score]) -> list[float]:
-    """Of each level's change the share that the judge confirms, against the start and every closed form."""
+    """Of each level's change the share that the judge confirms against the start; 0 of none."""
     judge, cache = start.judge, dict[tuple[int, int], tuple[Image, Image]]()
 
     def texels(index: int, level: int, share: float) -> Image:
@@ -280,7 +280,9 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
 
     rivals = [[Rival("start", row) for row in score.log_errors] for score in before]
     lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
-    return settle(judge, texels, len(levels), rivals, lit, _LIT_SLACK)
+    shares = settle(judge, texels, len(levels), rivals, lit, _LIT_SLACK)
+    changed = [not np.array_equal(*each) for each in zip(start.levels, levels, strict=True)]
+    return [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]
 
 
 def promised(start: Blend, refined: _Refined) -> Promise:
