@@ -123,15 +123,25 @@ class MomentNetwork(nn.Module):
 
         S must be a power of two.
         """
+        latents, index = self._latents(stored, pixel_filter)
+        return _split(self.decode(latents, index, pixel_filter), stored)
+
+    def beside_closed_forms(self, stored: Tensor, pixel_filter: str) -> tuple[list[Tensor], list[list[Tensor]]]:
+        """`forward`, and without a gradient what `linear` and `unreal` make of the same averages."""
+        latents, index = self._latents(stored, pixel_filter)
+        with torch.no_grad():
+            found = statistics(latents[..., :COUNT])
+            closed = [_split(_changed(found, _share_of_unreal(found, share)), stored) for share in (0.0, 1.0)]
+        return _split(self.decode(latents, index, pixel_filter), stored), closed
+
+    def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
+        """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
         halo = self.halo
         maps = functional.pad(stored.permute(0, 3, 1, 2), (halo, halo, halo, halo), mode="circular")
         latents = periodic_levels(self.encode_extended(maps.permute(0, 2, 3, 1)), pixel_filter)
-        counts = [z.shape[1] for z in latents]
         # One pass over the texels of all levels: the small ones cost no more than their texels.
-        index = torch.cat([latents[0].new_full((count, 1), float(level)) for level, count in enumerate(counts)])
-        decoded = torch.split(self.decode(torch.cat(latents, 1), index, pixel_filter), counts, 1)
-        sizes = level_sizes(stored.shape[1], stored.shape[2])
-        return [d.reshape(len(stored), *size, -1) for d, size in zip(decoded, sizes, strict=True)]
+        levels = [latents[0].new_full((z.shape[1], 1), float(level)) for level, z in enumerate(latents)]
+        return torch.cat(latents, 1), torch.cat(levels)
 
     def bake(
         self,
@@ -150,6 +160,20 @@ class MomentNetwork(nn.Module):
         from mipbake.models.moment_inference import bake
 
         return bake(self, stored, source, target, pixel_filter, wrap, progress)
+
+
+def _split(texels: Tensor, stored: Tensor) -> list[Tensor]:
+    """(B, N, C) texels of all levels of (B, S, S, 8) images to (B, S_L, S_L, C) each."""
+    sizes = level_sizes(stored.shape[1], stored.shape[2])
+    parts = torch.split(texels, [height * width for height, width in sizes], 1)
+    return [part.reshape(len(stored), *size, -1) for part, size in zip(parts, sizes, strict=True)]
+
+
+def _share_of_unreal(found: Statistics, share: float) -> Tensor:
+    """(..., _OUTPUTS) that change nothing but roughness, by a share of the way to `unreal`."""
+    out = found.roughness.new_zeros(*found.roughness.shape[:-1], _OUTPUTS)
+    out[..., 1] = share
+    return out
 
 
 def _inputs(stored: Tensor) -> Tensor:

@@ -114,6 +114,21 @@ def test_an_untrained_network_is_near_a_closed_form() -> None:
         assert narrow[level][..., 4].mean() < roughness < 1.1 * wider[level][..., 4].mean()
 
 
+def test_closed_forms_beside_the_network_are_theirs() -> None:
+    """Level 0 is sharpened; on a material that is the same everywhere but for its normals the rest follows."""
+    stored = bumpy(16, 16, 6)
+    stored[..., :3], stored[..., 3], stored[..., 4] = 0.5, 0, 0.3
+    network = trained_like()
+    levels, (linear, unreal) = network.beside_closed_forms(torch.from_numpy(stored)[None], "box")
+    for own, again in zip(levels, network(torch.from_numpy(stored)[None], "box"), strict=True):
+        torch.testing.assert_close(own, again)
+    expected = UNREAL(stored, "gltf", "gltf", "box", TORUS, lambda _: None).levels
+    for level in (3, 4):
+        np.testing.assert_allclose(linear[level][..., 4], 0.3, atol=1e-5)
+        np.testing.assert_allclose(unreal[level][0, ..., 4], expected[level][..., 4], rtol=0.05)
+    assert not linear[0].requires_grad
+
+
 def test_statistics_are_those_of_closed_forms() -> None:
     """`lean` and `unreal` follow from the same averages."""
     stored = bumpy(16, 16, 4)

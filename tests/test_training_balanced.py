@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from mipbake.models.moment_network import MomentNetwork
 from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.render import reference
 from mipbake.training import batches, loop
-from mipbake.training.balanced_loss import BANDS, BalancedBatch, balanced_loss, draw_balanced
+from mipbake.training.balanced_loss import BANDS, BalancedBatch, balanced_loss, draw_balanced, rendered
 from mipbake.training.balanced_pairs import draw_pairs
 from mipbake.training.config import BalancedLossConfig, TrainingConfig, config_from, plain, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials
@@ -124,26 +125,46 @@ def test_a_constant_material_costs_nothing() -> None:
     assert float(balanced_loss(network, batch, SETTINGS).detach()) < 1e-3
 
 
-def test_the_loss_falls_and_every_part_counts() -> None:
-    config = tiny(run={"steps": 40}, loss={"light_weight": 0.5, "room_weight": 1.0})
+def test_training_moves_every_parameter_and_lowers_the_error() -> None:
+    config = tiny(run={"steps": 80})
     materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
-    held = [batches.draw_batch(materials, config, 1000 + i) for i in range(4)]
+    assert isinstance(state.network, MomentNetwork) and isinstance(config.loss, BalancedLossConfig)
+    held = [batches.draw_batch(materials, config, 1000 + i) for i in range(6)]
 
-    def mean_error() -> float:
-        """Squared error in units that do not move with the network."""
+    def error() -> float:
+        """Logarithm of the error of each batch and band, against the first estimate, whatever the loss divides by."""
         total = 0.0
         for batch in held:
             assert isinstance(batch, BalancedBatch)
-            levels = state.network(batch.patches, batch.pixel_filter)
-            total += sum(float(level.detach().square().mean()) for level in levels)
+            with torch.no_grad():
+                levels = state.network(batch.patches, batch.pixel_filter)
+                for seen in batch.seen:
+                    shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view)
+                    total += float((shaded - seen.target).square().mean().log())
         return total
 
-    before = [p.detach().clone() for p in state.network.parameters()]
+    before, start = error(), [p.detach().clone() for p in state.network.parameters()]
     losses = [float(state.advance(batch)) for batch in batches.batches(materials, config, 0)]
-    assert all(np.isfinite(losses)) and np.isfinite(mean_error())
-    moved = [not torch.equal(a, b) for a, b in zip(before, state.network.parameters(), strict=True)]
-    assert all(moved)
+    assert np.isfinite(losses).all()
+    assert all(not torch.equal(a, b) for a, b in zip(start, state.network.parameters(), strict=True))
+    assert error() < before
+
+
+def test_what_is_worse_than_a_closed_form_counts_in_full() -> None:
+    """A network that makes mirrors of bumps: bounded, the loss says by how much; otherwise it cannot."""
+    torch.manual_seed(0)
+    network = MomentNetwork(tiny().network)  # type: ignore[arg-type]
+    batch = draw_balanced(patches_of(0), SETTINGS, np.random.default_rng(0))
+    losses = {}
+    for bias in (7.0, -30.0):
+        with torch.no_grad():
+            network.output.bias[1] = bias
+        for bounded in (True, False):
+            settings = dataclasses.replace(SETTINGS, bounded=bounded)
+            losses[bias, bounded] = float(balanced_loss(network, batch, settings).detach())
+    assert losses[-30.0, True] > 3 * losses[7.0, True]
+    assert losses[-30.0, False] < 2 * losses[7.0, False]
 
 
 def test_batches_serve_twice_and_a_resumed_training_sees_the_same() -> None:

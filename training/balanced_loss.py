@@ -5,6 +5,7 @@ As in loss.py a patch is a torus, seen by pixels at random places, and the targe
 
 - Every squared error is divided by the error of its patch, level of detail and pair set as the network is now (from the
   second estimate, or chance would weigh down what it made large): the gradient is that of the mean error in decibels.
+  Where the network is worse than a closed form, it is divided by that one's: what breaks is not given up.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
   sum over the lights.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
@@ -142,20 +143,38 @@ def _target(
 
 def balanced_loss(network: MomentNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
     """Predicts, renders and compares: the scalar loss of one batch; about 1 for each of its parts."""
-    levels = network(batch.patches, batch.pixel_filter)
+    closed: list[list[Tensor]] = []
+    if config.bounded:
+        levels, closed = network.beside_closed_forms(batch.patches, batch.pixel_filter)
+    else:
+        levels = network(batch.patches, batch.pixel_filter)
     lods = sum(seen.lods for seen in batch.seen)
-    return torch.stack([_band_loss(levels, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]).sum()
+    parts = [_band_loss(levels, closed, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
+    return torch.stack(parts).sum()
 
 
-def _band_loss(levels: list[Tensor], batch: BalancedBatch, seen: Seen, config: BalancedLossConfig) -> Tensor:
-    pairs, single = batch.pairs, batch.pairs.weights.shape[2]
+def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor) -> Tensor:
+    """(B, K, S N, 3) renders of a stack, looked up and shaded once a pixel."""
     uv, lod = seen.uv[:, None], seen.lod.clamp(min=0)[:, None]
     texels = texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
-    prediction = shade("gltf", texels, pairs.light, pairs.view)
+    return shade("gltf", texels, light, view)
+
+
+def _band_loss(
+    levels: list[Tensor], closed: list[list[Tensor]], batch: BalancedBatch, seen: Seen, config: BalancedLossConfig
+) -> Tensor:
+    pairs, single = batch.pairs, batch.pairs.weights.shape[2]
+    prediction = rendered(levels, seen, pairs.light, pairs.view)
     weights = pairs.weights[..., None]  # (2, B, K, 1)
     with torch.no_grad():
-        error = _squares(prediction - seen.independent, seen.lods) + _FLOOR * _squares(seen.independent, seen.lods)
-        whole = (weights * error[:, :single]).sum(2, keepdim=True) + _DARK
+        floor = _FLOOR * _squares(seen.independent, seen.lods)
+        error = _squares(prediction - seen.independent, seen.lods) + floor
+        whole = (weights * error[:, :single]).sum(2, keepdim=True)
+        for stack in closed:
+            some = rendered(stack, seen, pairs.light[:, :single].contiguous(), pairs.view[:, :single].contiguous())
+            other = _squares(some - seen.independent[:, :single], seen.lods) + floor[:, :single]
+            whole = torch.minimum(whole, (weights * other).sum(2, keepdim=True))
+        whole = whole + _DARK
         counts = (weights / whole).sum(0)
         lights = error[:, single:] + _DARK
         lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))

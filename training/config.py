@@ -128,6 +128,8 @@ class BalancedLossConfig:
         light_weight, room_weight: weight of the errors of single lights of rooms, and of their sums.
         pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
+        bounded: whether errors are divided by no more than those of closed forms. Divided by its own error alone, a
+            patch that breaks pulls no more than any other, and single materials are given up.
     """
 
     crops: int = 4
@@ -144,6 +146,7 @@ class BalancedLossConfig:
     pixel_filter: str = "gaussian"
     any_filter: float = 0.4
     below: float = 0.5
+    bounded: bool = True
 
     def __post_init__(self) -> None:
         for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "rooms", "room_lights"):
