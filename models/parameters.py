@@ -64,7 +64,7 @@ def to_parameters(stored: Tensor, model: str) -> Tensor:
         return stored
     roughness = stored[..., 4:5].clamp(MIN_ROUGHNESS, 1)
     if model == "gltf-anisotropic":
-        alpha, (x, y) = roughness.square(), stored[..., 8:10].split(1, -1)
+        alpha, x, y = roughness.square(), stored[..., 8:9], stored[..., 9:10]
         along, across = 2 * (alpha + (1 - alpha) * stored[..., 10:].square()).log(), 2 * alpha.log()
         mean, half = (along + across) / 2, (along - across) / 2
         d, c = half * (x * x - y * y), half * 2 * x * y

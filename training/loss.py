@@ -177,7 +177,8 @@ class _RenderLoss(torch.autograd.Function):
 
 def energies(renders: Tensor) -> Tensor:
     """(B, K, N, 3) to (B, K): squares summed over pixels and channels."""
-    return torch.linalg.vector_norm(renders.flatten(2), dim=2).square()
+    norms: Tensor = torch.linalg.vector_norm(renders.flatten(2), dim=2)
+    return norms.square()
 
 
 def relative_norms(prediction: Tensor) -> Tensor:
