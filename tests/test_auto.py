@@ -217,13 +217,13 @@ def test_results_hang_on_the_seed_alone() -> None:
 
 def test_filters_without_weights_blend_closed_forms_alone() -> None:
     stored = material_of_two(8)
-    result = run("auto", stored, kernel="mitchell")
+    result = method_named("auto")(stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
     assert result.weights is None
     assert result.promise is not None
     assert not any("neural" in each.sources for each in result.promise.levels)
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
-        method_named("auto", weights=info.name)(stored, "gltf", "gltf", "mitchell", WRAP, lambda _: None)
+        method_named("auto", weights=info.name)(stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
 
 
 def test_the_promise_is_kept_in_files(tmp_path) -> None:

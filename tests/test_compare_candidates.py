@@ -52,7 +52,7 @@ def test_neural_is_left_out_where_it_has_no_weights() -> None:
     names, notes = default_names("gltf", "gaussian")
     assert names[0] == "neural"
     assert notes == ()
-    names, notes = default_names("gltf", "mitchell")
+    names, notes = default_names("ggx", "mitchell")
     assert "neural" not in names
     assert "linear (mitchell)" in names
     assert "left out: no trained weights" in notes[0]
