@@ -20,8 +20,8 @@ from mipbake import __version__, material
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
 from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, MapLayout, extra_layout
-from mipbake.io.map_files import Maps, check_same_sources, described, is_result_folder, read_map, write_maps
-from mipbake.io.publish import check_target, published
+from mipbake.io.map_files import Maps, check_same_sources, described, is_result_folder, read_map, save_maps, write_maps
+from mipbake.io.publish import check_target
 from mipbake.material import MODELS, model_named
 from mipbake.texture_set import TextureSet
 
@@ -116,13 +116,9 @@ class Material:
         target, container = Path(path), image_container(self.model, format)
         check_material_output(target, self.provenance.sources)
         write = write_maps(self.maps(), container, self.wrap, progress)
-        manifest = self._manifest(container)
-        with published(target, is_material_folder) as folder:
-            write(folder)
-            (folder / MATERIAL_MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        files = save_maps(target, MATERIAL_MANIFEST, self._manifest(container), write, is_material_folder)
         progress(1.0)
-        names = [MATERIAL_MANIFEST, *(n for entry in manifest["maps"].values() for n in entry["files"])]
-        return [target / name for name in names]
+        return files
 
     def _manifest(self, container: Container) -> dict[str, Any]:
         height, width = self.stored.shape[:2]

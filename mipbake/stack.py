@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, Container, format_named
 from mipbake.io.layout import LAYOUTS, MANIFEST, SCHEMA, MapLayout, extra_layout
-from mipbake.io.map_files import Levels, check_same_sources, described, is_result_folder, read_map, write_maps
-from mipbake.io.publish import check_target, published
+from mipbake.io.map_files import (
+    Levels,
+    check_same_sources,
+    described,
+    is_result_folder,
+    read_map,
+    save_maps,
+    write_maps,
+)
+from mipbake.io.publish import check_target
 from mipbake.material import MODELS
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
@@ -124,13 +132,9 @@ class MipStack:
         target, container = Path(path), container_for(self.model, format)
         check_output(target, self.provenance.sources)
         write = write_maps(self.maps(), container, self.wrap, progress)
-        manifest = _manifest(self, container)
-        with published(target, is_stack_folder) as folder:
-            write(folder)
-            (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-            names = [MANIFEST, *(n for entry in manifest["maps"].values() for n in entry["files"])]
+        files = save_maps(target, MANIFEST, _manifest(self, container), write, is_stack_folder)
         progress(1.0)
-        return [target / name for name in names]
+        return files
 
 
 def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:

@@ -13,12 +13,36 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, OutputError
 from mipbake.io.containers import Container
 from mipbake.io.layout import COLOUR, PARAMETRISATIONS, SIGNED, MapLayout, from_file, to_file
+from mipbake.io.publish import IsOurs, published
 
 _BLOCK = 1 << 18  # texels encoded at a time
 
 Levels = list[NDArray[np.float32]]
 Maps = Sequence[tuple[MapLayout, Levels]]
 """Maps with their levels, (H_L, W_L, channels of the map) each."""
+
+
+def save_maps(
+    target: Path,
+    manifest_name: str,
+    manifest: Mapping[str, Any],
+    write: Callable[[Path], None],
+    is_ours: IsOurs,
+) -> list[Path]:
+    """Publishes a folder of maps with the manifest that describes them; gives its files, the manifest first.
+
+    Args:
+        target: the folder; it appears when it is complete, in the place of an earlier one that `is_ours`.
+        manifest: with `maps` as `described` gives it.
+        write: from `write_maps`.
+
+    Raises:
+        OutputError: the folder cannot be written, or holds anything else.
+    """
+    with published(target, is_ours) as folder:
+        write(folder)
+        (folder / manifest_name).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    return [target / manifest_name, *(target / name for entry in manifest["maps"].values() for name in entry["files"])]
 
 
 def write_maps(
