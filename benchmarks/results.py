@@ -1,91 +1,105 @@
-"""Compares every method on every texture set of a folder, a JSON file a set: what docs/make_results_page.py tabulates.
+"""Measures methods on every texture set of a folder, a JSON file a set: what docs/make_results_page.py tabulates.
 
-    python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER [--passes 256] [--crop 64]
+    python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER
+    python docs/make_results_page.py RESULTS_FOLDER
 
-Every sub-folder of SETS_FOLDER is one texture set. `whole/SET.json` is `mipbake compare` of it with neural, auto and
-all closed forms. `crop/SET.json` is the SNR on the middle of the set, with the per-material optimum beside them:
-optimising every texel of whole sets would take hours. Sets that have their file are left alone, so a run that was
-stopped goes on.
+Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, each in a folder of its own:
+
+    whole        all methods, isotropic glTF target: SNR, flicker, renders of spheres, time and memory of every bake
+    crop         the middle of every set, where the per-material optimum can be had
+    directional  the anisotropic target beside the isotropic one, on sets with directional bumps, generated ones too
+    models       the material models ggx and beckmann with the networks that were trained for them
+    correlated   generated materials whose channels depend on each other, and twins where they do not
+
+Sets whose file says that it was measured with the same methods, weights and settings are left alone, so a run that was
+stopped goes on, and new weights are measured. A set that fails is named at the end, and the others are measured.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
+import os
+import resource
+import sys
 import time
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import mipbake
-from mipbake import TextureSet
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.compare import texture_space
-from mipbake.compare.candidates import bake_all, closed_forms, default_names, label
-from mipbake.compare.comparing import Settings, compare
-from mipbake.compare.result import Comparison
-from mipbake.validate import DEFAULT_LODS
 
-MEASURED = ("neural", "auto")
-"""Methods that are no closed forms and are quick enough for whole sets."""
+def narrow(threads: int) -> None:
+    """Keeps this process, and those that it starts, to so many processors."""
+    os.environ["MIPBAKE_THREADS"] = os.environ["OMP_NUM_THREADS"] = str(threads)
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-threads:])
 
 
-def whole(texture_set: TextureSet, settings: Settings) -> dict[str, Any]:
-    """Everything but the images of a comparison."""
-    forms = (label(*each) for each in closed_forms(DEFAULT_FILTER))
-    methods = (*MEASURED, *forms)
-    return compare(texture_set, methods=methods, target="gltf", settings=settings).comparison.to_dict()
+def processor_seconds() -> float:
+    """Of this process and of those that it has started and seen end."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def crop(texture_set: TextureSet, side: int) -> dict[str, Any]:
-    """SNR by level of detail of the middle of a set, addressed with clamping, the optimum among the methods."""
-    stored = texture_set.material("gltf")
-    top, left = ((length - min(side, length)) // 2 for length in stored.shape[:2])
-    part = stored[top : top + side, left : left + side]
-    middle = TextureSet.from_arrays(
-        texture_set.name,
-        base_color=part[..., :3],
-        metallic=part[..., 3],
-        roughness=part[..., 4],
-        normal=part[..., 5:8],
-        wrap=("clamp", "clamp"),
-    )
-    names, notes = default_names("gltf", DEFAULT_FILTER)
-    with bake_all(middle, "gltf", DEFAULT_FILTER, ("optimum", *names)) as candidates:
-        found = texture_space.measure(middle, candidates, DEFAULT_FILTER, DEFAULT_LODS, scales=())
-        methods = tuple(each.method for each in candidates)
-    return Comparison(
-        texture_set.name, "neural", "gltf", DEFAULT_FILTER, methods, found.curve, found.figures, notes=notes,
-        settings={"crop": side},
-    ).to_dict()  # fmt: skip
+def up_to_date(file: Path, key: dict[str, Any]) -> bool:
+    try:
+        return bool(json.loads(file.read_text())["key"] == key)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sets", type=Path)
     parser.add_argument("results", type=Path)
-    parser.add_argument("--passes", type=int, default=Settings().max_passes, help="of references of renders, at most")
+    parser.add_argument("--threads", type=int, default=1, help="processors that are used (default: 1)")
+    options, _ = parser.parse_known_args()
+    narrow(options.threads)
+
+    from results_measure import KINDS, Asked, Effort, measured  # libraries count processors when they are imported
+    from results_sets import folder_sets
+
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of measurements")
     parser.add_argument(
-        "--crop", type=int, default=64, help="texels a side where the optimum is measured; 0 for nowhere"
-    )
+        "--methods", nargs="+", default=["neural", "auto"],
+        help="beside the closed forms: names of methods, neural:WEIGHTS, or with a budget, refine@2m",
+    )  # fmt: skip
+    parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
+    parser.add_argument("--only", nargs="+", help="names of sets")
+    for field in dataclasses.fields(Effort):
+        parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
     options = parser.parse_args()
-    settings = Settings(max_passes=options.passes)
-    kinds: Mapping[str, Callable[[TextureSet], dict[str, Any]]] = {"whole": lambda s: whole(s, settings)}
-    if options.crop:
-        kinds = {**kinds, "crop": lambda s: crop(s, options.crop)}
-    for kind, measure in kinds.items():
-        (options.results / kind).mkdir(parents=True, exist_ok=True)
-        for folder in sorted(path for path in options.sets.iterdir() if path.is_dir()):
-            file = options.results / kind / f"{folder.name}.json"
-            if file.exists():
+    effort = Effort(**{field.name: getattr(options, field.name) for field in dataclasses.fields(Effort)})
+    sets = folder_sets(options.sets)
+    if options.only:
+        sets = {name: load for name, load in sets.items() if name in options.only}
+    asked = Asked(sets, options.methods, options.weights, effort)
+    failed = []
+    for kind in options.kinds:
+        folder = options.results / kind
+        folder.mkdir(parents=True, exist_ok=True)
+        for plan in KINDS[kind](asked):
+            file = folder / f"{plan.name}.json"
+            key = {"methods": [dataclasses.asdict(spec) for spec in plan.methods], "effort": dataclasses.asdict(effort)}
+            if up_to_date(file, key):
                 continue
-            start = time.perf_counter()
-            found = measure(mipbake.load(folder))
+            start, used = time.perf_counter(), processor_seconds()
+            try:
+                found = measured(plan, effort)
+            except Exception as error:  # a set that fails must not take a night's others with it
+                failed.append(f"{kind} {plan.name}: {error}")
+                print(failed[-1], flush=True)
+                continue
+            used = processor_seconds() - used
             partial = file.with_suffix(".part")
+            found |= {"key": key, "threads": options.threads, "processor_seconds": used}
             partial.write_text(json.dumps(found, indent=1, default=str))
             partial.rename(file)
-            print(f"{kind} {folder.name}: {time.perf_counter() - start:.0f} s", flush=True)
+            print(f"{kind} {plan.name}: {time.perf_counter() - start:.0f} s, of processors {used:.0f} s", flush=True)
+    if failed:
+        print("these failed:", *failed, sep="\n", file=sys.stderr)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

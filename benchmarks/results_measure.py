@@ -1,0 +1,201 @@
+"""The kinds of measurements of benchmarks/results.py: each takes a set and gives what its JSON file holds.
+
+All methods of a set share one reference in texture space and one of each render, so a method more costs little.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from results_methods import Baked, Spec, bakes, named_weights, specs
+from results_sets import Sets, bumps, correlated_sets, directional, folder_sets, in_model, middle
+
+from mipbake import TextureSet
+from mipbake.bake import DEFAULT_FILTER
+from mipbake.compare import texture_space
+from mipbake.compare.candidates import closed_forms, label
+from mipbake.compare.pictures import render_view
+from mipbake.compare.result import SCALES
+from mipbake.compare.scenes import standard_views
+from mipbake.render import environment
+from mipbake.validate import DEFAULT_LODS
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
+FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel in ("box", DEFAULT_FILTER))
+FORMS = tuple(label(*each) for each in closed_forms(DEFAULT_FILTER))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How thoroughly.
+
+    Args:
+        points, samples: pixels a level of detail, and samples of each in either estimate of the reference.
+        side, passes: pixels of the side of a sphere's render, and samples of each at most.
+        crop: texels of the side of the middle where the optimum is measured.
+        generated, generated_size: directional sets of the project's generator, and their side in texels.
+        pairs, pairs_size: correlated sets, each with its twin, and their side in texels.
+    """
+
+    points: int = 8192
+    samples: int = 48
+    side: int = 192
+    passes: int = 256
+    crop: int = 64
+    generated: int = 8
+    generated_size: int = 512
+    pairs: int = 4
+    pairs_size: int = 256
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One set of one kind.
+
+    Args:
+        name: of the set, and of its file.
+        source: reads or makes it.
+        methods: that are measured.
+        scales: of spheres that are rendered. in_texture_space: of what else than the SNR is measured there.
+        extra: what else the file says of the set.
+    """
+
+    name: str
+    source: Callable[[], TextureSet]
+    methods: Sequence[Spec]
+    scales: Sequence[str] = ()
+    in_texture_space: Sequence[str] = ()
+    extra: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the command line asks for: the sets, methods of the isotropic table, folders of more weights, the effort."""
+
+    sets: Sets
+    methods: Sequence[str]
+    folders: Sequence[Path]
+    effort: Effort
+
+
+def measured(plan: Plan, effort: Effort) -> dict[str, Any]:
+    """Bakes and measures."""
+    source = plan.source()
+    with bakes(source, plan.methods) as baked:
+        candidates = [each.candidate for each in baked]
+        found = texture_space.measure(
+            source, candidates, DEFAULT_FILTER, DEFAULT_LODS, plan.in_texture_space,
+            points=effort.points, samples=effort.samples,
+        )  # fmt: skip
+        figures, scenes = _spheres(source, baked, plan.scales, effort)
+    return {
+        "name": plan.name,
+        "methods": [each.to_dict() for each in baked],
+        "size": [source.height, source.width],
+        "curve": [dataclasses.asdict(figure) for figure in found.curve],
+        "figures": [dataclasses.asdict(figure) for figure in found.figures] + figures,
+        "scenes": scenes,
+        "notes": list(found.notes),
+        **plan.extra,
+    }
+
+
+def _spheres(
+    source: TextureSet, baked: Sequence[Baked], scales: Sequence[str], effort: Effort
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Every measure of renders but flicker, which texture space measures without a camera's noise."""
+    if not scales:
+        return [], []
+    last = int(texture_space.last_lod(source))
+    square = (effort.side, effort.side)
+    views = standard_views((source.height, source.width), environment.studio(), last, square)
+    stored = source.material(source.source_model)
+    figures, scenes = [], []
+    for view in views:
+        if view.view != "sphere" or view.scale not in scales:
+            continue
+        made = render_view(
+            view, stored, source.source_model, source.wrap, [each.candidate for each in baked], DEFAULT_FILTER, 0,
+            effort.passes, flicker=False,
+        )  # fmt: skip
+        figures += [dataclasses.asdict(figure) for figure in made.figures]
+        scenes.append(dataclasses.asdict(made.rendered.scene))
+    return figures, scenes
+
+
+def whole(asked: Asked) -> list[Plan]:
+    """The isotropic table: every measure of every method, on whole sets."""
+    methods = specs((*asked.methods, *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
+    return [Plan(name, load, methods, tuple(SCALES), tuple(SCALES)) for name, load in asked.sets.items()]
+
+
+def crop(asked: Asked) -> list[Plan]:
+    """The limit: the middle of every set with its optimum, which would take hours on whole ones."""
+    methods = specs(("optimum", *asked.methods, "refine", *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
+    side = asked.effort.crop
+    return [
+        Plan(name, lambda load=load: middle(load(), side), methods, extra={"crop": side})  # type: ignore[misc]
+        for name, load in asked.sets.items()
+    ]
+
+
+def directed(asked: Asked) -> list[Plan]:
+    """The anisotropic target beside the isotropic one, on sets with directional bumps."""
+    plans = []
+    forms = (*FOUR[2:], FOUR[1])
+    known = {**asked.sets, **folder_sets(EXAMPLES, "normal.png")}
+    effort = asked.effort
+    for name, texture_set in directional(known, effort.generated, effort.generated_size):
+        methods = []
+        for target in ("gltf", "gltf-anisotropic"):
+            found = specs((*asked.methods, *forms), target, DEFAULT_FILTER, asked.folders)
+            methods += [dataclasses.replace(spec, name=f"{spec.name} as {target}") for spec in found]
+        kept = texture_set if name not in known else None  # many sets read at once would fill the memory
+        load = known.get(name, lambda kept=kept: kept)
+        plans.append(Plan(name, load, methods, extra=bumps(texture_set)))
+    return plans
+
+
+def models(asked: Asked) -> list[Plan]:
+    """The paper's two models: sets converted to them, references in them, and the networks that make them."""
+    plans = []
+    for model in ("ggx", "beckmann"):
+        methods = specs(_of_models(asked), model, DEFAULT_FILTER, asked.folders)
+        for name, load in asked.sets.items():
+            plans.append(
+                Plan(
+                    f"{model}--{name}",
+                    lambda load=load, model=model: in_model(load(), model),  # type: ignore[misc]
+                    methods,
+                    ("near", "middle", "far"),
+                    extra={"model": model, "set": name},
+                )
+            )
+    return plans
+
+
+def correlations(asked: Asked) -> list[Plan]:
+    """Generated materials whose channels depend on each other, and twins where they do not."""
+    methods = specs((*_of_models(asked), *asked.methods), "ggx", DEFAULT_FILTER, asked.folders)
+    return [
+        Plan(name, load, methods, ("middle",), extra={"together": name.startswith("correlated")})
+        for name, load in correlated_sets(asked.effort.pairs, asked.effort.pairs_size).items()
+    ]
+
+
+def _of_models(asked: Asked) -> tuple[str, ...]:
+    """The paper's comparison for `ggx` and `beckmann`; of networks, those that are there."""
+    return (*named_weights("paper-", asked.folders), "neural", *FOUR)
+
+
+KINDS: Mapping[str, Callable[[Asked], list[Plan]]] = {
+    "whole": whole,
+    "crop": crop,
+    "directional": directed,
+    "models": models,
+    "correlated": correlations,
+}

@@ -1,0 +1,102 @@
+"""The files of benchmarks/results.py: one kind of measurement, a set each, as arrays over sets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.prefilter import METHODS
+
+SUBJECT, OPTIMUM, LINEAR = "neural", "optimum", "linear (box)"
+FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")
+
+Key = tuple[str, str, str, str]
+"""Method, measure, view and scale."""
+
+File = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Results:
+    """The files of one kind.
+
+    Args:
+        sets: their names.
+        methods: what every file has, in their order; as the files describe them.
+        curve: method, pair set and lod to a figure a set. figures: the same of every measure and scale.
+        scenes: of all sets, as in the files.
+        costs: method and one of `seconds`, `processor_seconds` and `peak_mib` to a figure a set.
+        files: the files themselves.
+    """
+
+    sets: Sequence[str]
+    methods: Mapping[str, Mapping[str, Any]]
+    curve: Mapping[tuple[str, str, float], np.ndarray]
+    figures: Mapping[Key, np.ndarray]
+    scenes: Sequence[Mapping[str, Any]]
+    costs: Mapping[tuple[str, str], np.ndarray]
+    files: Sequence[File]
+
+    @property
+    def lods(self) -> list[float]:
+        """Levels of detail that all sets have."""
+        return sorted({lod for _, _, lod in self.curve})
+
+    @property
+    def closed_forms(self) -> list[str]:
+        """Methods that average."""
+        return [name for name, each in self.methods.items() if METHODS[each["method"]].averages]
+
+    @property
+    def learned(self) -> list[str]:
+        """Methods that are no closed forms, without the optimum, which is a limit."""
+        return [name for name in self.methods if name not in (*self.closed_forms, OPTIMUM)]
+
+    def best_of(self, pairs: str, lod: float, names: Sequence[str] | None = None) -> np.ndarray:
+        """The best of those methods for every set, by default of all closed forms: an oracle, (sets,)."""
+        return np.asarray(np.max([self.curve[name, pairs, lod] for name in names or self.closed_forms], 0))
+
+    def gains(self, name: str, pairs: str, rivals: Sequence[str] | None = None) -> np.ndarray:
+        """dB over the best of the rivals, (sets, lods)."""
+        rows = [self.curve[name, pairs, lod] - self.best_of(pairs, lod, rivals) for lod in self.lods]
+        return np.stack(rows, 1)
+
+
+def read(folder: Path, wanted: Callable[[File], bool] = lambda _file: True) -> Results | None:
+    """The results in a folder; None where there are none."""
+    files = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
+    files = [file for file in files if wanted(file)]
+    if not files:
+        return None
+    names = [{m["name"] for m in file["methods"]} for file in files]
+    methods = {m["name"]: m for m in files[0]["methods"] if all(m["name"] in each for each in names)}
+    curve: dict[tuple[str, str, float], list[float]] = {}
+    figures: dict[Key, list[float]] = {}
+    costs: dict[tuple[str, str], list[float]] = {}
+    for file in files:
+        for f in file["curve"]:
+            curve.setdefault((f["method"], f["view"], f["lod"]), []).append(f["value"])
+        for f in file["figures"]:
+            figures.setdefault((f["method"], f["measure"], f["view"], f["scale"]), []).append(f["value"])
+        for m in file["methods"]:
+            for what in ("seconds", "processor_seconds", "peak_mib"):
+                costs.setdefault((m["name"], what), []).append(m[what])
+    return Results(
+        [file["name"] for file in files],
+        methods,
+        _everywhere(curve, len(files)),
+        _everywhere(figures, len(files)),
+        [scene for file in files for scene in file["scenes"]],
+        _everywhere(costs, len(files)),
+        files,
+    )
+
+
+def _everywhere(found: Mapping[Any, list[float]], count: int) -> dict[Any, np.ndarray]:
+    """Arrays of what every file has: small sets have fewer levels, and their last stands for far."""
+    return {key: np.array(values, np.float64) for key, values in found.items() if len(values) == count}
