@@ -112,10 +112,11 @@ def procedural(seed: int, size: int) -> TextureSet:
 
 
 def directional(sets: Sets, count: int, size: int) -> Iterator[tuple[str, TextureSet]]:
-    """Those of `sets` with directional bumps, then `count` generated ones of `size` x `size` texels."""
+    """Those of `sets` with an anisotropy map or directional bumps, then `count` generated ones with such bumps, of
+    `size` x `size` texels."""
     for name, load in sets.items():
         texture_set = load()
-        if bumps(texture_set)["directionality"] >= DIRECTIONAL:
+        if texture_set.anisotropic or bumps(texture_set)["directionality"] >= DIRECTIONAL:
             yield name, texture_set
     found, seed = 0, _FIRST_SEED
     while found < count:

@@ -126,6 +126,8 @@ def text(folder: Path, page: Path) -> str:
         raise SystemExit(f"{folder / 'whole'} holds no results: run benchmarks/results.py first")
     effort, threads = whole.files[0]["key"]["effort"], whole.files[0]["threads"]
     gain = models.anisotropy_gain(directed) if directed and models.targets(directed) else None
+    for old in page.parent.glob("results-figure-5-*.svg"):  # of methods that may not be measured any more
+        old.unlink()
     (page.parent / "results-cost.svg").write_text(charts.cost_chart(whole), encoding="utf-8")
     parts = [
         "# Results\n",

@@ -69,7 +69,7 @@ def gain_histograms(results: Results, subject: str, rivals: Sequence[str], title
     ]
     columns.append(("FLIP of spheres, rival's minus own", (-0.1, 0.1), lambda r, s: _flip(results, subject, r, s)))
     wide, high, left = 230, 84, 130
-    drawing = Drawing(left + len(columns) * (wide + 24), 74 + len(rivals) * (high + 34) + 8, title)
+    drawing = Drawing(left + len(columns) * (wide + 24), 94 + len(rivals) * (high + 44), title)
     drawing.text(16, 24, title, "title")
     for index, (scale, colour) in enumerate(_COLOURS.items()):
         drawing.rectangle(16 + 90 * index, 36, 11, 11, colour)
@@ -79,7 +79,7 @@ def gain_histograms(results: Results, subject: str, rivals: Sequence[str], title
         start = left + column * (wide + 24)
         drawing.text(start + wide / 2, 68, name, "ink middle")
         for row, rival in enumerate(rivals):
-            top = 78 + row * (high + 34)
+            top = 94 + row * (high + 44)
             if column == 0:
                 drawing.text(left - 12, top + high / 2, rival, "ink end")
             found = {scale: values(rival, scale) for scale in _COLOURS}
@@ -122,5 +122,5 @@ def _histogram(drawing: Drawing, found: dict[str, np.ndarray], x: Axis, top: flo
         drawing.text(x(tick), top + high + 16, f"{tick:+g}" if tick else "0", "dim middle")
     every = np.concatenate([values[np.isfinite(values)] for values in found.values()])
     if len(every):
-        drawing.text(x.stop, top + 10, f"{(every > 0).mean():.0%} ahead", "dim end")
-    drawing.text(x.start, top + 10, f"{most}", "dim")
+        drawing.text(x.stop, top - 6, f"{(every > 0).mean():.0%} ahead", "dim end")
+    drawing.text(x.start, top - 6, f"tallest bar: {most}", "dim")

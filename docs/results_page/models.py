@@ -10,7 +10,7 @@ import numpy as np
 from mipbake.metrics import PAIR_SETS
 from results_page.charts import gain_histograms
 from results_page.files import FOUR, LINEAR, Results, read
-from results_page.tables import PLACES, by_lod, lod_heads, table
+from results_page.tables import PLACES, by_lod, described, lod_heads, table
 
 MODELS = {
     "beckmann": ("Figure 9", (LINEAR, "lean (box)")),
@@ -28,14 +28,14 @@ than of planes; and far is level 7. `linear (box)` is the paper's naive linear f
 _CORRELATED = """\
 A generated material whose albedo, F0 and anisotropic roughness follow its normals: slopes that face one way are
 glossy, those that face the other way rough and of another colour. Its twin has the very same channels with the normals
-moved by half a period, so that which values meet is chance. Moments of single channels are the same in both; a method
-that knows only those does worse where channels go together. Means over {pairs} pairs of sets, dB, `ggx`.
+moved by half a period, so that which values meet is chance: what differs between the columns is what going together
+does to a method. Means over {pairs} pairs of sets and all levels of detail, dB, `ggx`.
 """
 
 _DIRECTIONAL = """\
-Sets whose slopes vary at least three times as much across their main direction as along it, in windows of 32 x 32
-texels: {real} of the sets and examples, and {generated} of the project's generator that no training saw. The same
-reference for both targets. `gltf` stores one roughness, `gltf-anisotropic` two and a direction.
+Sets with an anisotropy map, or whose slopes vary at least three times as much across their main direction as along it
+in windows of 32 x 32 texels: {real} of the sets and examples, and {generated} of the project's generator that no
+training saw. The same reference for both targets. `gltf` stores one roughness, `gltf-anisotropic` two and a direction.
 """
 
 
@@ -49,7 +49,7 @@ def paper(folder: Path, page: Path) -> list[str]:
         names = [file["set"] for file in results.files]
         subjects = results.learned
         parts.append(f"### {figure}: `{model}`, from nearer and from farther away\n")
-        parts.append(_pictures(results, names, (*rivals, *subjects)))
+        parts += [_pictures(results, names, (*rivals, *subjects)), described(results)]
         parts += [f"Mean SNR by level of detail, `{model}`, dB:\n", *(by_lod(results, pairs) for pairs in PAIR_SETS)]
         for subject in subjects:
             words = f"{subject}, {model}: ahead of closed forms by"

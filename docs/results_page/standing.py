@@ -16,6 +16,8 @@ STEADY = (0.85, 1.15)  # flicker that is as much as it should be
 SHIMMERS = 1.5  # flicker of `linear (box)` from which a set counts
 IN_MOTION = ("near", "1:1")
 
+_LEAST_GAP = 0.3  # dB between the best of four and the optimum from which a share of it means something
+
 
 def outcome(results: Results, measure: str, view: str, scale: str) -> list[str] | None:
     """Subject against the closed form with the best mean: which, both means, the difference with its interval."""
@@ -174,7 +176,7 @@ def _seen(whole: Results) -> Iterator[Aim]:
 def closed_gap(results: Results, name: str, pairs: str, rivals: Sequence[str] = FOUR) -> float:
     """(method - best of four) / (optimum - best of four) of the means over sets and levels."""
     own, top = (results.gains(each, pairs, rivals).mean() for each in (name, OPTIMUM))
-    return float(own / top) if top > 0.05 else float("nan")
+    return float(own / top) if top > _LEAST_GAP else float("nan")
 
 
 def gaps(results: Results) -> str:
@@ -187,7 +189,7 @@ def gaps(results: Results) -> str:
         ]
         for name in results.learned:
             own = results.gains(name, pairs, FOUR).mean(0)
-            cells = [f"{o / t:.0%}" if t > 0.05 else "" for o, t in zip(own, top, strict=True)]
+            cells = [f"{o / t:.0%}" if t > _LEAST_GAP else "" for o, t in zip(own, top, strict=True)]
             rows[f"{pairs}: closed gap, {name}"] = [*cells, f"{closed_gap(results, name, pairs):.0%}"]
     return table("", [*lod_heads(results), "mean"], rows)
 

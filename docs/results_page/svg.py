@@ -89,7 +89,8 @@ class Axis:
             step *= next(times for times in (5, 2, 1) if (self.high - self.low) / (step * times) >= 3)
             first, last = math.ceil(self.low / step), math.floor(self.high / step)
             values = [step * index for index in range(first, last + 1)]
-        return [value for value in values if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9) or not value]
+        rounding = 1e-9 * (self.high - self.low)
+        return [value for value in values if self.low - rounding <= value <= self.high + rounding]
 
 
 def spread(places: Sequence[float], apart: float, low: float, high: float) -> list[float]:

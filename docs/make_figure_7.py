@@ -1,0 +1,197 @@
+"""Makes docs/figure-7.md with its pictures: one material read and made in every material model, after figure 7 of
+Kemppinen et al. 2023.
+
+    python docs/make_figure_7.py [--set FOLDER] [--side 112] [--passes 512] [--methods linear lean auto] [PAGE]
+
+The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
+render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert
+texel by texel, and by the networks among the released weights that make the model: those of names that begin with
+`paper-`, and the default ones. Networks that are not there have no row.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pictures
+from numpy.typing import NDArray
+from PIL import Image
+
+import mipbake
+from mipbake.bake import DEFAULT_FILTER
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.pictures import render_view
+from mipbake.compare.result import Method
+from mipbake.compare.scenes import standard_views
+from mipbake.errors import UsageError
+from mipbake.models.registry import default_weights, list_weights, load_network
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.render import environment
+from mipbake.texture_set import TextureSet
+
+PAGE = Path(__file__).resolve().parent / "figure-7.md"
+SET = Path(__file__).resolve().parent.parent / "examples" / "brushed_steel"
+MODELS = ("ggx", "beckmann", "gltf", "gltf-anisotropic")
+SCALES = ("near", "middle", "far")
+NEURAL, PAPER, CROSS = "neural", "paper-", "paper-cross"
+
+GAP, LEFT, HEAD, LINE = 10, 66, 52, 18  # pixels
+
+_TEXT = """\
+# Figure 7: one material, every model
+
+After figure 7 of [Kemppinen et al. 2023](method.md): what a stack of one material model shows of a material that is
+given in another. The material is `{name}` of the [examples](../examples/README.md), converted to each model in turn;
+the first column of a picture is its supersampled render in that model, the others are stacks of the four models, each
+looked up once a pixel. Spheres under the studio's lights, Gaussian pixel filter; near, middle and far are levels 0, 3
+and 7. Under each sphere are its SNR and its FLIP; the best of a row is green. Made by `docs/make_figure_7.py`.
+
+What to look for: a stack in the model of its input is the better one as a rule. `gltf` has one roughness, and shows
+brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack can mend, and a matte
+dielectric differs between glTF and the other two ([validation](validation.md#known-limits)). The pictures are by
+{shown}; the tables have all methods. Closed forms and `auto` convert between models texel by texel, analytically;
+{networks}.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A candidate's picture and its measures: SNR in dB, FLIP."""
+
+    picture: pictures.Picture
+    snr: float
+    flip: float
+
+
+Shown = Mapping[tuple[str, str, str], Sphere]
+"""Method, output model and scale to the sphere."""
+
+
+def networks(output: str) -> list[str]:
+    """Names of the methods that are networks and make a model."""
+    found = [
+        info.name
+        for info in list_weights()
+        if info.name.startswith(PAPER) and output in info.targets and DEFAULT_FILTER in info.pixel_filters
+    ]
+    try:
+        default_weights(output, DEFAULT_FILTER)
+    except UsageError:
+        return found
+    return [NEURAL, *found]
+
+
+def baked(
+    stored: NDArray[np.float32], source: str, target: str, wrap: tuple[str, str], method: str
+) -> list[NDArray[np.float32]]:
+    """Levels of a model by a method, or by the weights of that name."""
+    arguments = (stored, source, target, DEFAULT_FILTER, wrap, lambda _share: None)
+    if method in METHODS:
+        return METHODS[method](*arguments).levels
+    (info,) = (info for info in list_weights() if info.name == method)
+    return load_network(info).bake(*arguments)
+
+
+def spheres(
+    texture_set: TextureSet, source: str, methods: Sequence[str], side: int, passes: int
+) -> tuple[Shown, Mapping[str, pictures.Picture]]:
+    """Every stack of a material given in the model `source`, and the reference by scale."""
+    stored = texture_set.material(source)
+    size = (texture_set.height, texture_set.width)
+    candidates = []
+    for output in MODELS:
+        for method in (*methods, *networks(output)):
+            levels = baked(stored, source, output, texture_set.wrap, method)
+            candidates.append(Candidate(Method(f"{method}|{output}", method, DEFAULT_FILTER, output), levels))
+    found, references = {}, {}
+    for view in standard_views(size, environment.studio(), len(level_sizes(*size)) - 1, (side, side)):
+        if view.view != "sphere" or view.scale not in SCALES:
+            continue
+        made = render_view(view, stored, source, texture_set.wrap, candidates, DEFAULT_FILTER, 0, passes, flicker=False)
+        references[view.scale] = pictures.shown(made.reference.image)
+        values = {(figure.method, figure.measure): figure.value for figure in made.figures}
+        for name, frame in made.frames.items():
+            method, _, output = name.partition("|")
+            picture = pictures.shown(frame.image)
+            found[method, output, view.scale] = Sphere(picture, values[name, "snr"], values[name, "flip"])
+        print(f"{source}, {view.title}: reference of {made.reference.passes} samples a pixel", flush=True)
+    return found, references
+
+
+def composed(
+    source: str, method: str, found: Shown, references: Mapping[str, pictures.Picture], side: int
+) -> Image.Image:
+    """Reference and outputs of an input, a row for each scale."""
+    outputs = [model for model in MODELS if (method, model, SCALES[0]) in found]
+    row = side + 2 * LINE
+    image, pen = pictures.panel(LEFT + (1 + len(outputs)) * (side + GAP), HEAD + len(SCALES) * row + GAP // 2)
+    pen.text((GAP, 22), f"input {source}, {method}", pictures.BRIGHT, pictures.font(16), anchor="ls")
+    for column, head in enumerate(("reference", *outputs)):
+        middle = LEFT + column * (side + GAP) + side // 2
+        pen.text((middle, 44), head, pictures.BRIGHT if head != source else pictures.GOOD, pictures.font(13), "ms")
+    for index, scale in enumerate(SCALES):
+        top = HEAD + index * row
+        pen.text((GAP, top + side // 2), scale, pictures.BRIGHT, pictures.font(14), anchor="lm")
+        image.paste(Image.fromarray(references[scale]), (LEFT, top))
+        row_of = [found[method, output, scale] for output in outputs]
+        for column, sphere in enumerate(row_of, 1):
+            left = LEFT + column * (side + GAP)
+            image.paste(Image.fromarray(sphere.picture), (left, top))
+            figures = {
+                f"{sphere.snr:.1f} dB": sphere.snr == max(each.snr for each in row_of),
+                f"FLIP {sphere.flip:.3f}": sphere.flip == min(each.flip for each in row_of),
+            }
+            for line, (words, best) in enumerate(figures.items()):
+                place = (left + side // 2, top + side + 13 + line * 15)
+                pen.text(place, words, pictures.GOOD if best else pictures.DIM, pictures.font(12), anchor="ms")
+    return image
+
+
+def table(found: Shown) -> str:
+    """SNR and FLIP of all methods, outputs and scales of an input."""
+    lines = [f"| output | method | {' | '.join(SCALES)} |", "|---" * (len(SCALES) + 2) + "|"]
+    for output in MODELS:
+        for method in dict.fromkeys(method for method, model, _ in found if model == output):
+            row = [found[method, output, scale] for scale in SCALES]
+            cells = (f"{sphere.snr:.1f} dB / {sphere.flip:.3f}" for sphere in row)
+            lines.append(f"| `{output}` | {method} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="the page of figure 7")
+    parser.add_argument("page", type=Path, nargs="?", default=PAGE)
+    parser.add_argument("--set", type=Path, default=SET, help="a texture set")
+    parser.add_argument("--side", type=int, default=112, help="pixels of a sphere's picture")
+    parser.add_argument("--passes", type=int, default=512, help="samples a pixel of a reference, at most")
+    parser.add_argument("--methods", nargs="+", default=["linear", "lean", "auto"], choices=METHODS)
+    options = parser.parse_args()
+    texture_set = mipbake.load(options.set)
+    trained = dict.fromkeys(name for model in MODELS for name in networks(model))
+    method = CROSS if CROSS in trained else options.methods[-1]
+    parts = [
+        _TEXT.format(
+            name=texture_set.name,
+            shown=f"`{method}`",
+            networks=f"networks ({', '.join(f'`{name}`' for name in trained)}) make models that they were trained for"
+            if trained
+            else "there are no networks among the weights",
+        )
+    ]
+    for source in MODELS:
+        found, references = spheres(texture_set, source, options.methods, options.side, options.passes)
+        file = f"{options.page.stem}-{source}.webp"
+        picture = composed(source, method, found, references, options.side)
+        picture.save(options.page.parent / file, quality=92, method=6)
+        parts += [f"## Input: `{source}`\n", f"![Spheres of every output model beside the reference]({file})\n"]
+        parts.append(table(found))
+    options.page.write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
