@@ -26,6 +26,7 @@ from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
+from mipbake.training.baseline import BaselineNetwork
 from mipbake.training.config import BalancedLossConfig
 from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
@@ -141,30 +142,36 @@ def _target(
     return (total / band.samples).reshape(batch, count, points, 3)
 
 
-def balanced_loss(network: MomentNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
+def balanced_loss(network: MomentNetwork | BaselineNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
     """Predicts, renders and compares: the scalar loss of one batch; about 1 for each of its parts."""
     closed: list[list[Tensor]] = []
-    if config.bounded:
+    if config.bounded and isinstance(network, MomentNetwork):
         levels, closed = network.beside_closed_forms(batch.patches, batch.pixel_filter)
     else:
         levels = network(batch.patches, batch.pixel_filter)
     lods = sum(seen.lods for seen in batch.seen)
-    parts = [_band_loss(levels, closed, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
+    model = network.config.decoders[0]
+    parts = [_band_loss(levels, model, closed, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
     return torch.stack(parts).sum()
 
 
-def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor) -> Tensor:
-    """(B, K, S N, 3) renders of a stack, looked up and shaded once a pixel."""
+def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor, model: str = "gltf") -> Tensor:
+    """(B, K, S N, 3) renders of a stack of a model, looked up and shaded once a pixel."""
     uv, lod = seen.uv[:, None], seen.lod.clamp(min=0)[:, None]
     texels = texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
-    return shade("gltf", texels, light, view)
+    return shade(model, texels, light, view)
 
 
 def _band_loss(
-    levels: list[Tensor], closed: list[list[Tensor]], batch: BalancedBatch, seen: Seen, config: BalancedLossConfig
+    levels: list[Tensor],
+    model: str,
+    closed: list[list[Tensor]],
+    batch: BalancedBatch,
+    seen: Seen,
+    config: BalancedLossConfig,
 ) -> Tensor:
     pairs, single = batch.pairs, batch.pairs.weights.shape[2]
-    prediction = rendered(levels, seen, pairs.light, pairs.view)
+    prediction = rendered(levels, seen, pairs.light, pairs.view, model)
     weights = pairs.weights[..., None]  # (2, B, K, 1)
     with torch.no_grad():
         floor = _FLOOR * _squares(seen.independent, seen.lods)

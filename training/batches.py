@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.network import Network
 from mipbake.training.balanced_loss import BalancedBatch, balanced_loss, draw_balanced
+from mipbake.training.baseline import Trainable
 from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
 from mipbake.training.data import Materials, draw_crops, step_generator
 from mipbake.training.drawing import Drawer
 from mipbake.training.loss import TORUS, Views, draw_target, draw_views, look_up, render_loss
-
-if TYPE_CHECKING:
-    from mipbake.models.registry import AnyNetwork
 
 _KEPT = 8  # batches that are kept for another use
 _REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's
@@ -86,10 +82,10 @@ def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterato
 AnyBatch = Batch | BalancedBatch
 
 
-def batch_loss(network: AnyNetwork, batch: AnyBatch, config: TrainingConfig) -> Tensor:
+def batch_loss(network: Trainable, batch: AnyBatch, config: TrainingConfig) -> Tensor:
     """Predicts, renders and compares: the scalar loss of one batch, the mean over the models that are made."""
     if isinstance(batch, BalancedBatch):
-        assert isinstance(network, MomentNetwork) and isinstance(config.loss, BalancedLossConfig)
+        assert not isinstance(network, Network) and isinstance(config.loss, BalancedLossConfig)
         return balanced_loss(network, batch, config.loss)
     assert isinstance(network, Network) and isinstance(config.loss, LossConfig)
     stacks = network.stacks(batch.patches, TORUS, batch.source)

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from mipbake.errors import UsageError
-from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of
+from mipbake.models.config import NetworkConfig
 from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.training.baseline import TrainableConfig, architectures
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -261,7 +262,7 @@ class RunConfig:
 class TrainingConfig:
     """A whole configuration; the sections of the TOML file."""
 
-    network: AnyConfig = field(default_factory=NetworkConfig)
+    network: TrainableConfig = field(default_factory=NetworkConfig)
     data: DataConfig = field(default_factory=DataConfig)
     loss: LossConfig | BalancedLossConfig = field(default_factory=LossConfig)
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
@@ -270,13 +271,14 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         for model in self.network.encoders:
             _require(model in AUGMENTED, "network.encoders", f"of {', '.join(AUGMENTED)} in a training", model)
-        moments, balanced = isinstance(self.network, MomentConfig), isinstance(self.loss, BalancedLossConfig)
-        _require(moments == balanced, "loss.kind", '"balanced" for network.architecture "moments" alone', self.kinds)
+        latent, balanced = isinstance(self.network, NetworkConfig), isinstance(self.loss, BalancedLossConfig)
+        _require(latent != balanced, "loss.kind", '"balanced" unless network.architecture is "latent"', self.kinds)
 
     @property
     def kinds(self) -> tuple[str, str]:
         """network.architecture and loss.kind."""
-        return architecture_of(self.network), next(k for k, kind in LOSSES.items() if isinstance(self.loss, kind))
+        network = next(name for name, kind in architectures().items() if isinstance(self.network, kind))
+        return network, next(name for name, kind in LOSSES.items() if isinstance(self.loss, kind))
 
 
 def read_config(path: Path) -> TrainingConfig:
@@ -295,7 +297,7 @@ def config_from(content: Mapping[str, Any]) -> TrainingConfig:
     sections: dict[str, Any] = {f.name: f.default_factory for f in fields(TrainingConfig)}
     _known(content, sections, "section")
     content = dict(content)
-    for name, (key, kinds) in _KINDS.items():
+    for name, (key, kinds) in _kinds().items():
         section = content.get(name, {})
         if isinstance(section, Mapping) and key in section:
             kind = section[key]
@@ -305,11 +307,9 @@ def config_from(content: Mapping[str, Any]) -> TrainingConfig:
     return TrainingConfig(**{name: _section(name, sections[name], content.get(name, {})) for name in sections})
 
 
-_KINDS: Mapping[str, tuple[str, Mapping[str, type[Any]]]] = {
-    "network": ("architecture", ARCHITECTURES),
-    "loss": ("kind", LOSSES),
-}
-"""Sections of several kinds, and the field that says which; without it they are what the paper has."""
+def _kinds() -> Mapping[str, tuple[str, Mapping[str, type[Any]]]]:
+    """Sections of several kinds, and the field that says which; without it they are what the paper has."""
+    return {"network": ("architecture", architectures()), "loss": ("kind", LOSSES)}
 
 
 def _section(name: str, kind: type[Any], content: Any) -> Any:
@@ -345,6 +345,6 @@ def _known(content: Mapping[str, Any], known: Mapping[str, Any], what: str) -> N
 def plain(config: TrainingConfig) -> dict[str, Any]:
     """Nested plain types; the inverse of config_from."""
     content = dataclasses.asdict(config)
-    for (name, (key, _)), kind in zip(_KINDS.items(), config.kinds, strict=True):
+    for (name, (key, _)), kind in zip(_kinds().items(), config.kinds, strict=True):
         content[name] = {key: kind, **content[name]}
     return content

@@ -12,6 +12,7 @@ from mipbake.models.config import AnyConfig, NetworkConfig
 from mipbake.models.moments import COUNT
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
 from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.training.baseline import BaselineConfig
 from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
 from mipbake.training.loop import load_state
 
@@ -44,7 +45,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
 
     Raises:
-        UsageError: the name is no plain file name. InputError: the checkpoint cannot be read.
+        UsageError: the name is no plain file name; a baseline. InputError: the checkpoint cannot be read.
         OutputError: the folder cannot be written.
     """
     import torch
@@ -53,6 +54,9 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", name):
         raise UsageError(f"weights' name {name!r} must be lower-case letters, digits, '.', '_' and '-'")
     state = load_state(checkpoint)
+    network = state.config.network
+    if isinstance(network, BaselineConfig):
+        raise UsageError(f"{checkpoint}: a baseline, which is compared with and not released; export another training")
     tensors = {
         key: value.detach().clone(memory_format=torch.contiguous_format)
         for key, value in state.average.state_dict().items()
@@ -61,7 +65,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     config = state.config
     info = WeightsInfo(
         name=name,
-        network=config.network,
+        network=network,
         pixel_filters=_filters(config.loss),
         default=default,
         steps=state.step,

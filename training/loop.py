@@ -11,24 +11,21 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.material import convert
-from mipbake.models.moment_network import MomentNetwork
+from mipbake.models.network import Network
 from mipbake.models.parameters import to_parameters
-from mipbake.models.registry import untrained
+from mipbake.training.baseline import Trainable, new_network
 from mipbake.training.batches import AnyBatch, batch_loss, batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.validation import Validator
-
-if TYPE_CHECKING:
-    from mipbake.models.registry import AnyNetwork
 
 LAST, BEST = "last.pt", "best.pt"
 
@@ -66,8 +63,8 @@ class TrainingState:
     """
 
     config: TrainingConfig
-    network: AnyNetwork
-    average: AnyNetwork
+    network: Trainable
+    average: Trainable
     optimiser: FlatAdam
     step: int = 0
     best: float = float("-inf")
@@ -106,11 +103,11 @@ def new_state(config: TrainingConfig) -> TrainingState:
     """An untrained network, initialised from the seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.run.seed)
-        network = untrained(config.network)
+        network = new_network(config.network)
     return _state(config, network)
 
 
-def _state(config: TrainingConfig, network: AnyNetwork) -> TrainingState:
+def _state(config: TrainingConfig, network: Trainable) -> TrainingState:
     settings = config.optimiser
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
     optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
@@ -122,7 +119,7 @@ def load_state(path: Path) -> TrainingState:
     try:
         content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         config = config_from(content["config"])
-        state = _state(config, untrained(config.network))
+        state = _state(config, new_network(config.network))
         state.network.load_state_dict(content["network"])
         state.average.load_state_dict(content["average"])
         state.optimiser.load_state_dict(content["optimiser"])
@@ -146,12 +143,12 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     return state
 
 
-def fit_whitening(network: AnyNetwork, materials: Materials, config: TrainingConfig) -> None:
+def fit_whitening(network: Trainable, materials: Materials, config: TrainingConfig) -> None:
     """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read.
 
-    A network that corrects averages has no whitening.
+    Networks that the balanced loss trains have no whitening.
     """
-    if isinstance(network, MomentNetwork):
+    if not isinstance(network, Network):
         return
     rng, samples = step_generator(config.run.seed, _WHITENING_STEP), {}
     for source in config.network.encoders:

@@ -1,0 +1,225 @@
+"""MIPNet (Gauthier et al. 2022, "MIPNet: Neural Normal-to-Anisotropic-Roughness MIP Mapping"), re-implemented.
+
+Written anew from the paper's description; the sizes of the layers, which it is vague about, are the defaults that the
+authors' published training script has. No code of theirs is used, and their weights were never published. What it is:
+
+- A texel is five numbers: normal x, y, and the symmetric square root of the 2 x 2 roughness tensor S (a, b, c), whose
+  eigenvalues are those of S, alpha_x^2 and alpha_y^2, under the root. They keep their meaning at every level.
+- Every level is the 2 x 2 box average of the level before plus what a perceptron sees in it. A single-scale network
+  reads windows of 2 x 2 texels: it makes level 1. A multi-scale network, shared by all coarser levels, reads 4 x 4
+  texels of two levels before, 2 x 2 of the level before, and what the single-scale network made of these.
+- Base colour and metallic are box averages. Level 0 is the source: the method does not know of pixel filters.
+
+What differs from theirs:
+
+- It is trained with the loss, data, trainer and light-view pairs of `mipbake-1` in place of a tonemapped L1 loss on
+  renders of single texels: what is compared is the architecture.
+- The last layers start at zero, so that an untrained network makes box averages.
+- The authors also read a height map, which glTF materials do not have.
+- The target `gltf` has one roughness a texel: alpha = (alpha_x alpha_y)^(1/2), the geometric mean, which is how
+  mipbake.material.convert drops anisotropy. A network for `gltf` is trained through this reduction; the next level
+  still reads the tensor. The target `gltf-anisotropic` holds what the network makes as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from mipbake import material
+from mipbake.errors import UsageError
+from mipbake.material import MIN_ROUGHNESS
+from mipbake.models.parameters import align_directions, clamp
+from mipbake.training.baseline import BaselineConfig, BaselineNetwork
+
+TARGETS = ("gltf", "gltf-anisotropic")
+
+_STATE = 5
+_MIN_ALPHA = MIN_ROUGHNESS**2
+_MAX_LENGTH2 = 0.999**2  # of (x, y) of normals: the derivative of sqrt(1 - x^2) has no bound
+_TINY = 1e-6  # of differences of eigenvalues, whose derivative jumps at 0
+_APART = 1e-3  # half of what both axes of isotropic lobes differ by, over alpha
+_ROWS = 1 << 14  # windows at a time: 64 MiB of the widest layer
+
+
+@dataclass(frozen=True)
+class MipnetConfig(BaselineConfig):
+    """Architecture.
+
+    Args:
+        target: one of TARGETS.
+        single_layers, single_width: hidden layers of the single-scale network.
+        multi_layers, multi_width: those of the multi-scale network.
+    """
+
+    target: str = "gltf"
+    single_layers: int = 2
+    single_width: int = 512
+    multi_layers: int = 3
+    multi_width: int = 1024
+
+    def __post_init__(self) -> None:
+        if self.target not in TARGETS:
+            raise UsageError(f"network.target must be {' or '.join(TARGETS)}, got {self.target!r}")
+        for name in ("single_layers", "single_width", "multi_layers", "multi_width"):
+            if getattr(self, name) < 1:
+                raise UsageError(f"network.{name} must be at least 1, got {getattr(self, name)}")
+
+    @property
+    def decoders(self) -> tuple[str, ...]:
+        """The target."""
+        return (self.target,)
+
+    def build(self) -> MipnetNetwork:
+        """See BaselineConfig."""
+        return MipnetNetwork(self)
+
+
+class _Perceptron(nn.Module):
+    """Windows, (..., inputs) numbers each, to (..., 5), zero at first."""
+
+    def __init__(self, inputs: int, layers: int, width: int) -> None:
+        super().__init__()
+        self.hidden = nn.ModuleList(nn.Linear(width if i else inputs, width) for i in range(layers))
+        self.output = nn.Linear(width, _STATE)
+        nn.init.zeros_(self.output.weight)
+        nn.init.zeros_(self.output.bias)
+
+    def forward(self, windows: Tensor) -> Tensor:
+        parts = []
+        for part in torch.split(windows.flatten(0, -2), _ROWS):  # type: ignore[no-untyped-call]
+            maps = part
+            for layer in self.hidden:
+                maps = functional.leaky_relu(layer(maps))
+            parts.append(self.output(maps))
+        return torch.cat(parts).reshape(*windows.shape[:-1], _STATE)
+
+
+class MipnetNetwork(BaselineNetwork):
+    """Both networks and the cascade. Images are (B, H, W, channels), and repeat."""
+
+    def __init__(self, config: MipnetConfig) -> None:
+        super().__init__(config)
+        self.target = config.target
+        self.single = _Perceptron(2 * 2 * _STATE, config.single_layers, config.single_width)
+        self.multi = _Perceptron((4 * 4 + 2 * 2 + 1) * _STATE, config.multi_layers, config.multi_width)
+
+    def forward(self, stored: Tensor, pixel_filter: str = "gaussian") -> list[Tensor]:  # noqa: ARG002
+        """(B, H, W, 8) stored channels of `gltf` to every level of the target, the first the source's.
+
+        Args:
+            stored: sides that are powers of two, or windows of 2 x 2 leave texels over.
+            pixel_filter: changes nothing.
+
+        Raises:
+            UsageError: other sides.
+        """
+        height, width = stored.shape[1:3]
+        if height & (height - 1) or width & (width - 1):
+            raise UsageError(
+                f"MIPNet halves textures with windows of 2 x 2 texels: expected sides that are powers of two, got "
+                f"{width} x {height}; resize the maps"
+            )
+        levels, colours = [stored], stored[..., :4]
+        for state in self._states(stored)[1:]:
+            colours = _boxed(_filled(colours, 2))
+            levels.append(_isotropic(colours, state) if self.target == "gltf" else _anisotropic(colours, state))
+        if self.target == "gltf":
+            return levels
+        levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
+        return align_directions(levels)
+
+    def _states(self, stored: Tensor) -> list[Tensor]:
+        """(B, H_L, W_L, 5) of every level."""
+        alpha = stored[..., 4:5].clamp(min=MIN_ROUGHNESS).square()
+        states = [_valid(torch.cat([stored[..., 5:7], alpha, alpha, torch.zeros_like(alpha)], -1))]
+        while max(states[-1].shape[1:3]) > 1:
+            before = _filled(states[-1], 2)
+            average, near = _boxed(before), _windows(before, 2)
+            change = self.single(near)
+            if len(states) > 1:
+                far, first = _windows(_filled(states[-2], 4), 4), _valid(average + change)
+                change = self.multi(torch.cat([far, near, first], -1))
+            states.append(_valid(average + change))
+        return states
+
+    def bake(self, stored: NDArray[np.float32], source: str) -> list[NDArray[np.float32]]:
+        """Every level of the stack of (H, W, C) stored channels of a model, which are read as `gltf`.
+
+        Raises:
+            UsageError: sides that are no powers of two.
+        """
+        channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, "gltf"), np.float32))
+        with torch.inference_mode():
+            return [material.regularise(level[0].numpy(), self.target) for level in self(channels[None])]
+
+
+def _windows(image: Tensor, side: int) -> Tensor:
+    """(B, H, W, C) to (B, H / side, W / side, side^2 C)."""
+    batch, height, width, channels = image.shape
+    split = image.reshape(batch, height // side, side, width // side, side, channels)
+    return split.permute(0, 1, 3, 2, 4, 5).reshape(batch, height // side, width // side, -1)
+
+
+def _boxed(image: Tensor) -> Tensor:
+    """(B, H, W, C) to its averages of 2 x 2 texels."""
+    batch, height, width, channels = image.shape
+    return image.reshape(batch, height // 2, 2, width // 2, 2, channels).mean((2, 4))
+
+
+def _filled(image: Tensor, side: int) -> Tensor:
+    """The image, repeated along axes that are shorter than a window."""
+    rows, columns = (max(1, side // length) for length in image.shape[1:3])
+    return image if rows == columns == 1 else image.repeat(1, rows, columns, 1)
+
+
+def _axes(state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Of (..., 5): both eigenvalues of the root of the tensor, the larger first, and half their difference; (...)."""
+    a, b, c = state[..., 2:].unbind(-1)
+    mean, radius = (a + b) / 2, (((a - b) / 2).square() + c * c + _TINY**2).sqrt() - _TINY
+    return mean + radius, mean - radius, radius
+
+
+def _valid(state: Tensor) -> Tensor:
+    """(..., 5) with normals inside the disc and lobes between the narrowest that is shaded and the widest."""
+    xy = state[..., :2]
+    xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
+    wide, narrow, radius = _axes(state)
+    wide, narrow = clamp(wide, _MIN_ALPHA, 1), clamp(narrow, _MIN_ALPHA, 1)
+    mean, shrink = (wide + narrow) / 2, (wide - narrow + _TINY) / (2 * radius + _TINY)  # 1 at isotropy
+    d, c = shrink * (state[..., 2] - state[..., 3]) / 2, shrink * state[..., 4]
+    return torch.cat([xy, torch.stack([mean + d, mean - d, c], -1)], -1)
+
+
+def _isotropic(colours: Tensor, state: Tensor) -> Tensor:
+    """(..., 4) and (..., 5) to `gltf`, (..., 8)."""
+    a, b, c = state[..., 2:3], state[..., 3:4], state[..., 4:5]
+    roughness = (a * b - c * c).clamp(_MIN_ALPHA**2, 1).sqrt().sqrt()
+    return torch.cat([colours, roughness, _lifted(state)], -1)
+
+
+def _anisotropic(colours: Tensor, state: Tensor) -> Tensor:
+    """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); the inverse map is that of mipbake.material.
+
+    At isotropy, where training starts, strength has no derivative and direction no value, but the lobe has both: axes
+    are set apart by a share that does not show, so that what grows there meets what vanishes.
+    """
+    a, b, c = state[..., 2:3], state[..., 3:4], state[..., 4:5]
+    mean = (a + b) / 2
+    d = (a - b) / 2 + _APART * mean
+    radius = (d * d + c * c + _TINY**2).sqrt()
+    narrow = clamp(mean - radius, _MIN_ALPHA, 1)
+    strength = (2 * radius / (1 - narrow).clamp(min=1e-3)).clamp(max=1).sqrt()
+    angle = torch.atan2(c, torch.where(d * d + c * c < _TINY**2, _TINY, d)) / 2
+    return torch.cat([colours, narrow.sqrt(), _lifted(state), angle.cos(), angle.sin(), strength], -1)
+
+
+def _lifted(state: Tensor) -> Tensor:
+    """(..., 3) unit normals."""
+    xy = state[..., :2]
+    return torch.cat([xy, (1 - xy.square().sum(-1, keepdim=True)).sqrt()], -1)
