@@ -1,7 +1,7 @@
 """Makes docs/figure-7.md with its pictures: one material read and made in every material model, after figure 7 of
 Kemppinen et al. 2023.
 
-    python docs/make_figure_7.py [--set FOLDER] [--side 112] [--passes 512] [--methods linear lean auto] [PAGE]
+    python docs/make_figure_7.py [PAGE] [--set FOLDER] [--side 112] [--passes 512] [--methods linear lean auto]
 
 The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
 render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert

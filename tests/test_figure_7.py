@@ -1,0 +1,55 @@
+"""docs/make_figure_7.py: the page of one material in every model."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parent.parent
+MODELS = ("ggx", "beckmann", "gltf", "gltf-anisotropic")
+
+
+def test_the_page_of_figure_7(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    figure = importlib.import_module("make_figure_7")
+    monkeypatch.setattr(figure, "networks", lambda output: [])
+    monkeypatch.setattr(figure, "MODELS", MODELS[:2])
+    monkeypatch.setattr(figure, "SCALES", ("near",))
+    plate = tmp_path / "plate"
+    plate.mkdir()
+    values = {"normal": (128, 128, 255), "base_color": (180,) * 3, "roughness": (170,) * 3, "metallic": (255,) * 3}
+    for name, value in values.items():
+        Image.fromarray(np.full((16, 16, 3), value, np.uint8)).save(plate / f"{name}.png")
+    page = tmp_path / "figure.md"
+    arguments = [page, "--set", plate, "--side", 24, "--passes", 32, "--methods", "linear", "lean"]
+    monkeypatch.setattr(sys, "argv", ["make_figure_7", *map(str, arguments)])
+    figure.main()
+    text = page.read_text(encoding="utf-8")
+    assert re.findall(r"\((figure-[\w-]+\.webp)\)", text) == [f"figure-{model}.webp" for model in MODELS[:2]]
+    rows = re.findall(r"^\| `([\w-]+)` \| (\w+) (?:\| (-?[\d.]+) dB / [\d.]+ )", text, re.MULTILINE)
+    assert [(output, method) for output, method, _ in rows] == [
+        (output, method) for _ in range(2) for output in MODELS[:2] for method in ("linear", "lean")
+    ]
+    of = {(index // 4, output, method): float(snr) for index, (output, method, snr) in enumerate(rows)}
+    # On a constant metal a stack in the model of its input lacks the pixel filter alone, another one has another lobe.
+    for method in ("linear", "lean"):
+        assert of[0, "ggx", method] > of[0, "beckmann", method] + 3
+        assert of[1, "beckmann", method] > of[1, "ggx", method] + 3
+    picture = np.asarray(Image.open(tmp_path / "figure-ggx.webp"))
+    assert picture.shape[1] == figure.LEFT + 3 * (24 + figure.GAP) and picture.std() > 10
+
+
+def test_networks_that_make_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    figure = importlib.import_module("make_figure_7")
+    weights = [*figure.list_weights()]
+    assert "neural" in figure.networks("gltf")
+    for model in MODELS:
+        paper = {info.name for info in weights if info.name.startswith("paper-") and model in info.targets}
+        assert {name for name in figure.networks(model) if name != "neural"} == paper
