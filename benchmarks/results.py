@@ -12,7 +12,8 @@ Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, 
     correlated   generated materials whose channels depend on each other, and twins where they do not
 
 Sets whose file says that it was measured with the same methods, weights and settings are left alone, so a run that was
-stopped goes on, and new weights are measured. A set that fails is named at the end, and the others are measured.
+stopped goes on, and new weights are measured. New code is not noticed: it wants a new RESULTS_FOLDER. A set that fails
+is named at the end, and the others are measured.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
         for plan in KINDS[kind](asked):
             file = folder / f"{plan.name}.json"
-            key = {"methods": [dataclasses.asdict(spec) for spec in plan.methods], "effort": dataclasses.asdict(effort)}
+            key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}
             if up_to_date(file, key):
                 continue
             start, used = time.perf_counter(), processor_seconds()

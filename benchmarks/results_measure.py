@@ -135,7 +135,8 @@ def whole(asked: Asked) -> list[Plan]:
 
 def crop(asked: Asked) -> list[Plan]:
     """The limit: the middle of every set with its optimum, which would take hours on whole ones."""
-    methods = specs(("optimum", *asked.methods, "refine", *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
+    named = [name for name in asked.methods if not name.startswith("auto")]  # refine, which begins with it, is there
+    methods = specs(("optimum", *named, "refine", *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
     side = asked.effort.crop
     return [
         Plan(name, lambda load=load: middle(load(), side), methods, extra={"crop": side})  # type: ignore[misc]

@@ -54,6 +54,10 @@ class Spec:
     sha256: str | None = None
     budget: str | None = None
 
+    def key(self) -> dict[str, Any]:
+        """What its figures depend on: not where weights lie."""
+        return {name: value for name, value in asdict(self).items() if name != "folder"}
+
 
 @dataclass(frozen=True)
 class Cost:

@@ -69,14 +69,14 @@ def gain_histograms(results: Results, subject: str, rivals: Sequence[str], title
     ]
     columns.append(("FLIP of spheres, rival's minus own", (-0.1, 0.1), lambda r, s: _flip(results, subject, r, s)))
     wide, high, left = 230, 84, 130
-    drawing = Drawing(left + len(columns) * (wide + 24), 94 + len(rivals) * (high + 44), title)
+    drawing = Drawing(left + len(columns) * (wide + 40), 94 + len(rivals) * (high + 44), title)
     drawing.text(16, 24, title, "title")
     for index, (scale, colour) in enumerate(_COLOURS.items()):
         drawing.rectangle(16 + 90 * index, 36, 11, 11, colour)
         drawing.text(32 + 90 * index, 46, scale, "dim")
     drawing.text(290, 46, "right of the line: better than the rival; the outermost bars hold what is beyond", "dim")
     for column, (name, extent, values) in enumerate(columns):
-        start = left + column * (wide + 24)
+        start = left + column * (wide + 40)
         drawing.text(start + wide / 2, 68, name, "ink middle")
         for row, rival in enumerate(rivals):
             top = 94 + row * (high + 44)
