@@ -51,10 +51,10 @@ the first column of a picture is its supersampled render in that model, the othe
 looked up once a pixel. Spheres under the studio's lights, Gaussian pixel filter; near, middle and far are levels 0, 3
 and 7. Under each sphere are its SNR and its FLIP; the best of a row is green. Made by `docs/make_figure_7.py`.
 
-What to look for: a stack in the model of its input is the better one as a rule. `gltf` has one roughness, and shows
-brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack can mend, and a matte
+What to look for: how far other stacks are behind the one in the model of the input, whose name is green. `gltf` has one
+roughness, and shows brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack can mend, and a matte
 dielectric differs between glTF and the other two ([validation](validation.md#known-limits)). The pictures are by
-{shown}; the tables have all methods. Closed forms and `auto` convert between models texel by texel, analytically;
+{shown}; the tables have all methods. Methods that are no networks convert between models texel by texel, analytically;
 {networks}.
 """
 
