@@ -1,14 +1,18 @@
 """The best blend of candidates at every level, by measurement: closed forms under both kernels, and a network.
 
-Every candidate is baked, looked up at the points of two independent sets of renders and forgotten: 4096 x 4096 sets do
-not need fifteen stacks in memory. One set of renders is fitted to (level_fit.py), from the coarsest level to the
-finest, each level together with the half level that it shares with the coarser one. The other judges. Where it finds a
+Every candidate is baked, looked up at the points of three independent sets of renders and forgotten: 4096 x 4096 sets
+do not need fifteen stacks in memory. One set of renders is fitted to (level_fit.py), from the coarsest level to the
+finest, each level together with the half level that it shares with the coarser one. Another judges. Where it finds a
 blend behind the best closed form, at a level or halfway to the next, by more than chance, the levels around give way to
-the candidate that is safe there, as far as needed.
+the candidate that is safe there, as far as needed. The third decides nothing: it bears witness to what came of it.
+
+With a deadline, candidates that would take too long are left out, the least promising first.
 """
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -25,15 +29,22 @@ from mipbake.prefilter.scores import Array, Effort, Score, Scores
 
 KERNEL_OF_ORIGIN = "box"
 BASE = "linear"
+PLAIN = ("linear", "lean")
+"""What engines and tools do, and the strongest rule: what a blend is held against under the brightest pairs."""
+
 BLENDED = ("linear", "lean", "unreal", "godot")
 """Closed forms that blends are made of, each with the pixel filter; BASE with the box, too."""
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+_FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
 _MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
+_PILOT = 256  # texels a side of the part that says how long a candidate will take
+_MARGIN = 1.1  # of what it says
 _CHANCE = 0.5  # of a standard error by which a rival may be ahead
 _TIE = 0.01  # logarithm of errors below which two measure the same
 _SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two candidates are baked at a time
-_WORSE = 10.0  # weight of a logarithm behind what is asked for against one gained
+_WORSE = 3.0  # weight of a logarithm behind the best closed form against one gained
+_WORSE_BRIGHT = 10.0  # of one behind under the brightest pairs, which rule the figure of a set, or under the studio's
 
 
 @dataclass(frozen=True)
@@ -43,20 +54,21 @@ class Candidate:
     Args:
         name: what people call it: `lean (box)`, `neural`.
         closed_form: whether it is one.
-        bake: gives its levels.
+        bake: gives its levels. part: bakes a part of level 0, to see how long it takes.
     """
 
     name: str
     closed_form: bool
     bake: Callable[[], list[Image]]
+    part: Callable[[Image], object]
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """The best closed form at a level of detail, for one pair set.
+    """The best closed form at a level of detail, for one row of a Score.
 
     Args:
-        name: what people call it. log_errors: (G,) as Score has them.
+        name: what people call it. log_errors: the row.
     """
 
     name: str
@@ -71,7 +83,8 @@ class Blend:
         levels: (H_L, W_L, C) valid stored channels.
         sources: of each level, the names of the candidates in it.
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
-        rivals: at each of them, the best closed form for every pair set. lit: the least lit_square of closed forms.
+        rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_square of any.
+        witness: renders that decided nothing, at every level. witnessed: what these rivals have there.
     """
 
     levels: list[Image]
@@ -79,6 +92,8 @@ class Blend:
     judge: Scores
     rivals: list[list[Rival]]
     lit: list[float]
+    witness: Scores
+    witnessed: list[list[Rival]]
 
 
 def closed_forms(problem: Problem) -> Iterator[Candidate]:
@@ -94,11 +109,11 @@ def closed_forms(problem: Problem) -> Iterator[Candidate]:
 def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Candidate:
     """A method as a candidate."""
 
-    def bake() -> list[Image]:
-        p = problem
-        return method(p.stored, p.source, p.target, kernel, p.wrap, progress).levels
+    def bake(stored: Image) -> list[Image]:
+        return method(stored, problem.source, problem.target, kernel, problem.wrap, progress).levels
 
-    return Candidate(f"{method.name} ({kernel})" if method.averages else method.name, method.averages, bake)
+    name = f"{method.name} ({kernel})" if method.averages else method.name
+    return Candidate(name, method.averages, lambda: bake(problem.stored), bake)
 
 
 def blend(
@@ -107,6 +122,7 @@ def blend(
     effort: Effort,
     seed: int = 0,
     progress: Progress = lambda _: None,
+    deadline: float = math.inf,
 ) -> Blend:
     """Fits every level, coarsest first, and keeps of it what independent renders confirm.
 
@@ -114,6 +130,7 @@ def blend(
         candidates: in the order of preference where they measure the same, BASE with the pixel filter among them. A
             network need not be.
         effort: of the renders that judge; those that are fitted to have half the points.
+        deadline: time.monotonic() by which all candidates are baked; those that would not be are left out.
     """
     # A handful of weights a level needs fewer points than a verdict on them.
     fewer = replace(
@@ -122,8 +139,16 @@ def blend(
         points=max(1, 3 * effort.points // 4),
         lit_points=max(1, effort.lit_points // 2),
     )
-    train, judge = Scores(problem, fewer, 2 * seed), Scores(problem, effort, 2 * seed + 1)
-    bench = _Bench(problem, candidates, (train, judge), progress)
+    third = replace(effort, groups=max(2, effort.groups // 2), lit_points=1)
+    with ThreadPoolExecutor(2) as pool:
+        drawn = [
+            pool.submit(Scores, problem, each, 3 * seed + index, lods)
+            for index, (each, lods) in enumerate(
+                ((fewer, None), (effort, None), (third, [float(level) for level in range(problem.last + 1)]))
+            )
+        ]
+        train, judge, witness = (each.result() for each in drawn)
+    bench = _Bench(problem, candidates, (train, judge), witness, progress, deadline)
     asked = [bench.asked(0, index) for index in range(len(train.lods))]
     weights = _fitted(bench, train, asked)
     safe = [bench.safest(level, asked) for level in range(problem.last + 1)]
@@ -132,64 +157,113 @@ def blend(
     shares = _settled(bench, judge, weights, safe, rivals, lit)
     mixtures = [bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)]
     levels = bench.mixed(mixtures)
+    witnessed = [bench.witnessed(level, rivals[2 * level][: len(PAIR_SETS)]) for level in range(problem.last + 1)]
     progress(1.0)
-    return Blend(levels, [tuple(mixture) for mixture in mixtures], judge, rivals, lit)
+    return Blend(levels, [tuple(mixture) for mixture in mixtures], judge, rivals, lit, witness, witnessed)
 
 
 class _Bench:
-    """All candidates, looked up at all points of several sets of renders, and scored."""
+    """All candidates, looked up at all points of several sets of renders, and scored by all but the last, the witness.
+
+    With a deadline, those that are not baked by then are left out, and what is blended is what was kept.
+    """
 
     def __init__(
-        self, problem: Problem, candidates: Sequence[Candidate], scores: Sequence[Scores], progress: Progress
+        self,
+        problem: Problem,
+        candidates: Sequence[Candidate],
+        scores: Sequence[Scores],
+        witness: Scores,
+        progress: Progress,
+        deadline: float,
     ) -> None:
-        self.problem, self._scores = problem, scores
+        self.problem, self._scores, self._witness = problem, scores, witness
         self._candidates = {each.name: each for each in candidates}
         form = f"{{}} ({problem.pixel_filter})"
         self.base = form.format(BASE)
         others = [form.format(name) for name in BLENDED[1:]]
         others += [f"{BASE} ({KERNEL_OF_ORIGIN})", *(each.name for each in candidates if not each.closed_form)]
-        self.others = [name for name in dict.fromkeys(others) if name in self._candidates and name != self.base]
+        others = [name for name in dict.fromkeys(others) if name in self._candidates and name != self.base]
+        # Networks take longest, and are worth most.
+        first = [*(each.name for each in candidates if not each.closed_form), self.base, *others]
         texels = sum(height * width for height, width in problem.sizes) * MODELS[problem.target].channels
-        self._keep = (1 + len(self.others)) * texels * 4 <= _MEMORY
+        self._keep = list(dict.fromkeys(first))[: max(2, _MEMORY // (4 * texels))]
         self._kept: dict[str, list[Image]] = {}
-        if problem.target == "gltf-anisotropic":
-            self._kept[self.base] = self._candidates[self.base].bake()
         self._looked_up: dict[tuple[str, int, int, int], Image] = {}
         self._found: dict[tuple[str, int], list[Score]] = {}
-        names = sorted(self._candidates, key=lambda name: name != self.base)
+        timed = not math.isinf(deadline)
 
-        def look(name: str) -> None:
+        def look(name: str) -> bool:
+            if timed and name != self.base and time.monotonic() + self._expected(name) > deadline:
+                return False
             levels = self.levels(name)
             for which, each in enumerate(scores):
                 self._look_up(name, levels, which, each)
+            self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
+            for level in range(problem.last + 1):
+                self._looked_up[name, len(scores), level, level] = witness.looked_up(levels[level], level)
+            return True
 
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
+        look(self.base)
+        names = [name for name in dict.fromkeys([*first, *self._candidates]) if name != self.base]
+        done = {self.base: True}
         workers = 2 if texels <= _SIDE_BY_SIDE else 1
         with ThreadPoolExecutor(workers) as pool:
-            for done, _ in enumerate(pool.map(look, names)):
-                progress((done + 1) / (len(names) + 2))
+            for name, looked in zip(names, pool.map(look, names), strict=True):
+                done[name] = looked
+                progress(len(done) / (len(names) + 2))
+        self._candidates = {name: each for name, each in self._candidates.items() if done[name]}
+        self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
+        if timed:
+            self._candidates = {
+                name: each for name, each in self._candidates.items() if each.closed_form or name in self._kept
+            }
+        self.judged = [self._judged(index) for index in range(len(scores[1].probes))]
+        self._baked = set(self._kept) if timed else set(self._candidates)
+
+    def _expected(self, name: str) -> float:
+        """Seconds that a candidate will take, from a part of the set; its first call of all loads what it needs."""
+        height, width = self.problem.stored.shape[:2]
+        rows, columns = (min(_PILOT, max(1, side // 2)) for side in (height, width))
+        began = time.monotonic()
+        self._candidates[name].part(np.ascontiguousarray(self.problem.stored[:rows, :columns]))
+        return _MARGIN * (time.monotonic() - began) * float(height * width) / float(rows * columns)
 
     def levels(self, name: str) -> list[Image]:
         """Every level of a candidate, baked again unless it was kept."""
         if name in self._kept:
             return self._kept[name]
         levels = self._candidates[name].bake()
-        if self.problem.target == "gltf-anisotropic":  # directions d and -d are one; blends must not cancel
-            for level, base in zip(levels, self._kept[self.base], strict=True):
+        if self.problem.target == "gltf-anisotropic" and name != self.base:
+            # Directions d and -d are one; blends must not cancel.
+            for level, base in zip(levels, self.levels(self.base), strict=True):
                 apart = (level[..., 8:10] * base[..., 8:10]).sum(-1, keepdims=True) < 0
                 level[..., 8:10] = np.where(apart, -level[..., 8:10], level[..., 8:10])
-        if self._keep and name in (self.base, *self.others):
+        if name in self._keep:
             self._kept[name] = levels
         return levels
 
     def _look_up(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
-        found = []
         for index, probe in enumerate(scores.probes):
-            seen = [scores.looked_up(levels[level], index) for level in probe.levels]
-            for level, texels in zip(probe.levels, seen, strict=True):
-                self._looked_up[name, which, index, level] = texels
-            found.append(scores.of(mean(seen), index))
-        self._found[name, which] = found
+            for level in probe.levels:
+                self._looked_up[name, which, index, level] = scores.looked_up(levels[level], index)
+
+    def _score(self, name: str, which: int, index: int) -> Score:
+        levels = self._scores[which].probes[index].levels
+        return self._scores[which].of(mean([self.seen(name, which, index, level) for level in levels]), index)
+
+    def _judged(self, index: int) -> dict[str, Score]:
+        """Closed forms at a level of detail as the judge sees them: those that are not far behind as fitted to."""
+        forms = [name for name, each in self._candidates.items() if each.closed_form]
+        logs = np.stack([np.append(self._found[name, 0][index].means, self._found[name, 0][index].lit_square)
+                         for name in forms])  # fmt: skip
+        near = (logs < logs.min(0) + _FAR).any(1)
+        return {
+            name: self._score(name, 1, index)
+            for name, promising in zip(forms, near, strict=True)
+            if promising or name in self._plain
+        }
 
     def seen(self, name: str, which: int, index: int, level: int) -> Image:
         """(N, C): a level of a candidate at the points of a probe."""
@@ -205,24 +279,50 @@ class _Bench:
         return self.seen(self.base, which, index, level), [self.seen(n, which, index, level) for n in self.others]
 
     def rivals(self, index: int) -> list[Rival]:
-        """The best closed form of each pair set at a level of detail, as the judge sees it."""
-        forms = {name: self._found[name, 1][index].log_errors for name, c in self._candidates.items() if c.closed_form}
-        means = {name: rows.mean(1) for name, rows in forms.items()}
-        best = [min(means, key=lambda name, kind=kind: float(means[name][kind])) for kind in range(len(PAIR_SETS))]  # type: ignore[misc]
-        return [Rival(name, forms[name][kind]) for kind, name in enumerate(best)]
+        """The best closed form of each row at a level of detail, as the judge sees it."""
+        forms = self.judged[index]
+        means = {name: score.means for name, score in forms.items()}
+        out = []
+        for row in range(len(next(iter(means.values())))):
+            names = list(means) if row < len(PAIR_SETS) else self._plain
+            best = min(names, key=lambda name: float(means[name][row]))
+            out.append(Rival(best, forms[best].rows[row]))
+        return out
+
+    @property
+    def _plain(self) -> list[str]:
+        return [name for name, each in self._candidates.items() if each.closed_form and name.split(" ")[0] in PLAIN]
+
+    def witnessed(self, level: int, rivals: Sequence[Rival]) -> list[Rival]:
+        """What closed forms have at a level as the witness sees it."""
+        which = len(self._scores)
+        rows = {each.name: self._witness.of(self.seen(each.name, which, level, level), level) for each in rivals}
+        return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
     def asked(self, which: int, index: int) -> Score:
         """The least errors of all closed forms: each row of log_errors is that of the best one."""
-        found = [self._found[name, which][index] for name, c in self._candidates.items() if c.closed_form]
-        logs = np.stack([each.log_errors for each in found])
-        best = logs.mean(2).argmin(0)
-        rows = np.stack([logs[form, kind] for kind, form in enumerate(best)])
-        return Score(rows, min(each.lit for each in found), min(each.lit_square for each in found))
+        by_name = self.judged[index] if which else {
+            name: self._found[name, 0][index] for name, c in self._candidates.items() if c.closed_form
+        }  # fmt: skip
+        found = list(by_name.values())
+
+        def least(rows: list[Array]) -> Array:
+            """(S, G) the best row of each pair set."""
+            each = np.stack(rows)
+            return np.stack([each[form, kind] for kind, form in enumerate(each.mean(2).argmin(0))])
+
+        return Score(
+            least([each.log_errors for each in found]),
+            least([by_name[name].pooled for name in self._plain]),
+            min(each.lit for each in found),
+            min(each.lit_square for each in found),
+        )
 
     def safest(self, level: int, asked: Sequence[Score]) -> str:
         """The candidate that comes nearest to what is asked for at a level, and goes beyond, as fitted to."""
         index = 2 * level
-        return min(self._candidates, key=lambda name: _cost(self._found[name, 0][index], asked[index]))
+        names = [name for name in self._candidates if name in self._baked]
+        return min(names, key=lambda name: _cost(self._found[name, 0][index], asked[index]))
 
     def mixture(self, weights: NDArray[np.float32], safe: str, share: float) -> dict[str, Array]:
         """Names and (C,) weights of what a level is summed from."""
@@ -274,9 +374,19 @@ def mean(seen: Sequence[Image]) -> Image:
 
 def _cost(score: Score, asked: Score) -> float:
     """Logarithms of errors, and those behind what is asked for several times."""
-    logs = np.append(score.log_errors.mean(1), score.lit_square)
-    behind = logs - np.append(asked.log_errors.mean(1), asked.lit_square)
-    return float((logs + _WORSE * np.maximum(behind, 0)).sum())
+    logs = np.append(score.means, score.lit_square)
+    behind = logs - np.append(asked.means, asked.lit_square)
+    return float((logs + _worse(len(logs)) * np.maximum(behind, 0)).sum())
+
+
+def _worse(count: int) -> Array:
+    """What each of so many logarithms counts where it is behind: rows of a Score, and lit_square.
+
+    Over the hemisphere, means over sets see bright pairs well enough.
+    """
+    rows = np.arange(count)
+    bright = (rows >= len(PAIR_SETS)) & (rows % len(PAIR_SETS) == list(PAIR_SETS).index("near-mirror"))
+    return np.where(bright | (rows == count - 1), _WORSE_BRIGHT, _WORSE)
 
 
 def _fitted(bench: _Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray[np.float32]]:
@@ -341,12 +451,14 @@ def settle(
 
     def behind(found: Score, index: int) -> Array:
         """By how much each rival, and the last one under the studio's lights, is ahead beyond what chance may do."""
-        lost = np.stack([row - rival.log_errors for row, rival in zip(found.log_errors, rivals[index], strict=True)])
-        return np.append(lost.mean(1) - _CHANCE * standard_error(lost) - _TIE, found.lit_square - lit[index] - slack)
+        lost = [row - rival.log_errors for row, rival in zip(found.rows, rivals[index], strict=True)]
+        rows = [each.mean() - _CHANCE * float(standard_error(each)) - _TIE for each in lost]
+        return np.append(rows, found.lit_square - lit[index] - slack)
 
     def cost(found: Score, index: int) -> float:
-        gained = found.log_errors.mean(1).sum() + found.lit_square
-        return float(gained + _WORSE * np.maximum(behind(found, index), 0).sum())
+        gained = found.means.sum() + found.lit_square
+        lost = np.maximum(behind(found, index), 0)
+        return float(gained + (_worse(len(lost)) * lost).sum())
 
     now = [score(index) for index in range(len(judge.probes))]
     for _ in range(2):

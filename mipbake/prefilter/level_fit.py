@@ -6,8 +6,8 @@ base + sum_k theta_k (candidate_k - base), with one theta for each map and candi
 fits. A level has some twenty numbers to fit to a million renders: unlike free texels, they do not follow noise.
 
 What is minimised is the sum of logarithms of the errors, as figures are quoted (scores.py): of every group of pairs,
-of both pair sets, and of the tonemapped renders under a studio's lights. What is behind the best closed form counts
-several times, so that no gain in one is paid for by a loss in another.
+of both pair sets, of the brightest pairs by themselves, and of the tonemapped renders under a studio's lights. What is
+behind the best closed form counts several times, so that no gain in one is paid for by a loss in another.
 """
 
 from __future__ import annotations
@@ -16,25 +16,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from mipbake import material
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.held_out import SET_SIZE, Image
-from mipbake.prefilter.lit_samples import encoded
-from mipbake.prefilter.scores import EXPOSURE, FLOOR, Probe, Score
+from mipbake.prefilter.pair_pool import KINDS
+from mipbake.prefilter.scores import (
+    EXPOSURE,
+    FLOOR,
+    UNLIT,
+    Array,
+    Probe,
+    Score,
+    blocks,
+    display_slope,
+    displayed,
+    energies,
+    lit_radiance,
+    pooled_rows,
+    relative,
+)
 from mipbake.render.environment import Lighting
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
+from mipbake.shading.adjoint import shade_adjoint
 
 _SETS = len(PAIR_SETS)
-_BEHIND = 4.0  # times that a logarithm counts in addition while it is behind what is asked for
+_BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
+_BEHIND_BRIGHT = 8.0  # that one under the brightest pairs does, or under the studio's lights
 _LIT = 0.5  # that the error under the studio's lights counts, beside each pair set
-_ITERATIONS, _ENOUGH = 10, 2e-3
-_UNLIT = 1e-12  # mean square radiance below which nothing is seen
-_STRIDE = 4  # one in so many pairs takes part in curvature
+_ITERATIONS, _ENOUGH = 10, 4e-3
+_STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
+_RIDGE, _RANGE = 0.1, (-1.0, 2.0)  # of weights, about the best candidate: where candidates all but agree, they run off
+_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # that rows of Score.means count: near the mirror, over the hemisphere
+_ROWS = np.array([_BEHIND, _BEHIND, _BEHIND_BRIGHT, 0.5, _BEHIND_BRIGHT, 0.5])  # in addition, while they are behind
 
 
 @dataclass(frozen=True)
@@ -68,142 +85,175 @@ def columns(base: Image, others: Sequence[Image], model: str) -> Image:
 def fit_level(terms: Sequence[Term], model: str, lighting: Lighting) -> NDArray[np.float32]:
     """(J,) weights of the columns of a level."""
     seen = [_Term(term, model, lighting) for term in terms]
-    theta = torch.zeros(len(terms[0].columns))
-    value = _value(seen, theta)
-    damping = _DAMPING
+    theta = np.zeros(len(terms[0].columns))
+    if not theta.size:
+        return theta.astype(np.float32)
+    # From the best of the candidates.
+    count = len(MODELS[model].maps)
+    starts = [theta, *np.tile(np.eye(len(theta) // count), count)]
+    values = [_value(seen, each) for each in starts]
+    value, start = min(values), starts[int(np.argmin(values))]
+    theta, damping = start, _DAMPING
     for iteration in range(_ITERATIONS):
-        slope, curvature = (sum(parts) for parts in zip(*(t.equations(theta, iteration) for t in seen), strict=True))
-        assert isinstance(slope, Tensor) and isinstance(curvature, Tensor)
+        equations = [term.equations(theta, iteration) for term in seen]
+        slope, curvature = (np.sum(parts, 0) for parts in zip(*equations, strict=True))
+        slope, curvature = slope + 2 * _RIDGE * (theta - start), curvature + 2 * _RIDGE * np.eye(len(theta))
         diagonal = curvature.diagonal()
-        least = 1e-6 * diagonal.mean() + 1e-12
         before = value
         for _ in range(_TRIES):
-            step = torch.linalg.solve(curvature + torch.diag(damping * diagonal + least), slope)
-            value = _value(seen, theta - step)
+            step = np.linalg.solve(curvature + np.diag(damping * diagonal), slope)
+            tried = np.clip(theta - step, *_RANGE)
+            value = _value(seen, tried) + _RIDGE * float(np.square(tried - start).sum())
             if value < before:
-                theta = theta - step
+                theta = tried
                 damping = max(_DAMPING, damping / 5)
                 break
             damping *= 10
         else:
-            return theta.numpy()
+            break
         if before - value < _ENOUGH:
             break
-    return theta.numpy()
+    return np.asarray(theta, np.float32)
 
 
-def _value(seen: Sequence[_Term], theta: Tensor) -> float:
+def _value(seen: Sequence[_Term], theta: Array) -> float:
     return sum(term.value(theta) for term in seen)
 
 
 class _Term:
-    """A Term in torch."""
+    """A Term, with what is worked out once."""
 
     def __init__(self, term: Term, model: str, lighting: Lighting) -> None:
-        probe = term.probe
-        self._model, self._term = model, term
-        self._groups, self._points = probe.uv.shape[:2]
+        self._model, self._term, self._lighting, self._probe = model, term, lighting, term.probe
+        self._groups, self._points = term.probe.uv.shape[:2]
         self._single = self._groups * self._points
-        self._light, self._view, self._mean = (torch.from_numpy(a) for a in (probe.light, probe.view, probe.mean))
-        self._noise, self._signal = (torch.from_numpy(a).float() for a in (probe.noise, probe.signal))
-        self._base, self._columns = torch.from_numpy(term.base), torch.from_numpy(term.columns)
-        self._other = None if term.other is None else torch.from_numpy(term.other)
-        frame = torch.from_numpy(probe.frame)
-        direction = torch.from_numpy(lighting.direction.astype(np.float32))
-        self._lit_light = torch.einsum("nij,kj->kni", frame, direction)[None]
-        self._lit_view = torch.einsum("nij,nj->ni", frame, torch.from_numpy(probe.lit_view))[None, None]
-        self._power = torch.from_numpy((EXPOSURE * lighting.radiance).astype(np.float32))[:, None]
-        self._displayed = torch.from_numpy(probe.displayed)
-        asked = term.asked
-        self._asked, self._asked_lit = torch.from_numpy(asked.log_errors.mean(1)).float(), asked.lit_square
+        self._columns = np.ascontiguousarray(np.moveaxis(term.columns, 0, -1))  # (N, C, J)
+        turn = term.probe.frame
+        self._lit_light = np.ascontiguousarray(
+            np.einsum("nij,kj->kni", turn, lighting.direction.astype(np.float32), optimize=True)
+        )[None]
+        self._lit_view = np.einsum("nij,nj->ni", turn, term.probe.lit_view)[None, None]
+        self._power = (EXPOSURE * lighting.radiance).astype(np.float32)[:, None]
+        self._asked = term.asked.means
 
-    def value(self, theta: Tensor) -> float:
+    def value(self, theta: Array) -> float:
         """What is minimised, in nepers."""
-        with torch.no_grad():
-            texels = self._texels(theta)
-            log = self._relative(self._shaded(texels) - self._mean).log().mean(1)
-            lit = (self._lit(texels[self._single :]) - self._displayed).square().mean().clamp(min=FLOOR).log()
-        behind = (log - self._asked).clamp(min=0).sum() + _LIT * (lit - self._asked_lit).clamp(min=0)
-        return float(log.sum() + _LIT * lit + _BEHIND * behind)
+        texels, probe = self._texels(theta), self._probe
+        single = self._split(texels)
+        sums = np.empty((_SETS, self._groups))
+        for some in self._blocks():
+            sums[:, some] = energies(self._off(single, some), probe.weights[:, some])
+        log = self._logs(sums)
+        shown = displayed(
+            lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
+        )
+        lit = float(np.log(max(float(np.square(shown - probe.displayed).mean()), FLOOR)))
+        behind = float((_ROWS * np.maximum(log - self._asked, 0)).sum())
+        behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_square)
+        return float((_COUNTS * log).sum() + _LIT * lit + behind)
 
-    def equations(self, theta: Tensor, turn: int) -> tuple[Tensor, Tensor]:
+    def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the weights, and (J, J) its Gauss-Newton curvature."""
-        texels = self._texels(theta).requires_grad_()
-        shaded = self._shaded(texels)
-        off = shaded.detach() - self._mean
-        error = self._relative(off) * self._signal
-        urgent = 1 + _BEHIND * ((error / self._signal).log().mean(1) > self._asked)
-        # Unlit pairs have no figure, so nothing to gain either.
-        count = off[0, 0].numel() * SET_SIZE * self._groups
-        weight = torch.where(self._signal > _UNLIT, urgent[:, None] / (error * count).clamp(min=1e-20), 0.0)
-        weight = weight.T.repeat_interleave(SET_SIZE, 1)  # (G, K)
-        lit = self._lit(texels[self._single :])
-        lit_off = lit.detach() - self._displayed
-        lit_error = lit_off.square().mean().clamp(min=FLOOR)
-        lit_weight = _LIT * (1 + _BEHIND * float(lit_error.log() > self._asked_lit)) / (lit_error * lit.numel())
-        torch.autograd.backward([shaded, lit], [2 * off * weight[..., None, None], 2 * lit_off * lit_weight])
-        assert texels.grad is not None
+        texels, probe = self._texels(theta), self._probe
+        single = self._split(texels)
+        sums = np.empty((_SETS, self._groups))
+        by_set = np.empty((_SETS, *single.shape), np.float32)
+        # What a set counts is known when all groups are: until then each has a gradient of its own.
+        for some in self._blocks():
+            off = self._off(single, some)
+            sums[:, some] = energies(off, probe.weights[:, some])
+            for kind in range(_SETS):
+                part = slice(kind * SET_SIZE, (kind + 1) * SET_SIZE)
+                weight = probe.weights[kind, some, :, None, None].astype(np.float32)
+                directions = probe.light[some, part], probe.view[some, part]
+                by_set[kind, some] = shade_adjoint(self._model, single[some], *directions, off[:, part] * weight)
+        urgent = _COUNTS + _ROWS * (self._logs(sums) > self._asked)
+        weight = self._weights(sums, urgent).astype(np.float32)  # (S, G)
+        gradient = np.empty_like(texels)
+        gradient[: self._single] = (2 * by_set * weight[..., None, None]).sum(0).reshape(self._single, -1)
+
+        lit = texels[self._single :]
+        radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._lighting)
+        slopes = display_slope(radiance)
+        lit_off = displayed(radiance) - probe.displayed
+        lit_error = max(float(np.square(lit_off).mean()), FLOOR)
+        lit_weight = (
+            _LIT * (1 + _BEHIND_BRIGHT * (np.log(lit_error) > self._term.asked.lit_square)) / (lit_error * lit_off.size)
+        )
+        gradient[self._single :] = self._lit_adjoint(lit, np.float32(2 * lit_weight) * lit_off * slopes)
+
         share = self._term.share
-        slope = share * torch.einsum("nc,jnc->j", texels.grad, self._columns)
-        grams = self._grams(texels.detach(), 2 * weight, turn)
-        rows = self._lit_rows(texels.detach()) * (2 * lit_weight).sqrt()
-        first, last = self._columns[:, : self._single], self._columns[:, self._single :]
-        single = first.reshape(len(first), -1) @ (grams @ first.permute(1, 2, 0)).reshape(-1, len(first))
-        along = torch.einsum("nc,jnc->jn", rows, last)
-        return slope, share * share * (single + along @ along.T)
+        slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
+        rows = self._rows(single, 2 * np.concatenate(list(weight[..., None] * probe.weights), 1), turn)
+        signs = _signs(slopes.shape, 0) * slopes
+        lit_rows = self._lit_adjoint(lit, signs) * np.float32(np.sqrt(2 * lit_weight))
+        lit_along = np.matmul(lit_rows[:, None], self._columns[self._single :])[:, 0]
+        along = np.concatenate([rows, lit_along])
+        return slope.astype(np.float64), (share * share * (along.T @ along)).astype(np.float64)
 
-    def _texels(self, theta: Tensor) -> Tensor:
-        own = _valid(self._base + torch.tensordot(theta, self._columns, 1), self._model)
-        return own if self._other is None else self._term.share * own + (1 - self._term.share) * self._other
+    def _texels(self, theta: Array) -> Image:
+        base = self._term.base
+        added = self._columns.reshape(base.size, -1) @ theta.astype(np.float32)
+        own = material.regularise(base + added.reshape(base.shape), self._model)
+        if self._term.other is None:
+            return own
+        share = np.float32(self._term.share)
+        return np.asarray(share * own + (1 - share) * self._term.other, np.float32)
 
-    def _shaded(self, texels: Tensor) -> Tensor:
-        single = texels[: self._single].reshape(self._groups, self._points, -1)
-        out: Tensor = shade(self._model, single, self._light, self._view)
-        return out
+    def _split(self, texels: Image) -> Image:
+        return texels[: self._single].reshape(self._groups, self._points, -1)
 
-    def _relative(self, off: Tensor) -> Tensor:
-        """(S, G) errors relative to the signal."""
-        error = off.reshape(self._groups, _SETS, -1).square().mean(-1).T - self._noise
-        signal = self._signal.clamp(min=1e-30)
-        return (torch.maximum(error, 0.02 * self._noise) / signal).clamp(min=FLOOR)
+    def _blocks(self) -> list[slice]:
+        return blocks(self._groups, self._probe.light.shape[1] * self._points)
 
-    def _lit(self, texels: Tensor) -> Tensor:
-        view = self._lit_view.expand(1, self._lit_light.shape[1], -1, -1)
-        return encoded((shade(self._model, texels, self._lit_light, view)[0] * self._power).sum(0))
+    def _off(self, single: Image, some: slice) -> Image:
+        """(g, K, P, 3): what some groups are off by."""
+        shaded = shade(self._model, single[some], self._probe.light[some], self._probe.view[some])
+        shaded -= self._probe.mean[some]
+        return np.asarray(shaded)
 
-    def _lit_rows(self, texels: Tensor) -> Tensor:
-        each = texels[self._single :].clone().requires_grad_()
-        shown = self._lit(each)
-        torch.autograd.backward(shown, _signs(shown.shape, 0))
-        assert each.grad is not None
-        return each.grad
+    def _logs(self, sums: Array) -> Array:
+        """(3 S,) as Score.means has them, of (S, G) energies of the error and the noise of the reference."""
+        error, own = sums - self._probe.noise, self._probe.groups
+        return np.append(np.log(relative(error[:, :own], self._probe)).mean(1), pooled_rows(error, self._probe).mean(1))
 
-    def _grams(self, texels: Tensor, weight: Tensor, turn: int) -> Tensor:
-        """(N, C, C) J^T w J of each point, from every _STRIDE-th pair and random combinations of its colours."""
-        some = slice(turn % _STRIDE, None, _STRIDE)
-        light, view = (d[:, some].repeat_interleave(self._points, 1)[:, None] for d in (self._light, self._view))
-        single = texels[: self._single].reshape(self._groups, 1, self._points, -1)
-        pairs = light.shape[2] // self._points
-        each = single.expand(-1, pairs, -1, -1).reshape(self._groups, pairs * self._points, -1).requires_grad_()
-        shaded = shade(self._model, each, light, view)
-        torch.autograd.backward(shaded, _signs(shaded.shape, turn))
-        assert each.grad is not None
-        rows = each.grad.reshape(self._groups, pairs, self._points, -1)
-        rows = rows * (_STRIDE * weight[:, some]).sqrt()[..., None, None]
-        rows = rows.permute(0, 2, 3, 1).flatten(0, 1)  # (N, C, pairs)
-        return torch.bmm(rows, rows.transpose(1, 2))
+    def _weights(self, sums: Array, urgent: Array) -> Array:
+        """(S, G): derivatives of what is minimised by the mean squares of the groups, over 3 P."""
+        probe, own = self._probe, self._probe.groups
+        error = sums - probe.noise
+        out = np.empty_like(sums)
+        signal = probe.signal[:, :own]
+        at_least = relative(error[:, :own], probe) * signal
+        # Unlit pairs have no figure, so nothing to gain either.
+        out[:, :own] = np.where(signal > UNLIT, urgent[:_SETS, None] / np.maximum(at_least * own, 1e-20), 0.0)
+        parts = np.split(probe.signal[:, own:], KINDS, -1)
+        total = np.concatenate([part.sum(1) for part in parts])
+        pooled = np.exp(pooled_rows(error, probe).mean(1)) * total
+        each = np.where(total > UNLIT, urgent[_SETS:] / np.maximum(pooled, 1e-20), 0.0).reshape(KINDS, _SETS)
+        out[:, own:] = np.repeat(each.T, parts[0].shape[1], 1)
+        return np.asarray(out / (3 * self._points))
+
+    def _lit_adjoint(self, lit: Image, gradient: Image) -> Image:
+        """(Q, C) gradients by texels, from (Q, 3) ones by their radiance under all lights."""
+        light = self._lit_light
+        view = np.broadcast_to(self._lit_view, light.shape)
+        return np.asarray(shade_adjoint(self._model, lit[None], light, view, (self._power * gradient)[None])[0])
+
+    def _rows(self, single: Image, weight: Image, turn: int) -> Image:
+        """(M, J): derivatives by the weights of every _STRIDE-th render, random combinations of its colours.
+
+        Their squares sum to the curvature of all renders, each of which counts `weight` (G, K).
+        """
+        probe, some = self._probe, slice(turn % _STRIDE, None, _STRIDE)
+        pairs = probe.light[:, some].shape[1]
+        texels = np.repeat(single, pairs, 0)
+        signs = _signs((len(texels), 1, self._points, 3), turn)
+        signs *= np.sqrt(_STRIDE * weight[:, some]).reshape(-1, 1, 1, 1).astype(np.float32)
+        light, view = (d[:, some].reshape(-1, 1, 3) for d in (probe.light, probe.view))
+        rows = shade_adjoint(self._model, texels, light, view, signs).reshape(self._groups, pairs, self._points, -1)
+        rows = rows.transpose(0, 2, 1, 3).reshape(self._single, pairs, -1)
+        return np.asarray(np.matmul(rows, self._columns[: self._single]).reshape(self._single * pairs, -1))
 
 
-def _signs(shape: torch.Size, seed: int) -> Tensor:
-    return 2.0 * torch.randint(0, 2, shape, generator=torch.Generator().manual_seed(seed), dtype=torch.int8) - 1
-
-
-def _valid(texels: Tensor, model: str) -> Tensor:
-    """material.regularise."""
-    low, high = texels.new_tensor(MODELS[model].limits).T
-    texels = torch.maximum(torch.minimum(texels, high), low)
-    for group in MODELS[model].unit_vectors:
-        unit = texels[..., group]
-        unit = unit / unit.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
-        texels = torch.cat([texels[..., : group.start], unit, texels[..., group.stop :]], -1)
-    return texels
+def _signs(shape: tuple[int, ...], seed: int) -> Image:
+    return np.asarray(2 * np.random.default_rng(seed).integers(0, 2, shape, np.int8) - 1, np.float32)

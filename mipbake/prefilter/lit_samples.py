@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.prefilter.held_out import Problem
+from mipbake.prefilter.held_out import Image, Problem
 from mipbake.prefilter.pixel_samples import chunks, levels_seen, share_of
 from mipbake.prefilter.scores import EXPOSURE, displayed, lit_reference, placed
 from mipbake.render.environment import Lighting, studio
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
+from mipbake.shading.adjoint import shade_adjoint
 
 _LIGHTS = 16  # of the room: it is turned at random for every pixel, so few stand for all
 _RADIANCES = 1 << 17  # at a time
@@ -40,28 +40,29 @@ class LitBatch:
     lower: int
     share: Tensor | None
     uv: NDArray[np.float64]
-    light: Tensor
-    view: Tensor
-    power: Tensor
-    target: Tensor
+    light: Image
+    view: Image
+    power: Image
+    target: Image
 
     @property
     def seen(self) -> list[tuple[int, Tensor | None]]:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
 
-    def shown(self, texels: Tensor, model: str) -> Tensor:
-        """(P, 3) what (P, C) texels look like."""
-        view = self.view[None, None].expand(1, len(self.light), -1, -1)
-        radiance = (shade(model, texels, self.light[None], view)[0] * self.power).sum(0)
-        return encoded(radiance)
+    def radiance(self, texels: Image, model: str) -> Image:
+        """(P, 3) what (P, C) texels send to the viewer."""
+        seen = shade(model, texels[None], self.light[None], self._views)[0]
+        return np.asarray(np.einsum("lpc,lc->pc", seen, self.power[:, 0]))
 
+    def adjoint(self, texels: Image, model: str, gradient: Image) -> Image:
+        """(P, C) gradients by texels, from (P, 3) ones by `radiance`."""
+        by_texel = shade_adjoint(model, texels[None], self.light[None], self._views, (self.power * gradient)[None])
+        return np.asarray(by_texel[0])
 
-def encoded(radiance: Tensor) -> Tensor:
-    """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
-    x = radiance.clamp(min=0)
-    x = x / (1 + x)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp(min=1e-6) ** (1 / 2.4) - 0.055)
+    @property
+    def _views(self) -> Image:
+        return np.broadcast_to(self.view, (1, *self.light.shape))
 
 
 @lru_cache(maxsize=1)
@@ -84,15 +85,14 @@ def lit_pixels(
             some = slice(start, start + step)
             seen = frame[some], view[some]
             target[some] = displayed(lit_reference(problem, room, centres[some], lods[some, None], *seen, samples, rng))
-        turn = torch.from_numpy(frame)
-        light = torch.einsum("nij,kj->kni", turn, torch.from_numpy(room.direction.astype(np.float32)))
+        light = np.einsum("nij,kj->kni", frame, room.direction.astype(np.float32), optimize=True)
         yield LitBatch(
             level,
             lower,
             share_of(lods, lower),
             centres,
-            light.contiguous(),
-            torch.einsum("nij,nj->ni", turn, torch.from_numpy(view)),
-            torch.from_numpy(power.astype(np.float32))[:, None],
-            torch.from_numpy(target),
+            np.ascontiguousarray(light),
+            np.einsum("nij,nj->ni", frame, view),
+            power.astype(np.float32)[:, None],
+            target,
         )

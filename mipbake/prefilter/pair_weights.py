@@ -3,7 +3,8 @@
 The figure of a set of pairs is the logarithm of the sum of their errors e_k, and what counts is its mean over sets. Its
 derivative by the error of one pair is phi(e_k) = E[1 / (e_k + the sum of 63 others)]: pairs that rule their set
 (grazing views, highlights of mirrors) weigh less than the rest, by what they have more. Plain sums of squares follow
-those few alone.
+those few alone. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of the
+expected energy, whose derivative is the same for all pairs, is gained as well.
 
 phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
 them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.
@@ -24,8 +25,9 @@ from torch import Tensor
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.prefilter.held_out import SET_SIZE, HeldOut, Image
 from mipbake.prefilter.pixel_samples import Batch
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 
+_POOLED = 1.0  # that the logarithm of the expected energy counts beside the mean over sets
 _SETS = 200  # random sets that phi is a mean over
 _FLOOR = 1e-3  # of the mean error: chance makes errors of single pairs vanish
 _SOLVED = 1e-6  # error in units of the signal that is as good as none
@@ -45,7 +47,7 @@ class PairWeights:
     def __init__(self, held_out: HeldOut, material: NDArray[np.float32], asked: NDArray[np.float64]) -> None:
         self._held_out, self._asked = held_out, asked
         self._lods = np.array(held_out.lods)
-        self._material = torch.from_numpy(material)[None]
+        self._material = material
         self._urgency = np.ones_like(asked)
         rng = np.random.default_rng(0)
         size = min(SET_SIZE - 1, held_out.each)
@@ -53,6 +55,7 @@ class PairWeights:
         basis = self._basis(torch.from_numpy(self.pairs.light), torch.from_numpy(self.pairs.view))
         self._features = _features(basis).reshape(len(PAIR_SETS), held_out.each, -1)
         self._phi: dict[int, Tensor] = {}
+        self._pooled: dict[tuple[int, int], float] = {}
         self._fits: dict[int, tuple[Tensor, Tensor]] = {}
 
     @property
@@ -73,7 +76,8 @@ class PairWeights:
                 least = _FLOOR * max(0.0, measured.mean()) + _SOLVED * signal.mean() + 1e-12
                 error = np.maximum(measured, least)
                 rest = error[self._others].sum(1)
-                phis.append((1 / (error[:, None] + rest)).mean(1))
+                self._pooled[int(lod), kind] = _POOLED / (SET_SIZE * float(error.mean()))
+                phis.append((1 / (error[:, None] + rest)).mean(1) + self._pooled[int(lod), kind])
                 fits.append(_gamma_regression(self._features[kind], error))
                 others.append(1 / (1 / rest).mean())
             self._phi[int(lod)] = torch.from_numpy(np.concatenate(phis).astype(np.float32))
@@ -97,13 +101,16 @@ class PairWeights:
         out = torch.zeros_like(basis[0])
         for kind in range(len(urgency)):
             error = _predicted(basis, fit[:, kind]) + others[kind]
-            out += batch.importance[kind] * (SET_SIZE * urgency[kind]) / error
+            phi = 1 / error + self._pooled[batch.level, kind]
+            out += batch.importance[kind] * (SET_SIZE * urgency[kind]) * phi
         return out
 
     def _basis(self, light: Tensor, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""
-        flat = [d.reshape(1, 1, -1, 3) for d in (light, view)]
-        radiance = shade("gltf", self._material.expand(flat[0].shape[2], -1), *flat).mean(-1).reshape(light.shape[:-1])
+        # Shaped so that a texel, prepared once, sees many pairs.
+        pairs = [d.reshape(1, *((-1, d.shape[-2]) if d.ndim > 2 else (1, -1)), 3).numpy() for d in (light, view)]
+        texels = np.broadcast_to(self._material, (pairs[0].shape[2], 8))
+        radiance = torch.from_numpy(shade("gltf", texels, *pairs)).mean(-1).reshape(light.shape[:-1])
         x, y, z = (light[..., axis] + view[..., axis] for axis in range(3))
         height = z * (x * x + y * y + z * z).clamp(min=1e-12).rsqrt()
         cosines = [d[..., 2].clamp(min=1e-3).log() for d in (view, light)]

@@ -22,7 +22,7 @@ from mipbake import sampling
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
 from mipbake.prefilter import lobes as around
 from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quantiles
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
 _RADIANCES = 1 << 16  # of samples, at a time
@@ -43,7 +43,6 @@ class Batch:
         share: (P,) of the coarser one, lower + 1; None where all are 0.
         uv: (P, 2).
         light, view: (K, P, 3).
-        target: (K, P, 3) estimates of the reference.
         importance: (S, K, P) of each pair in the mean over pairs drawn like each of S pair sets; None for common pairs.
         common: (K, P) which of the common pairs these are; None for pairs of the pixel's own.
         pixels: of its level, in all batches of a round; every level counts the same.
@@ -55,7 +54,6 @@ class Batch:
     uv: NDArray[np.float64]
     light: Tensor
     view: Tensor
-    target: Tensor
     importance: Tensor | None
     common: Tensor | None
     pixels: int = 1
@@ -110,7 +108,7 @@ def own_pairs(
         shifts = np.random.default_rng([_SHIFTS, level, int(place[0])]).random((_DIMENSIONS, len(place)), np.float32)
         lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
         light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts))
-        yield Batch(level, lower, share_of(lods, lower), uv[place], light, view, torch.empty(0), importance, None)
+        yield Batch(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
 
 
 def common_pairs(
@@ -126,9 +124,7 @@ def common_pairs(
     for place, lods, lower in chunks(problem, level, len(uv), count, rng):
         turns = (place * half + np.arange(half)[:, None]) % each
         index = torch.from_numpy(order[:, turns].reshape(count, -1))
-        yield Batch(
-            level, lower, share_of(lods, lower), uv[place], light[index], view[index], torch.empty(0), None, index
-        )
+        yield Batch(level, lower, share_of(lods, lower), uv[place], light[index], view[index], None, index)
 
 
 def chunks(
@@ -193,7 +189,7 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
     return light, view, torch.stack([around.near_mirror_density(light, view) * scale, hemisphere * scale])
 
 
-def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Tensor:
+def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Image:
     """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level.
 
     As `held_out.estimate`, for pixels with pairs and levels of detail of their own.
@@ -204,17 +200,17 @@ def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generat
     pixel = 2.0 ** batch.lods[:, None] / np.array([width, height])
     samples = max(samples, min(samples << (batch.level + 1) // 2, _MOST_SAMPLES))
     sequence = (np.arange(samples)[:, None, None] * SEQUENCE % 1 * QUANTILES).astype(np.int64)
-    light, view = batch.light, batch.view
+    light, view = batch.light.numpy(), batch.view.numpy()
     pairs = len(light)
     chunk = max(1, _RADIANCES // pairs // samples)
-    out = torch.empty_like(light)
-    ones = torch.full((1, samples), 1 / samples)
+    out = np.empty(light.shape, np.float32)
+    ones = np.full((1, samples), 1 / samples, np.float32)
 
-    def shaded(where: NDArray[np.float64], some: slice) -> Tensor:
+    def shaded(where: NDArray[np.float64], some: slice) -> Image:
         """(n, K, P, 3) of (n, P, 2)."""
         flat = where.reshape(1, 1, -1, 2)
         texels = sampling.texture(problem.stored[None], flat, filter_mode="linear", boundary_mode=problem.wrap)
-        each = torch.from_numpy(texels.reshape(*where.shape[:2], -1))
+        each = texels.reshape(*where.shape[:2], -1)
         return shade(problem.source, each, light[None, :, some], view[None, :, some])
 
     for start in range(0, len(batch.uv), chunk):
@@ -223,9 +219,9 @@ def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generat
         quantile = (rng.integers(QUANTILES, size=centres.shape) + sequence) & (QUANTILES - 1)
         radiance = shaded(centres + offsets[quantile] * pixel[some], some)
         if signed:
-            weight = torch.from_numpy(weights[quantile].prod(-1) / samples)
+            weight = weights[quantile].prod(-1) / np.float32(samples)
             rest = (1 - weight.sum(0))[:, None]
             out[:, some] = (radiance * weight[:, None, :, None]).sum(0) + rest * shaded(centres[None], some)[0]
         else:
-            out[:, some] = (ones @ radiance.view(samples, -1)).view(pairs, -1, 3)
+            out[:, some] = (ones @ radiance.reshape(samples, -1)).reshape(pairs, -1, 3)
     return out

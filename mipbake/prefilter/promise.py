@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 
 @dataclass(frozen=True)
 class LevelPromise:
-    """A level of a stack, measured on renders that it was not fitted to, but that also decided what was kept.
+    """A level of a stack, measured on renders that it was not fitted to and that decided nothing.
 
     Figures are SNR in dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
     (mipbake.metrics.pairs.PAIR_SETS).
@@ -18,7 +19,7 @@ class LevelPromise:
         sources: methods whose levels take part in it; closed forms with their averaging kernel.
         refined: how much of what optimising its texels changed was kept, from 0 to 1.
         snr: of the level. standard_error: of that.
-        best_closed_form: name of the best one. best_closed_form_snr: its own.
+        best_closed_form: name of the best one, as other renders have it. best_closed_form_snr: its own.
         gain_error: standard error of the difference between the two, which share their points and pairs.
     """
 
@@ -63,10 +64,62 @@ class Promise:
 
 
 def promise_from(content: object) -> Promise | None:
-    """A promise from what JSON holds; None for none. TypeError, KeyError or ValueError where it is no promise."""
+    """A promise from what JSON holds; None for none. ValueError, with what was expected, where it is no promise."""
     if content is None:
         return None
+    whole = _checked("the promise", content, Promise)
+    if not isinstance(whole["levels"], list) or not whole["levels"]:
+        raise ValueError(f"levels of the promise is {_kind(whole['levels'])}: expected a list of levels")
+    levels = []
+    for index, each in enumerate(whole["levels"]):
+        level = _checked(f"level {index} of the promise", each, LevelPromise)
+        names = {name: set(level[name]) for name in _BY_SET}
+        if len({frozenset(sets) for sets in names.values()}) > 1:
+            raise ValueError(
+                f"level {index} of the promise has figures of different pair sets: expected the same in all"
+            )
+        levels.append(LevelPromise(**{**level, "sources": tuple(level["sources"])}))
+    return Promise(**{**whole, "levels": tuple(levels)})
+
+
+_FIGURES = ("snr", "standard_error", "best_closed_form_snr", "gain_error")
+_BY_SET = (*_FIGURES, "best_closed_form")
+
+
+def _checked(what: str, content: object, kind: type) -> dict[str, Any]:
+    """The fields of a promise or a level of it. ValueError where one is missing, unknown or of another type."""
     if not isinstance(content, dict):
-        raise TypeError(f"the promise is {type(content).__name__}")
-    levels = tuple(LevelPromise(**{**each, "sources": tuple(each["sources"])}) for each in content["levels"])
-    return Promise(**{**content, "levels": levels})
+        raise ValueError(f"{what} is {_kind(content)}: expected an object")
+    names = {field.name for field in fields(kind)}
+    if set(content) != names:
+        raise ValueError(f"{what} has {', '.join(sorted(map(str, content)))}: expected {', '.join(sorted(names))}")
+    for name, value in content.items():
+        expected = _expected_in(name, value)
+        if expected:
+            raise ValueError(f"{name} of {what} is {value!r}: expected {expected}")
+    return content
+
+
+def _expected_in(name: str, value: object) -> str | None:
+    """What a field should hold; None where it does."""
+    if name in ("level", "pairs", "points"):
+        return None if _number(value) and isinstance(value, int) and value >= 0 else "a whole number from 0 up"
+    if name == "refined":
+        return None if _number(value) else "a number"
+    if name == "sources":
+        fine = isinstance(value, list) and all(isinstance(each, str) for each in value)
+        return None if fine else "a list of names"
+    if name in _BY_SET:
+        fine = isinstance(value, dict) and all(isinstance(key, str) for key in value)
+        kind = str if name == "best_closed_form" else (int, float)
+        fine = fine and all(isinstance(each, kind) and not isinstance(each, bool) for each in value.values())  # type: ignore[attr-defined]
+        return None if fine else f"an object of pair sets with {'names' if kind is str else 'numbers'}"
+    return None
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _kind(value: object) -> str:
+    return f"a {type(value).__name__}"

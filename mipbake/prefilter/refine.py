@@ -18,7 +18,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,16 +37,18 @@ from mipbake.prefilter.time_budget import seconds_of
 
 DEFAULT_EFFORT = Effort()
 DEFAULT_BUDGET = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
+AUTO_BUDGET = Budget(rounds=6, pairs=16, samples=4, points=48, held_out_pairs=256, lit=True)
+"""Of coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
 
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
 
 _COARSE = 128  # texels a side up to which levels are refined together, and without being asked
-_COARSE_ROUNDS = 6
 _TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
 _LIT_SLACK = 0.1  # logarithm of squares by which the tonemapped error may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
+_BAKING = 0.75  # of the time, at most, for candidates; those of large sets that take longer are left out
 _SETTLING = 0.04  # of the time left after the blend, for judging what was gained
 
 
@@ -56,12 +58,10 @@ class _Step:
 
     Args:
         region: the texels and levels that are optimised, all else held.
-        rounds: at most.
         share: of the time, in proportion to the other steps.
     """
 
     region: Region
-    rounds: int
     share: float
 
 
@@ -94,19 +94,21 @@ class Refine:
         learned = self._learned(problem)
         candidates = [*closed_forms(problem), *learned]
         first = 0.5 if not self.everything else 0.1  # of the progress
-        info = self._neural.weights(target, pixel_filter) if learned else None
-        deadline = math.inf if self.seconds is None else began + self.seconds
+        timed = self.everything and self.seconds is not None
+        seconds = self.seconds if timed and self.seconds is not None else math.inf
         with _one_torch_thread():
-            start = blend(problem, candidates, DEFAULT_EFFORT, self._seed, lambda share: progress(first * share))
-            refined = _refined(
+            start = blend(
                 problem,
-                start,
-                deadline if self.everything else math.inf,
-                self.everything,
+                candidates,
+                DEFAULT_EFFORT,
                 self._seed,
-                _Part(progress, first),
+                lambda share: progress(first * share),
+                began + _BAKING * seconds,
             )
+            refined = _refined(problem, start, began + seconds, self.everything, self._seed, _Part(progress, first))
         progress(1.0)
+        taken = any(self._neural.name in sources for sources in start.sources)
+        info = self._neural.weights(target, pixel_filter, source) if taken else None
         return PrefilterResult(
             refined.levels, info.name if info else None, info.sha256 if info else None, promised(start, refined)
         )
@@ -114,7 +116,7 @@ class Refine:
     def _learned(self, problem: Problem) -> list[Candidate]:
         """The network, where there are weights for it."""
         try:
-            self._neural.weights(problem.target, problem.pixel_filter)
+            self._neural.weights(problem.target, problem.pixel_filter, problem.source)
         except UsageError:
             if self._named:
                 raise
@@ -163,11 +165,11 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Refined:
-    """What became of a blend: levels, how much of their changes was kept, and scores of the result."""
+    """What became of a blend: levels, how much of their changes was kept, and how the witness scores each level."""
 
     levels: list[Image]
     shares: list[float]
-    scores: list[Score]
+    witnessed: list[Score]
 
 
 def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, seed: int, progress: _Part) -> _Refined:
@@ -183,7 +185,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
     levels = [level.copy() for level in start.levels]
     steps = [step for step in _steps(problem, everything) if any(moving[i] for i in step.region.levels)]
     if not steps:
-        return _Refined(start.levels, [0.0] * (last + 1), before)
+        return _Refined(start.levels, [0.0] * (last + 1), _witnessed(start, start.levels))
     lobes = [Lobes(each) for each in lobes_under(problem)]
     ahead = np.zeros((len(PAIR_SETS), len(judge.lods)))
     timed = not math.isinf(deadline)
@@ -207,7 +209,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
             moving,
             lobes,
             ahead,
-            replace(DEFAULT_BUDGET, rounds=min(step.rounds, DEFAULT_BUDGET.rounds)),
+            DEFAULT_BUDGET if everything else AUTO_BUDGET,
             np.random.default_rng([seed, 3, index]),
             until,
             lambda share, done=done, step=step: progress(min(0.99, (done + share * step.share) / total)),  # type: ignore[misc]
@@ -220,15 +222,14 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
     kept = [_between(*each, problem.target) for each in zip(start.levels, levels, shares, strict=True)]
     if problem.target == "gltf-anisotropic":
         kept = material.align_directions(kept)
-    return _Refined(kept, shares, scored(start, kept))
+    return _Refined(kept, shares, _witnessed(start, kept))
 
 
 def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
     """Coarse levels together, then finer ones one by one, in windows where they are large."""
     sizes = problem.sizes
     fine = sum(max(size) > _COARSE for size in sizes)
-    rounds = DEFAULT_BUDGET.rounds if everything else _COARSE_ROUNDS
-    yield _Step(Region(0, 1, 0, 1, range(fine, len(sizes))), rounds, math.sqrt(_COARSE * _COARSE))
+    yield _Step(Region(0, 1, 0, 1, range(fine, len(sizes))), math.sqrt(_COARSE * _COARSE))
     if not everything:
         return
     for level in range(fine - 1, -1, -1):
@@ -241,7 +242,7 @@ def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
                 region = Region(
                     float(top[i]), float(top[i + 1]), float(left[j]), float(left[j + 1]), range(level, level + 1)
                 )
-                yield _Step(region, rounds, math.sqrt(height * width) / (rows * columns))
+                yield _Step(region, math.sqrt(height * width) / (rows * columns))
 
 
 def _texels(problem: Problem, region: Region) -> float:
@@ -266,6 +267,11 @@ def scored(start: Blend, levels: Sequence[Image]) -> list[Score]:
     ]
 
 
+def _witnessed(start: Blend, levels: Sequence[Image]) -> list[Score]:
+    """Scores of every level as the witness sees it."""
+    return [start.witness.of(start.witness.looked_up(each, level), level) for level, each in enumerate(levels)]
+
+
 def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Sequence[Score]) -> list[float]:
     """Of each level's change the share that the judge confirms against the start; 0 of none."""
     judge, cache = start.judge, dict[tuple[int, int], tuple[Image, Image]]()
@@ -278,7 +284,7 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
             )
         return _between(*cache[index, level], share, problem.target)
 
-    rivals = [[Rival("start", row) for row in score.log_errors] for score in before]
+    rivals = [[Rival("start", row) for row in score.rows] for score in before]
     lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
     shares = settle(judge, texels, len(levels), rivals, lit, _LIT_SLACK)
     changed = [not np.array_equal(*each) for each in zip(start.levels, levels, strict=True)]
@@ -286,11 +292,11 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
 
 
 def promised(start: Blend, refined: _Refined) -> Promise:
-    """What the judge found of every level."""
+    """What the witness found of every level."""
     sets = list(PAIR_SETS)
     levels = []
     for level, (sources, share) in enumerate(zip(start.sources, refined.shares, strict=True)):
-        rows, rivals = refined.scores[2 * level].log_errors, start.rivals[2 * level]
+        rows, rivals = refined.witnessed[level].log_errors, start.witnessed[level]
         others = np.stack([rival.log_errors for rival in rivals])
 
         def by_set(values: Array) -> dict[str, float]:
@@ -308,7 +314,7 @@ def promised(start: Blend, refined: _Refined) -> Promise:
                 gain_error=by_set(DECIBEL * error_of_mean(rows - others)),
             )
         )
-    effort = start.judge.effort
+    effort = start.witness.effort
     return Promise(tuple(levels), effort.groups * SET_SIZE, effort.groups * effort.points)
 
 

@@ -4,6 +4,9 @@ The SNR of a set of pairs varies by decibels from set to set, and on glossy sets
 detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
 Means over groups average both kinds of chance, and their scatter says what is left of it.
 
+A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
+those. So the energy of errors is measured for such pairs by themselves (pair_pool.py).
+
 Candidates are looked up once at all points. A level that blends candidates blends what was looked up, since lookups are
 linear in stored channels, so blends cost a shading each and no images.
 
@@ -35,6 +38,7 @@ from mipbake.prefilter.held_out import (
     random_points,
     whole,
 )
+from mipbake.prefilter.pair_pool import KINDS, draw_pool
 from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade, shade_lit
 
@@ -44,8 +48,11 @@ _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws
 DECIBEL = 10 / math.log(10)
 FLOOR = 1e-7  # error in units of the signal that is as good as none
 _RESOLVED = 0.01  # share of the reference's noise energy below which an error is chance (metrics.snr)
-_FEW, _MORE_GROUPS = 32, 3  # texels a side up to which there are so many times the groups, of fewer points
-_RADIANCES = 1 << 18  # at a time
+_FINE = 2.0  # level of detail below which stacks come so near the reference that its noise counts: twice the samples
+UNLIT = 1e-12  # mean square radiance below which nothing is seen
+_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
+_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
+_RADIANCES = 1 << 16  # at a time: they stay in the cache
 EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
 
 
@@ -54,14 +61,15 @@ class Effort:
     """How much is rendered at each level of detail.
 
     Args:
-        groups: of pairs; levels of few texels have more. points: in each, at most.
-        samples: of the reference at each point, twice.
+        groups: of pairs, and a part as many of bright pairs; levels of few texels have more.
+        points: in each, at most.
+        samples: of the reference at each point, twice; more where there are fewer points.
         lit_points, lit_samples: under the studio's lights.
     """
 
-    groups: int = 24
-    points: int = 192
-    samples: int = 16
+    groups: int = 32
+    points: int = 64
+    samples: int = 8
     lit_points: int = 1024
     lit_samples: int = 16
 
@@ -72,12 +80,25 @@ class Score:
 
     Args:
         log_errors: (S, G) natural logarithms of the error relative to the signal, of S pair sets and G groups.
+        pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to that of the signal;
+            values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over groups).
         lit: tonemapped error under the studio's lights. lit_square: logarithm of the mean of its squares.
     """
 
     log_errors: Array
+    pooled: Array
     lit: float
     lit_square: float
+
+    @property
+    def rows(self) -> list[Array]:
+        """All rows: those of log_errors, then those of pooled."""
+        return [*self.log_errors, *self.pooled]
+
+    @property
+    def means(self) -> Array:
+        """(3 S,) means of the rows."""
+        return np.append(self.log_errors.mean(1), self.pooled.mean(1))
 
     @property
     def decibels(self) -> Array:
@@ -91,15 +112,19 @@ class Probe:
 
     Args:
         lod: level of detail; `levels` that a lookup reads, one or two.
-        uv: (G, P, 2). light, view: (G, S * 64, 3).
+        groups: of pair sets; those after them hold pairs drawn where renders are bright.
+        uv: (G, P, 2). light, view: (G, K, 3), K = S * 64.
+        weights: (S, G, 64) of the pairs of a group, those of one pair set after the other, in the mean over its own.
         mean: (G, K, P, 3) mean of two estimates of the reference. noise: (S, G) what their difference says of it.
         signal: (S, G).
     """
 
     lod: float
+    groups: int
     uv: Array
     light: Image
     view: Image
+    weights: Array
     mean: Image
     noise: Array
     signal: Array
@@ -127,28 +152,37 @@ class Scores:
         problem, effort = self.problem, self.effort
         groups, sets = effort.groups, len(PAIR_SETS)
         height, width = problem.sizes[int(lod)]
-        # Levels of few texels need few points, and more samples: the reference hardly varies over them, and pairs are
-        # what chance is in.
-        points = max(1, min(effort.points, max(4 * height * width, 16)))
+        # The reference hardly varies over levels of few texels, and takes many samples there: few points, known well.
+        # What chance is in are the pairs.
+        points = max(1, min(effort.points, math.isqrt(height * width)))
         samples = effort.samples * max(1, effort.points // points)
+        if lod < _FINE:
+            samples *= 2
         if max(height, width) <= _FEW:
-            groups, points, samples = _MORE_GROUPS * groups, max(1, points // _MORE_GROUPS), 2 * samples
-        spread = random_points(problem, whole(problem), 0, groups * points, rng)
-        uv = rng.permutation(np.resize(spread, (groups * points, 2))).reshape(groups, points, 2)
-        pairs = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
-        light, view = (np.stack([getattr(each, name) for each in pairs]) for name in ("light", "view"))
+            groups *= _MORE_GROUPS
+        pooled = KINDS * max(2, math.ceil(_POOLED * groups))
+        every = groups + pooled
+        spread = random_points(problem, whole(problem), 0, every * points, rng)
+        uv = rng.permutation(np.resize(spread, (every * points, 2))).reshape(every, points, 2)
+        drawn = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
+        weights = np.full((sets, every, SET_SIZE), 1 / SET_SIZE)
+        for index in range(groups, every):
+            pairs, weights[:, index] = draw_pool(rng, SET_SIZE, (index - groups) * KINDS // pooled)
+            drawn.append(pairs)
+        light, view = (np.stack([getattr(each, name) for each in drawn]) for name in ("light", "view"))
         first, second = (_estimates(problem, uv, lod, light, view, samples, rng) for _ in range(2))
-        mean = (first + second) / np.float32(2)
         half = (first - second) / np.float32(2)
-        difference = _squares(half, sets)
-        signal = _squares(mean, sets) - difference
+        first += second
+        mean = np.multiply(first, np.float32(0.5), out=first)
+        difference = energies(half, weights)
+        signal = energies(mean, weights) - difference
         lit = min(effort.lit_points, max(16 * height * width, 64))
         lit_uv = random_points(problem, whole(problem), 0, lit, rng)
         lit_uv = np.resize(lit_uv, (lit, 2))
         frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)
         shown = displayed(lit_reference(problem, self.lighting, lit_uv, lod, frame, lit_view, many, rng))
-        return Probe(lod, uv, light, view, mean, difference, signal, lit_uv, frame, lit_view, shown)
+        return Probe(lod, groups, uv, light, view, weights, mean, difference, signal, lit_uv, frame, lit_view, shown)
 
     def looked_up(self, level: Image, index: int) -> Image:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
@@ -160,15 +194,16 @@ class Scores:
         """The score of (G * P + Q, C) stored channels of the target at a probe, as `looked_up` has them."""
         probe, model = self.probes[index], self.problem.target
         groups, points = probe.uv.shape[:2]
-        single, lit = texels[: groups * points], texels[groups * points :]
-        shaded = shade(model, single.reshape(groups, points, -1), probe.light, probe.view)
-        shaded -= probe.mean
-        error = _squares(shaded, len(PAIR_SETS)) - probe.noise
-        ratio = np.maximum(error, 2 * _RESOLVED * probe.noise) / np.maximum(probe.signal, 1e-30)
-        log = np.where(probe.signal > 0, np.log(np.maximum(ratio, FLOOR)), 0.0)
-        apart = displayed(_lit(model, lit, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
+        single, lit = texels[: groups * points].reshape(groups, points, -1), texels[groups * points :]
+        sums = np.empty((len(PAIR_SETS), groups))
+        for some in blocks(groups, probe.light.shape[1] * points):
+            shaded = shade(model, single[some], probe.light[some], probe.view[some])
+            shaded -= probe.mean[some]
+            sums[:, some] = energies(shaded, probe.weights[:, some])
+        log = np.log(relative(sums[:, : probe.groups] - probe.noise[:, : probe.groups], probe))
+        apart = displayed(lit_radiance(model, lit, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
         square = max(float(np.square(apart).mean()), FLOOR)
-        return Score(log, float(np.abs(apart).mean()), math.log(square))
+        return Score(log, pooled_rows(sums - probe.noise, probe), float(np.abs(apart).mean()), math.log(square))
 
 
 def _look_up(level: Image, uv: Array, problem: Problem) -> Image:
@@ -198,24 +233,30 @@ def _estimates(
     groups, points = uv.shape[:2]
     pairs = light.shape[1]
     out = np.empty((groups, pairs, points, 3), np.float32)
-    chunk = max(1, _RADIANCES // (pairs * samples))
-
-    def shaded(where: Array, group: int) -> Image:
-        texels = _look_up(problem.stored, where.reshape(-1, 2), problem)
-        return shade(problem.source, texels, light[group], view[group])
-
+    offset, weight = offsets(problem, (samples, groups, points), lod, rng)
+    signed = bool((weight < 0).any())
+    texels = _look_up(problem.stored, (uv + offset).reshape(-1, 2), problem).reshape(samples, groups, points, -1)
+    centre = _look_up(problem.stored, uv.reshape(-1, 2), problem).reshape(groups, points, -1) if signed else None
+    step = max(1, _RADIANCES // (pairs * samples))
     for group in range(groups):
-        for start in range(0, points, chunk):
-            centres = uv[group, start : start + chunk]
-            offset, weight = offsets(problem, (samples, len(centres)), lod, rng)
-            radiance = shaded(centres + offset, group).reshape(pairs, samples, -1)
-            if (weight < 0).any():
-                rest = (1 - weight.sum(0))[:, None] * shaded(centres, group)
-                seen = (radiance.reshape(pairs, samples, -1, 3) * weight[..., None]).sum(1) + rest
+        for start in range(0, points, step):
+            some = slice(start, start + step)
+            at = np.ascontiguousarray(texels[:, group, some]).reshape(-1, texels.shape[-1])
+            radiance = shade(problem.source, at, light[group], view[group]).reshape(pairs, samples, -1)
+            if centre is not None:
+                own = weight[:, group, some]
+                rest = (1 - own.sum(0))[:, None] * shade(problem.source, centre[group, some], light[group], view[group])
+                seen = (radiance.reshape(pairs, samples, -1, 3) * own[..., None]).sum(1) + rest
             else:
                 seen = (np.full((1, samples), 1 / samples, np.float32) @ radiance).reshape(pairs, -1, 3)
-            out[group, :, start : start + chunk] = seen
+            out[group, :, some] = seen
     return out
+
+
+def blocks(groups: int, renders: int) -> list[slice]:
+    """Groups whose renders, so many each, are worked on at a time."""
+    step = max(1, _RADIANCES // renders)
+    return [slice(start, start + step) for start in range(0, groups, step)]
 
 
 def lit_reference(
@@ -235,7 +276,7 @@ def lit_reference(
 
     def shaded(where: Array, turns: int) -> Image:
         texels = _look_up(problem.stored, where.reshape(-1, 2), problem)
-        return _lit(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
+        return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
 
     offset, weight = offsets(problem, (samples, len(uv)), lod, rng)
     radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
@@ -244,15 +285,36 @@ def lit_reference(
     return np.asarray(radiance.mean(0))
 
 
-def _lit(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
+def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
     return np.asarray(shade_lit(model, texels, frame, view, lighting.direction, lighting.radiance * EXPOSURE))
 
 
-def _squares(radiance: Image, sets: int) -> Array:
-    """(S, G) means of squares over the points and pairs of each set, of (G, S * 64, P, 3)."""
-    rows = radiance.reshape(len(radiance) * sets, 1, -1)
-    sums = np.asarray((rows @ rows.swapaxes(1, 2))[:, 0, 0], np.float64)
-    return np.asarray(sums.reshape(len(radiance), sets).T / rows.shape[2])
+def energies(radiance: Image, weights: Array) -> Array:
+    """(S, G) weighted means of squares, of (G, S * 64, P, 3) under weights (S, G, 64)."""
+    rows = radiance.reshape(*radiance.shape[:2], -1)
+    squares = np.einsum("gkx,gkx->gk", rows, rows).reshape(len(rows), len(weights), -1)
+    return np.asarray(np.einsum("sgk,gsk->sg", weights, squares) / rows.shape[2])
+
+
+def relative(error: Array, probe: Probe) -> Array:
+    """(S, G) errors of the groups of pair sets in units of their signal; 1 where nothing is lit."""
+    noise, signal = probe.noise[:, : probe.groups], probe.signal[:, : probe.groups]
+    ratio = np.maximum(error, 2 * _RESOLVED * noise) / np.maximum(signal, 1e-30)
+    return np.where(signal > UNLIT, np.maximum(ratio, FLOOR), 1.0)
+
+
+def pooled_rows(error: Array, probe: Probe) -> Array:
+    """(2 S, H) pseudo-values of the logarithms of the pooled errors, of (S, G) errors of all groups."""
+
+    def log(parts: Array) -> Array:
+        """Of sums over groups: error, noise and signal (3, ...)."""
+        ratio = np.maximum(parts[0], 2 * _RESOLVED * parts[1]) / np.maximum(parts[2], 1e-30)
+        return np.where(parts[2] > UNLIT, np.log(np.maximum(ratio, FLOOR)), 0.0)
+
+    ours = np.stack([each[:, probe.groups :] for each in (error, probe.noise, probe.signal)])
+    parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
+    total, count = parts.sum(-1), parts.shape[-1]
+    return np.asarray(count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts))
 
 
 def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
@@ -276,3 +338,11 @@ def displayed(radiance: Image) -> Image:
     """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
     lit = np.maximum(radiance, 0)
     return np.asarray(srgb_encode(lit / (1 + lit)), np.float32)
+
+
+def display_slope(radiance: Image) -> Image:
+    """The derivative of `displayed`, element by element."""
+    x = np.maximum(radiance, 0)
+    y = x / (1 + x)
+    encoded = np.where(y <= 0.0031308, 12.92, 1.055 / 2.4 * np.maximum(y, 1e-6) ** (1 / 2.4 - 1))
+    return np.asarray(encoded / np.square(1 + x), np.float32)

@@ -157,10 +157,12 @@ class Crop:
         self.model = model
         self.columns = Axis.of(level.shape[1], region.left, region.right, wrap[0])
         self.rows = Axis.of(level.shape[0], region.top, region.bottom, wrap[1])
-        self._around = torch.from_numpy(np.ascontiguousarray(level[np.ix_(self.rows.index, self.columns.index)]))
+        self._around = np.ascontiguousarray(level[np.ix_(self.rows.index, self.columns.index)])
         self.free = free and self.rows.last > self.rows.first and self.columns.last > self.columns.first
-        self.coordinates = to_coordinates(self._around[self.rows.inside, self.columns.inside], model)
-        self.now = self._around
+        inside = torch.from_numpy(self._around[self.rows.inside, self.columns.inside])
+        self.coordinates = to_coordinates(inside, model)
+        self.now: Image = self._around
+        self.boundary = self.columns.boundary, self.rows.boundary
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -172,18 +174,17 @@ class Crop:
         with torch.no_grad():
             inside = to_stored(coordinates, self.model)
             self.coordinates = to_coordinates(inside, self.model)
-            now = self._around.clone()
-            now[self.rows.inside, self.columns.inside] = inside
-        self.now = now.requires_grad_()
+        self.now = self._around.copy()
+        self.now[self.rows.inside, self.columns.inside] = inside.numpy()
 
-    def gradient(self) -> Tensor:
-        """(h, w, P) by the coordinates, from what has come down to `now`, which is cleared."""
-        assert self.now.grad is not None
+    def gradient(self, by_texel: Image) -> Tensor:
+        """(h, w, P) by the coordinates, from (h', w', C) by the stored channels of `now`."""
         with torch.enable_grad():
             coordinates = self.coordinates.detach().requires_grad_()
             inside = to_stored(coordinates, self.model)
-            (out,) = torch.autograd.grad(inside, coordinates, self.now.grad[self.rows.inside, self.columns.inside])
-        self.now.grad = None
+            own = torch.from_numpy(by_texel[self.rows.inside, self.columns.inside])
+            # A sum: gradients that are given to autograd make it load symbolic algebra, which takes a second.
+            (out,) = torch.autograd.grad((inside * own).sum(), coordinates)
         return out
 
     def values(self, coordinates: Tensor) -> Image:
@@ -191,15 +192,16 @@ class Crop:
         with torch.no_grad():
             return np.asarray(material.regularise(to_stored(coordinates, self.model).numpy(), self.model), np.float32)
 
-    def look_up(self, uv: NDArray[np.float64], values: Tensor | None = None) -> Tensor:
-        """(P, C): the level as it is now, or (h', w', C) other values in its place, at (P, 2) uv, bilinearly."""
-        where = np.stack([self.columns.local(uv[:, 0]), self.rows.local(uv[:, 1])], -1)
-        return sampling.texture(
-            (self.now if values is None else values)[None],
-            torch.from_numpy(where.astype(np.float32))[None, None],
-            filter_mode="linear",
-            boundary_mode=(self.columns.boundary, self.rows.boundary),
-        )[0, 0]
+    def local(self, uv: NDArray[np.float64]) -> Image:
+        """(P, 2) uv in units of the crop."""
+        return np.stack([self.columns.local(uv[:, 0]), self.rows.local(uv[:, 1])], -1).astype(np.float32)
+
+    def look_up(self, uv: NDArray[np.float64]) -> Image:
+        """(P, C): the level as it is now at (P, 2) uv, bilinearly."""
+        where = self.local(uv)[None, None]
+        return np.asarray(
+            sampling.texture(self.now[None], where, filter_mode="linear", boundary_mode=self.boundary)[0, 0]
+        )
 
     def pixels(self, least: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """(P, 2) uv: a random place in every texel that the block sees, several where there are few."""

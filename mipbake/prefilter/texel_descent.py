@@ -25,10 +25,13 @@ from torch import Tensor
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region
 from mipbake.prefilter.lit_samples import LitBatch, lit_pixels
+from mipbake.prefilter.lookups import Lookups
 from mipbake.prefilter.pair_weights import PairWeights
 from mipbake.prefilter.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
+from mipbake.prefilter.scores import display_slope, displayed
 from mipbake.prefilter.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
+from mipbake.shading.adjoint import shade_adjoint
 
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
@@ -38,8 +41,8 @@ _LIT_SLACK = 1.05  # of the start's, squared
 _LIT_PIXELS = 1024  # of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
-_COMMON = 4  # times as many common pairs: they cost little
-_LEAST_PIXELS = 256  # of a level and round: the coarsest levels have a texel or two
+_COMMON, _COMMON_PIXELS = 4, 2048  # times as many common pairs, at most; where pixels are more than this, fewer
+_LEAST_PIXELS = 128  # of a level and round: the coarsest levels have a texel or two
 _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
 _RECENT = 3.0  # of the average over rounds: the last round counts (_RECENT + 1) / (_RECENT + rounds)
 _DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
@@ -111,7 +114,7 @@ def descend(
     done, asked_lit = 0, dict[int, float]()
     seed = int(rng.integers(1 << 31))
 
-    def draw(turn: int) -> tuple[list[tuple[Batch, Tensor]], list[LitBatch]]:
+    def draw(turn: int) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
         return _draw(problem, crops, free, weights, lobes, block, budget, turn, np.random.default_rng([seed, turn]))
 
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
@@ -122,9 +125,10 @@ def descend(
             renders, lit = drawn.result()
             more = done + 1 < budget.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
-            batches = [(batch, target, weights.of(batch) / batch.pixels) for batch, target in renders]
-            _round(problem, crops, free, states, batches, lit, asked_lit, budget.steps, done, trust, rng)
-            del renders, batches, lit
+            round_ = _Drawn.of(crops, renders, weights, lit)
+            _round(problem.target, free, states, round_, asked_lit, budget.steps, done, trust, rng)
+            del round_
+            del renders, lit
             done += 1
             finished = time.monotonic()
             # Half a round late is no later on average than half a round early.
@@ -168,15 +172,16 @@ def _draw(
     budget: Budget,
     turn: int,
     rng: np.random.Generator,
-) -> tuple[list[tuple[Batch, Tensor]], list[LitBatch]]:
+) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
     """The batches of a round, with (K, P, 3) targets."""
-    out, lit = list[tuple[Batch, Tensor]](), list[LitBatch]()
+    out, lit = list[tuple[Batch, Image]](), list[LitBatch]()
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
             batches = own_pairs(problem, lobes, level, uv, budget.pairs, turn, rng)
         else:
-            batches = common_pairs(problem, weights.pairs, level, uv, _COMMON * budget.pairs, rng)
+            times = max(1, min(_COMMON, _COMMON_PIXELS // len(uv)))
+            batches = common_pairs(problem, weights.pairs, level, uv, times * budget.pairs, rng)
         for batch in batches:
             if any(index in free for index, _ in batch.seen):
                 out.append((replace(batch, pixels=len(uv)), targets(problem, batch, budget.samples, rng)))
@@ -185,13 +190,36 @@ def _draw(
     return out, [batch for batch in lit if any(index in free for index, _ in batch.seen)]
 
 
+@dataclass(frozen=True)
+class _Drawn:
+    """What a round is fitted to.
+
+    Args:
+        renders: batches, (K, P, 3) targets, and (K, P) what the squared error of each render counts.
+        lit: batches under the studio's lights. lookups: of all pixels, renders first.
+    """
+
+    renders: list[tuple[Batch, Image, Image]]
+    lit: list[LitBatch]
+    lookups: Lookups
+
+    @classmethod
+    def of(
+        cls,
+        crops: dict[int, Crop],
+        renders: Sequence[tuple[Batch, Image]],
+        weights: PairWeights,
+        lit: list[LitBatch],
+    ) -> _Drawn:
+        weighed = [(batch, target, (weights.of(batch) / batch.pixels).numpy()) for batch, target in renders]
+        return cls(weighed, lit, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
+
+
 def _round(
-    problem: Problem,
-    crops: dict[int, Crop],
+    model: str,
     free: dict[int, Crop],
     states: dict[int, _State],
-    batches: list[tuple[Batch, Tensor, Tensor]],
-    lit: list[LitBatch],
+    drawn: _Drawn,
     asked_lit: dict[int, float],
     steps: int,
     turn: int,
@@ -199,23 +227,19 @@ def _round(
     rng: np.random.Generator,
 ) -> None:
     """One round on its batches: curvature where the texels are, then steps."""
-    model = problem.target
-    lit_weights = _lit_weights(crops, lit, asked_lit, model)
-    curvature = _curvature(problem, crops, free, batches, lit, lit_weights, turn, rng)
+    texels = drawn.lookups.texels()
+    lit_weights = _lit_weights(drawn.lit, texels[len(drawn.renders) :], asked_lit, model)
+    curvature = _curvature(model, free, drawn, texels, lit_weights, turn, rng)
     for i, state in states.items():
         if state.held is None and trust:
             state.held, state.mean = _MEMORY * trust * curvature[i], free[i].coordinates
     systems = {i: _System(crop, curvature[i], states[i].held) for i, crop in free.items()}
-    for _ in range(steps):
-        for batch, target, weight in batches:
-            texels = _look_up(crops, batch)
-            shaded = shade(model, texels, batch.light[None], batch.view[None])[0]
-            torch.autograd.backward(shaded, (shaded.detach() - target) * weight[..., None])
-        for lit_batch in lit:
-            shown = lit_batch.shown(_look_up(crops, lit_batch), model)
-            torch.autograd.backward(shown, (shown.detach() - lit_batch.target) * lit_weights[lit_batch.level])
+    for step in range(steps):
+        rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels, lit_weights)
         for i, crop in free.items():
-            crop.move(systems[i].stepped(crop.coordinates, crop.gradient()))
+            by_texel = drawn.lookups.scattered(i, rows)
+            if by_texel is not None:
+                crop.move(systems[i].stepped(crop.coordinates, crop.gradient(by_texel)))
     age = turn + trust
     memory = 1 - 1 / min(1 + _MEMORY * age, _MOST_MEMORY)
     for i, state in states.items():
@@ -224,14 +248,33 @@ def _round(
         state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + age + 1))
 
 
-def _lit_weights(crops: dict[int, Crop], lit: list[LitBatch], asked: dict[int, float], model: str) -> dict[int, float]:
+def _gradients(
+    model: str, drawn: _Drawn, texels: Sequence[Image], lit_weights: dict[int, float]
+) -> list[NDArray[np.float32]]:
+    """(P, C) of each batch: gradients of half the weighted squared errors by what its pixels see."""
+    rows = []
+    for (batch, target, weight), seen in zip(drawn.renders, texels, strict=False):
+        light, view = batch.light.numpy()[None], batch.view.numpy()[None]
+        off = shade(model, seen[None], light, view)
+        off -= target
+        off *= weight[..., None]
+        rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
+    for lit, seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
+        radiance = lit.radiance(seen, model)
+        off = (displayed(radiance) - lit.target) * display_slope(radiance)
+        rows.append(lit.adjoint(seen, model, np.float32(lit_weights[lit.level]) * off))
+    return rows
+
+
+def _lit_weights(
+    lit: Sequence[LitBatch], texels: Sequence[Image], asked: dict[int, float], model: str
+) -> dict[int, float]:
     """What the squared error of a lit pixel counts at each level; the first round's are asked for later on."""
     sums: dict[int, list[float]] = {}
-    for batch in lit:
-        with torch.no_grad():
-            square = (batch.shown(_look_up(crops, batch), model) - batch.target).square().sum()
+    for batch, seen in zip(lit, texels, strict=True):
+        square = np.square(displayed(batch.radiance(seen, model)) - batch.target).sum()
         each = sums.setdefault(batch.level, [0.0, 0.0])
-        each[0], each[1] = each[0] + float(square), each[1] + batch.target.numel()
+        each[0], each[1] = each[0] + float(square), each[1] + batch.target.size
     out = {}
     for level, (total, count) in sums.items():
         error = max(total / count, 1e-7)
@@ -240,18 +283,11 @@ def _lit_weights(crops: dict[int, Crop], lit: list[LitBatch], asked: dict[int, f
     return out
 
 
-def _look_up(crops: dict[int, Crop], batch: Batch | LitBatch) -> Tensor:
-    """(P, C): what the pixels of a batch see."""
-    parts = [crops[i].look_up(batch.uv) * (1.0 if share is None else share[:, None]) for i, share in batch.seen]
-    return parts[0] if len(parts) == 1 else parts[0] + parts[1]
-
-
 def _curvature(
-    problem: Problem,
-    crops: dict[int, Crop],
+    model: str,
     free: dict[int, Crop],
-    batches: list[tuple[Batch, Tensor, Tensor]],
-    lit: list[LitBatch],
+    drawn: _Drawn,
+    texels: Sequence[Image],
     lit_weights: dict[int, float],
     turn: int,
     rng: np.random.Generator,
@@ -261,64 +297,44 @@ def _curvature(
     Of the three colour channels of a render a combination with random signs is differentiated: over many renders, the
     mean of (J^T s)(J^T s)^T is J^T J.
     """
-    model = problem.target
     stride = _STRIDE if turn else 1
     some = slice(turn % stride, None, stride)
-    sums: dict[int, Tensor] = {}
-    for batch, _, weight in batches:
-        with torch.no_grad():
-            texels = _look_up(crops, batch)
-        counted = stride * weight[some]
-        each = texels.expand(len(counted), *texels.shape).detach().requires_grad_()
-        shaded = shade(model, each, batch.light[some, None], batch.view[some, None])
-        signs = torch.from_numpy(rng.integers(0, 2, shaded.shape, np.int8)) * 2.0 - 1
-        torch.autograd.backward(shaded, signs * counted.sqrt()[:, None, :, None])
-        assert each.grad is not None
-        rows = without_heights(each.grad, texels, model)
-        grams = torch.bmm(rows.permute(1, 2, 0), rows.permute(1, 0, 2))
-        _scatter(crops, free, sums, batch, grams)
-    for lit_batch in lit:
-        with torch.no_grad():
-            texels = _look_up(crops, lit_batch)
-        each = texels.detach().requires_grad_()
-        shown = lit_batch.shown(each, model)
-        signs = torch.from_numpy(rng.integers(0, 2, shown.shape, np.int8)) * 2.0 - 1
-        torch.autograd.backward(shown, signs * math.sqrt(lit_weights[lit_batch.level]))
-        assert each.grad is not None
-        rows = without_heights(each.grad, texels, model)
-        _scatter(crops, free, sums, lit_batch, rows[:, :, None] * rows[:, None, :])
+    packed = []
+    for (batch, _, weight), seen in zip(drawn.renders, texels, strict=False):
+        signs = _signs((len(weight[some]), *weight.shape[1:], 3), rng)
+        signs *= np.sqrt(stride * weight[some])[..., None]
+        light, view = (d.numpy()[some, None] for d in (batch.light, batch.view))
+        by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(signs), *seen.shape)), light, view, signs)
+        rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
+        packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
+    for lit, seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
+        signs = _signs((len(seen), 3), rng) * display_slope(lit.radiance(seen, model))
+        by_pixel = lit.adjoint(seen, model, np.float32(math.sqrt(lit_weights[lit.level])) * signs)
+        rows = without_heights(torch.from_numpy(by_pixel), torch.from_numpy(seen), model)
+        packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
     for i, crop in free.items():
         scale = per_coordinate(crop.coordinates, model)
         size = scale.shape[-1]
         full = torch.zeros(*scale.shape, size)
-        summed = sums[i].grad if i in sums else None
+        summed = drawn.lookups.scattered(i, packed)
         if summed is not None:
-            packed = summed[crop.rows.inside, crop.columns.inside]
+            inside = torch.from_numpy(summed[crop.rows.inside, crop.columns.inside])
             upper = torch.triu_indices(size, size)
-            full[..., upper[0], upper[1]] = packed
-            full[..., upper[1], upper[0]] = packed
+            full[..., upper[0], upper[1]] = inside
+            full[..., upper[1], upper[0]] = inside
         out[i] = full * scale[..., :, None] * scale[..., None, :]
     return out
 
 
-def _scatter(
-    crops: dict[int, Crop],
-    free: dict[int, Crop],
-    sums: dict[int, Tensor],
-    batch: Batch | LitBatch,
-    grams: Tensor,
-) -> None:
-    """Adds (P, D, D) matrices of pixels to those of the texels that they look up, in proportion."""
+def _packed(grams: Tensor) -> Image:
+    """(P, D (D + 1) / 2): the upper halves of (P, D, D) symmetric matrices."""
     upper = torch.triu_indices(*grams.shape[1:])
-    packed = grams[:, upper[0], upper[1]]
-    for i, share in batch.seen:
-        if i not in free:
-            continue
-        if i not in sums:
-            sums[i] = torch.zeros(*crops[i].now.shape[:2], packed.shape[1], requires_grad=True)
-        seen = crops[i].look_up(batch.uv, sums[i])
-        torch.autograd.backward(seen, packed if share is None else packed * share[:, None])
+    return np.asarray(grams[:, upper[0], upper[1]].numpy())
+
+
+def _signs(shape: tuple[int, ...], rng: np.random.Generator) -> Image:
+    return np.asarray(2 * rng.integers(0, 2, shape, np.int8) - 1, np.float32)
 
 
 class _System:

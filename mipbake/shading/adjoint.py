@@ -1,0 +1,49 @@
+"""The adjoint of shading on NumPy arrays: gradients by the material without torch, nor what its ops cost."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.material import model_named
+from mipbake.shading._arguments import batch_shape, per_texel
+
+__all__ = ["shade_adjoint"]
+
+_Floats = NDArray[np.float32]
+
+
+def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, radiance: _Floats) -> _Floats:
+    """The gradient of the sum of `radiance * shade(model, material, light, view)` by the material.
+
+    The same kernel as the gradient of `mipbake.shading.ops.shade`, with the same limits and the same bits.
+
+    Args:
+        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
+        material: (B, N, C) stored channels, float32, as are all arrays here.
+        light: (B, K, 3) unit vectors, or (B, K, N, 3), those of each texel; strides of 0 repeat. view: the same shape.
+        radiance: (B, K, N, 3), what each colour of each render counts.
+
+    Returns:
+        (B, N, C).
+
+    Raises:
+        UsageError: an unknown model, or a shape that does not fit, by name.
+    """
+    from mipbake import _native
+
+    batch, pairs, texels = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
+    size = 1 if batch is None else batch
+    each = (texels,) if per_texel(light.shape, view.shape) else ()
+    out = np.empty((size, texels, material.shape[-1]), np.float32)
+    if out.size == 0 or pairs == 0:
+        return np.zeros_like(out)
+    _native.shade_backward(
+        model,
+        np.broadcast_to(material, out.shape),
+        np.broadcast_to(light, (size, pairs, *each, 3)),
+        np.broadcast_to(view, (size, pairs, *each, 3)),
+        np.ascontiguousarray(radiance).reshape(size, pairs, texels, 3),
+        out,
+    )
+    return out
