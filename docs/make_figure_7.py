@@ -52,8 +52,9 @@ looked up once a pixel. Spheres under the studio's lights, Gaussian pixel filter
 and 7. Under each sphere are its SNR and its FLIP; the best of a row is green. Made by `docs/make_figure_7.py`.
 
 What to look for: how far other stacks are behind the one in the model of the input, whose name is green. `gltf` has one
-roughness, and shows brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack can mend, and a matte
-dielectric differs between glTF and the other two ([validation](validation.md#known-limits)). The pictures are by
+roughness, and shows brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack
+can mend, and a matte dielectric differs between glTF and the other two
+([validation](validation.md#known-limits)). The pictures are by
 {shown}; the tables have all methods. Methods that are no networks convert between models texel by texel, analytically;
 {networks}.
 """
