@@ -15,7 +15,7 @@ from mipbake.prefilter.pixel_filter import filter_named, filtered_levels
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
-DEFAULT_METHOD = "neural"
+DEFAULT_METHOD = "auto"
 DEFAULT_FILTER = "gaussian"
 AUTO_TARGET = "auto"
 """`gltf-anisotropic` for a set with an anisotropy map, `gltf` for any other."""
