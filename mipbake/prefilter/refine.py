@@ -219,7 +219,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
             _TRUST,
             lambda snr, spoken=spoken: progress.note(f"{spoken}: {spoken_snr(snr.mean(1))}"),  # type: ignore[misc]
         ).rounds
-        pace = max(pace, (time.monotonic() - now) / max(1, rounds) / texels)
+        pace = (time.monotonic() - now) / max(1, rounds) / texels
         done += step.share
     shares = _kept(problem, start, levels, before)
     kept = [_between(*each, problem.target) for each in zip(start.levels, levels, shares, strict=True)]
