@@ -80,9 +80,10 @@ class NetworkConfig:
 
 @dataclass(frozen=True)
 class MomentConfig:
-    """Architecture of a network that corrects averages (mipbake.models.moment_network), for `gltf`.
+    """Architecture of a network that corrects averages (mipbake.models.moment_network); it reads `gltf`.
 
     Args:
+        decoders: the one material model that is made, `gltf` or `gltf-anisotropic`.
         latent_channels: learned maps beside the moments.
         convolutions: dense 3 x 3 layers of the encoder; also its halo in texels.
         pointwise: dense 1 x 1 layers of the encoder.
@@ -90,6 +91,7 @@ class MomentConfig:
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
     """
 
+    decoders: tuple[str, ...] = ("gltf",)
     latent_channels: int = 40
     convolutions: int = 2
     pointwise: int = 2
@@ -98,7 +100,9 @@ class MomentConfig:
     decoder_growth: int = 32
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        if self.decoders not in (("gltf",), ("gltf-anisotropic",)):
+            raise UsageError(f"network.decoders must be gltf or gltf-anisotropic here, got {self.decoders!r}")
+        for field in fields(self)[1:]:
             value: Any = getattr(self, field.name)
             if not isinstance(value, int) or isinstance(value, bool) or value < 1:
                 raise UsageError(f"network.{field.name} must be a whole number of at least 1, got {value!r}")
@@ -109,14 +113,9 @@ class MomentConfig:
         return ("gltf",)
 
     @property
-    def decoders(self) -> tuple[str, ...]:
-        """The material model that is made."""
-        return ("gltf",)
-
-    @property
     def models(self) -> tuple[str, ...]:
-        """Both are the same."""
-        return ("gltf",)
+        """Every material model that is read or made, once."""
+        return tuple(dict.fromkeys((*self.encoders, *self.decoders)))
 
 
 AnyConfig = NetworkConfig | MomentConfig
@@ -151,6 +150,15 @@ _NEAREST = {
 
 _CONVERTED = {"gltf-anisotropic": "ggx"}
 """Decoders whose texels are converted, one by one, to a model that has no decoder of its own."""
+
+
+_READ = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
+"""Each of these models can say all that those before it can."""
+
+
+def reads(config: AnyConfig, source: str) -> bool:
+    """Whether a network sees all of a source, as it is or converted: one for `gltf` is blind to anisotropic lobes."""
+    return any(_READ.index(source) <= _READ.index(model) for model in config.encoders)
 
 
 def read_as(config: NetworkConfig, source: str) -> str:

@@ -41,8 +41,11 @@ def bake(
 ) -> list[NDArray[np.float32]]:
     """See MomentNetwork.bake. The result does not depend on `tile` beyond rounding."""
     kernel = filter_named(pixel_filter).name
-    if target != "gltf":
-        raise UsageError(f"these weights make gltf, not {target!r}; choose other weights")
+    (made,) = network.config.decoders
+    if target != made:
+        raise UsageError(f"these weights make {made}, not {target!r}; choose other weights")
+    if network.anisotropic and source != "gltf":
+        raise UsageError(f"these weights read gltf and would lose what {source} says of lobes; choose other weights")
     if network.pixel_filters and kernel not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)
         raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
@@ -54,7 +57,8 @@ def bake(
         for level, latent in enumerate(latents, 1):
             levels.append(_decoded(network, latent, level, kernel, wrap))
     progress(1.0)
-    return [material.regularise(level, "gltf") for level in levels]
+    levels = [material.regularise(level, made) for level in levels]
+    return material.align_directions(levels) if network.anisotropic else levels
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ def _from_top(
     boxes = [_sink(sizes[0], sizes[1], "box", wrap, tile, z)] if coarse else []
     taps = torch.from_numpy(resample_weights(16, 16, kernel, "wrap")[1][0])  # the same for every texel of a level 0
     reach = len(taps) // 2 + 1  # and the sharpening's neighbour
-    top = np.empty(stored.shape, np.float32)
+    top = np.empty((*sizes[0], material.model_named(network.config.decoders[0]).channels), np.float32)
     starts = [range(0, length, tile) for length in sizes[0]]
     for i, y in enumerate(starts[0]):
         for j, x in enumerate(starts[1]):

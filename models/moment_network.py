@@ -28,13 +28,14 @@ from torch.nn import functional
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.config import MomentConfig
 from mipbake.models.dense import SLOPE
+from mipbake.models.direction import OUTPUTS, aligned, stretched
 from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
 from mipbake.prefilter.pixel_filter import FILTERS, Wrap, level_sizes
 
 _INPUTS = 10
 _CODE = 3 + len(FILTERS)
-_OUTPUTS = 14
+_OUTPUTS = 16
 
 _STEP = 0.1
 """Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
@@ -42,13 +43,20 @@ _STEP = 0.1
 _FIRST_GUESS = 0.7
 """Share of `unreal`'s widening that an untrained network applies."""
 
+_CAUTION = 2.0  # logarithm of how much an untrained network prefers all texels to the bright ones
+_DECISION = 5.0
+
 _MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
-_LEAST_CHANGE, _MOST_CHANGE = -2.0, 3.0  # of ln roughness
+_MOST_CHANGE = 3.0  # of ln roughness
+_NARROWER = 0.1  # of ln roughness that a lobe may be narrower than those that it stands for
+_FARTHEST = 0.5  # of a lobe's alpha that its normal may move freely
 _MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
 
 
 class MomentNetwork(nn.Module):
-    """Encoder, filtering and decoder for the material model `gltf`. Images are (B, H, W, channels).
+    """Encoder, filtering and decoder from the material model `gltf` to it, or to `gltf-anisotropic`.
+
+    Images are (B, H, W, channels), those that are made have C = 8 or 11.
 
     Args:
         config: the architecture.
@@ -67,15 +75,24 @@ class MomentNetwork(nn.Module):
         seen, wide = FEATURES + _CODE + config.latent_channels, config.decoder_growth
         self.decoder = nn.ModuleList(nn.Linear(seen + wide * i, wide) for i in range(config.decoder_layers))
         self.output = nn.Linear(seen + wide * config.decoder_layers, _OUTPUTS)
+        # Beside the output, so that a network for anisotropic lobes can start from one for round ones.
+        self.stretch = nn.Linear(seen + wide * config.decoder_layers, OUTPUTS) if self.anisotropic else None
         for layer in (*self.encoder, *self.decoder):
             nn.init.kaiming_normal_(layer.weight, a=SLOPE)
             nn.init.zeros_(layer.bias)
-        nn.init.zeros_(self.output.weight)
-        nn.init.zeros_(self.output.bias)
+        for last in (self.output, self.stretch):
+            if last is not None:
+                nn.init.zeros_(last.weight)
+                nn.init.zeros_(last.bias)
         with torch.no_grad():
             self.output.bias[1] = _FIRST_GUESS / _STEP
         # Convolutions run on channels-last memory, in which images come.
         self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    @property
+    def anisotropic(self) -> bool:
+        """Whether lobes have two widths."""
+        return self.config.decoders == ("gltf-anisotropic",)
 
     @property
     def halo(self) -> int:
@@ -101,7 +118,7 @@ class MomentNetwork(nn.Module):
         return torch.cat([moments(inside), learned], -1)
 
     def decode(self, latent: Tensor, level: Tensor, pixel_filter: str) -> Tensor:
-        """(..., Z) filtered latents to (..., 8) stored channels, valid as they are; differentiable.
+        """(..., Z) filtered latents to (..., C) stored channels, valid as they are; differentiable.
 
         Args:
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
@@ -116,23 +133,20 @@ class MomentNetwork(nn.Module):
         maps = torch.cat([found.features(), *code, latent[..., COUNT:]], -1)
         for layer in self.decoder:
             maps = torch.cat([maps, functional.leaky_relu(layer(maps), SLOPE)], -1)
-        return _changed(found, _STEP * self.output(maps))
+        texels = _changed(found, _STEP * self.output(maps))
+        if self.stretch is None:
+            return texels
+        roughness, lobe = stretched(found, texels[..., 4:5], _STEP * self.stretch(maps))
+        return torch.cat([texels[..., :4], roughness, texels[..., 5:], lobe], -1)
 
     def forward(self, stored: Tensor, pixel_filter: str) -> list[Tensor]:
-        """(B, S, S, 8) stored channels of images that repeat to every level, (B, S_L, S_L, 8), down to 1 x 1.
+        """(B, S, S, 8) stored channels of images that repeat to every level, (B, S_L, S_L, C), down to 1 x 1.
 
         S must be a power of two.
         """
         latents, index = self._latents(stored, pixel_filter)
-        return _split(self.decode(latents, index, pixel_filter), stored)
-
-    def beside_closed_forms(self, stored: Tensor, pixel_filter: str) -> tuple[list[Tensor], list[list[Tensor]]]:
-        """`forward`, and without a gradient what `linear` and `unreal` make of the same averages."""
-        latents, index = self._latents(stored, pixel_filter)
-        with torch.no_grad():
-            found = statistics(latents[..., :COUNT])
-            closed = [_split(_changed(found, _share_of_unreal(found, share)), stored) for share in (0.0, 1.0)]
-        return _split(self.decode(latents, index, pixel_filter), stored), closed
+        levels = _split(self.decode(latents, index, pixel_filter), stored)
+        return aligned(levels) if self.anisotropic else levels
 
     def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
@@ -152,7 +166,7 @@ class MomentNetwork(nn.Module):
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
     ) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as channels of `gltf`.
+        """Every level of the stack of (H, W, n) stored channels of a source, down to 1 x 1, as channels of the target.
 
         Raises:
             UsageError: another target, or a pixel filter that these weights were not trained for.
@@ -169,13 +183,6 @@ def _split(texels: Tensor, stored: Tensor) -> list[Tensor]:
     return [part.reshape(len(stored), *size, -1) for part, size in zip(parts, sizes, strict=True)]
 
 
-def _share_of_unreal(found: Statistics, share: float) -> Tensor:
-    """(..., _OUTPUTS) that change nothing but roughness, by a share of the way to `unreal`."""
-    out = found.roughness.new_zeros(*found.roughness.shape[:-1], _OUTPUTS)
-    out[..., 1] = share
-    return out
-
-
 def _inputs(stored: Tensor) -> Tensor:
     """(..., 8) stored channels to (..., _INPUTS) numbers of about 1 for the encoder.
 
@@ -188,19 +195,36 @@ def _inputs(stored: Tensor) -> Tensor:
     return torch.cat([2 * base - 0.8, metallic, roughness.log() + 0.8, 3 * xy, relative, steepness], -1)
 
 
+def _choice(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Shares of a lobe for all texels, and for the bright ones by either weight; (..., 2) outputs to (..., 1) each.
+
+    Width and direction of a lobe go together: a sharp highlight of bright texels is no use around another normal.
+    """
+    logits = torch.cat([torch.zeros_like(out[..., :1]), _DECISION * out - _CAUTION], -1)
+    shares = logits.softmax(-1)
+    return shares[..., :1], shares[..., 1:2], shares[..., 2:]
+
+
 def _changed(found: Statistics, out: Tensor) -> Tensor:
     """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers."""
+    kept, tall, upward = _choice(out[..., 14:16])
     change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_unreal + out[..., 2:3] * found.to_geometric
-    change = change + out[..., 3:4] * found.to_quartic + found.freedom * out[..., 4:5].tanh()
+    change = kept * (change + out[..., 3:4] * found.to_quartic) + tall * found.to_tall + upward * found.to_upward
+    freedom = kept * found.freedom + tall * found.tall_freedom + upward * found.upward_freedom
+    change = change + freedom * out[..., 4:5].tanh()
     shaded = found.log_roughness.exp()
     # What lies below the roughness that is shaded is kept beside the change, so that no change is no change.
     below = found.roughness - found.roughness.clamp(min=MIN_ROUGHNESS)
-    roughness = (shaded * change.clamp(_LEAST_CHANGE, _MOST_CHANGE).exp() + below).clamp(0, 1)
+    least = found.to_narrowest - _NARROWER * freedom
+    roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below).clamp(0, 1)
     gain = _MOST_GAIN * found.colour_freedom.clamp(max=1) * found.metallic * out[..., 5:8].tanh()
     base = (found.base * gain.exp() + out[..., 8:9] * found.metallic_colour).clamp(0, 1)
     metallic = (found.metallic + out[..., 9:10] * found.metallic_variance).clamp(0, 1)
-    tilt = (1 + found.freedom * out[..., 11:12].tanh()) * found.normal + out[..., 10:11] * found.lean_normal
-    xy = tilt + found.spread.sqrt() * out[..., 12:14].tanh()
+    tilt = (1 + freedom * out[..., 11:12].tanh()) * found.normal + kept * out[..., 10:11] * found.lean_normal
+    tilt = tilt + tall * found.tall_normal + upward * found.upward_normal
+    # A highlight is lost when it moves by its own width, however far the texels spread.
+    reach = torch.minimum(found.spread.sqrt(), _FARTHEST * roughness.square())
+    xy = tilt + reach * out[..., 12:14].tanh()
     xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
     height = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=_MIN_HEIGHT2).sqrt()
     return torch.cat([base, metallic, roughness, xy, height], -1)

@@ -4,6 +4,11 @@ Averages of these quantities over a pixel are what closed forms are made of: the
 their squares (`lean`), the length of the mean normal (`toksvig`, `unreal`). A network that is given them need not learn
 them, and what it predicts can be expressed in them: every change that is offered here vanishes where a material is
 constant, so that there the averages stay as they are, 0 and 1 included.
+
+Two more weigh every texel by how bright it gets: by the height of its lobe, 1 / alpha^2, and by the lobe's value where
+light and view mirror each other on the flat surface, alpha^2 / (alpha^2 + |slope|^2)^2. Flat gloss between steep joints
+is seen as a sharp highlight that hardly knows of the joints: its mean slope among all texels is off by more than the
+highlight is wide, among bright ones it is not.
 """
 
 from __future__ import annotations
@@ -16,16 +21,19 @@ from torch import Tensor
 
 from mipbake.material import MIN_ROUGHNESS
 
-COUNT = 19
+COUNT = 28
 """Moments of a texel."""
 
-FEATURES = 24
+FEATURES = 34
 """Numbers that describe a texel to a decoder."""
 
 _MIN_ALPHA2 = MIN_ROUGHNESS**4
 _MIN_LOG = math.log(MIN_ROUGHNESS)
 _MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
+_FARTHEST = 3.0  # standard deviations from the mean slope to that of bright texels
 _SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed
+_CANCELLED = 4e-7  # of a square, what float32 leaves where it is taken from an equal one
+_ROUNDING = 2e-6  # what is left of the variance of a constant in float32
 _SOFT_VARIANCE = 0.02  # variance of normals, or of metallic, where half of a change of colour is
 
 
@@ -33,8 +41,9 @@ def moments(stored: Tensor) -> Tensor:
     """(..., 8) stored channels of `gltf` to (..., COUNT).
 
     Base colour 3, metallic, roughness, n_x, n_y, 1 - n_z, slopes 2, their products 3, alpha^2, ln roughness, metallic
-    times base colour 3, metallic squared. Slopes are cut at 10; alpha and the logarithm are those of roughness raised
-    to MIN_ROUGHNESS.
+    times base colour 3, metallic squared. Then two weights, each followed by its product with the slopes 2 and with
+    their squares together: 1 / alpha^2, and the lobe upwards, for which alpha^2 comes last. Slopes are cut at 10; alpha
+    and the logarithm are those of roughness raised to MIN_ROUGHNESS.
     """
     base, metallic, roughness = stored[..., :3], stored[..., 3:4], stored[..., 4:5]
     xy, z = stored[..., 5:7], stored[..., 7:8]
@@ -43,8 +52,12 @@ def moments(stored: Tensor) -> Tensor:
     slope = xy / z.clamp(min=_MIN_HEIGHT)
     x, y = slope[..., :1], slope[..., 1:]
     shaded = roughness.clamp(min=MIN_ROUGHNESS)
-    parts = [base, metallic, roughness, xy, drop, slope, x * x, y * y, x * y, shaded**4, shaded.log()]
-    return torch.cat([*parts, metallic * base, metallic * metallic], -1)
+    alpha2, steepness = shaded**4, x * x + y * y
+    parts = [base, metallic, roughness, xy, drop, slope, x * x, y * y, x * y, alpha2, shaded.log()]
+    parts += [metallic * base, metallic * metallic]
+    height, up = 1 / alpha2, alpha2 / (alpha2 + steepness).square()
+    parts += [height, height * slope, height * steepness, up, up * slope, up * steepness, up * alpha2]
+    return torch.cat(parts, -1)
 
 
 @dataclass(frozen=True)
@@ -61,7 +74,11 @@ class Statistics:
         spread: variance of the unit normals, 1 - |mean|^2, 1.
         metallic_variance: 1. metallic_colour: covariance of metallic and base colour, 3.
         slopes: variance of both slopes together, 1. axes: their covariance tensor's deviator over it, 2.
+        to_tall, to_upward: what `to_lean` is, among bright texels by either weight, 1 each.
+        to_narrowest: for the mean of 1 / alpha^2, or 0, whichever is less, 1. No lobe should be much narrower.
+        tall_normal, upward_normal: that of the mean slope among them minus `normal`, 2 each.
         freedom: from 0 on a constant material to 1 where closed forms disagree, 1.
+        tall_freedom, upward_freedom: the same among bright texels: from 0 where those are alike, 1 each.
         colour_freedom: the same for colours, from what varies beside them, 1.
     """
 
@@ -80,12 +97,20 @@ class Statistics:
     metallic_colour: Tensor
     slopes: Tensor
     axes: Tensor
+    to_tall: Tensor
+    to_upward: Tensor
+    to_narrowest: Tensor
+    tall_normal: Tensor
+    upward_normal: Tensor
     freedom: Tensor
+    tall_freedom: Tensor
+    upward_freedom: Tensor
     colour_freedom: Tensor
 
     def features(self) -> Tensor:
         """(..., FEATURES): the statistics scaled to about 1, for a decoder."""
         ratio = self.slopes * (-4 * self.log_roughness).exp()
+        offsets = (self.tall_normal, self.to_tall), (self.upward_normal, self.to_upward)  # in widths of the lobes
         parts = [
             4 * self.to_lean,
             4 * self.to_unreal,
@@ -104,6 +129,10 @@ class Statistics:
             self.freedom,
             self.colour_freedom,
             (ratio + 1e-3).log() / 4,
+            4 * self.to_tall,
+            4 * self.to_upward,
+            *(4 * normal for normal in (self.tall_normal, self.upward_normal)),
+            *((normal * (-2 * (self.log_roughness + by)).exp()).asinh() / 2 for normal, by in offsets),
         ]
         return torch.cat(parts, -1)
 
@@ -114,12 +143,12 @@ def statistics(means: Tensor) -> Statistics:
     xy, drop, slope = means[..., 5:7], means[..., 7:8], means[..., 8:10]
     quartic = means[..., 13:14].clamp(_MIN_ALPHA2, 1)
     length2 = xy.square().sum(-1, keepdim=True)
-    spread = (2 * drop - drop * drop - length2).clamp(0, 1)
+    spread = (2 * drop - drop * drop - length2 * (1 + _CANCELLED)).clamp(0, 1)
     height = 1 - drop
     normal = xy * (length2 + height * height).clamp(min=1e-8).rsqrt()
     x, y = slope[..., :1], slope[..., 1:]
     xx, yy, xy_ = means[..., 10:11] - x * x, means[..., 11:12] - y * y, means[..., 12:13] - x * y
-    slopes = (xx + yy).clamp(0, 50)
+    slopes = (xx + yy - _CANCELLED * (x * x + y * y)).clamp(0, 50)
     shaded = roughness.clamp(min=MIN_ROUGHNESS)
     log_roughness = shaded.log()
     length = (1 - spread).clamp(min=1e-6).sqrt()
@@ -129,7 +158,13 @@ def statistics(means: Tensor) -> Statistics:
     to_lean = (quartic + slopes).clamp(max=1).log() / 4 - log_roughness
     to_unreal = unreal.log() / 4 - log_roughness
     to_geometric = (means[..., 14:15].clamp(_MIN_LOG, 0) - log_roughness).clamp(-2, 0.5)
-    lean_normal = slope * (1 + slope.square().sum(-1, keepdim=True)).rsqrt() - normal
+    lean_normal = _leaning(slope) - normal
+    # By Jensen's inequality; kernels with negative lobes break it.
+    tall = torch.maximum(means[..., 19:20], 1 / quartic)
+    tall_slope, tall_variance = _among(tall, means[..., 20:22], means[..., 22:23], slope, slopes)
+    upward = means[..., 23:24].clamp(min=1e-4)
+    upward_slope, upward_variance = _among(upward, means[..., 24:26], means[..., 26:27], slope, slopes)
+    upward_alpha2 = (means[..., 27:28] / upward).clamp(_MIN_ALPHA2, 1)
     metallic_variance = (means[..., 18:19] - metallic * metallic).clamp(0, 1)
     differing = to_lean.clamp(min=0) + to_unreal - to_geometric.clamp(max=0)
     return Statistics(
@@ -148,10 +183,39 @@ def statistics(means: Tensor) -> Statistics:
         metallic_colour=means[..., 15:18] - metallic * base,
         slopes=slopes,
         axes=torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5),
+        to_tall=(1 / tall + tall_variance).clamp(_MIN_ALPHA2, 1).log() / 4 - log_roughness,
+        to_upward=(upward_alpha2 + upward_variance).clamp(_MIN_ALPHA2, 1).log() / 4 - log_roughness,
+        to_narrowest=(-tall.log() / 4 - log_roughness).clamp(max=0),
+        tall_normal=_leaning(tall_slope) - normal,
+        upward_normal=_leaning(upward_slope) - normal,
         freedom=differing / (differing + _SOFT),
+        tall_freedom=_widening(tall_variance, 1 / tall),
+        upward_freedom=_widening(upward_variance, upward_alpha2),
         colour_freedom=_share(spread) + _share(metallic_variance),
     )
 
 
+def _leaning(slope: Tensor) -> Tensor:
+    """x and y of the unit normals of slopes."""
+    return slope * (1 + slope.square().sum(-1, keepdim=True)).rsqrt()
+
+
+def _among(weight: Tensor, first: Tensor, second: Tensor, slope: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and variance of slopes among weighted texels, from averages of the products with their weight.
+
+    Few texels with nearly all of the weight cannot lie far outside of the variance of all, `slopes` around `slope`.
+    """
+    reach = _FARTHEST * slopes.sqrt()
+    mean = slope + torch.minimum(torch.maximum(first / weight - slope, -reach), reach)
+    variance = (second / weight - mean.square().sum(-1, keepdim=True)).clamp(min=0)
+    return mean, torch.minimum(variance, _FARTHEST * slopes)
+
+
+def _widening(variance: Tensor, alpha2: Tensor) -> Tensor:
+    """From 0 to 1: how much a variance of slopes widens a lobe, as `freedom` measures it."""
+    logarithm = (variance / alpha2).log1p() / 4
+    return logarithm / (logarithm + _SOFT)
+
+
 def _share(variance: Tensor) -> Tensor:
-    return variance / (variance + _SOFT_VARIANCE)
+    return (variance - _ROUNDING).clamp(min=0) / (variance + _SOFT_VARIANCE)

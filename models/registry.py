@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mipbake.errors import InputError, MipbakeError, UsageError
-from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of, targets
+from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of, reads, targets
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -115,12 +115,17 @@ def find_weights(name: str, folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
     return found[name]
 
 
-def default_weights(target: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
-    """The weights that bakes of a target use; UsageError when none were released for target and pixel filter."""
+def default_weights(
+    target: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER, source: str = "gltf"
+) -> WeightsInfo:
+    """The weights that bakes of a target use; UsageError when none were released for target and pixel filter.
+
+    Those that see all of the source come before others, then those with a decoder of the target's own.
+    """
     found = [info for info in list_weights(folder) if info.default]
     fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
     if fitting:
-        return min(fitting, key=lambda info: target not in info.network.decoders)  # a decoder of its own before others
+        return min(fitting, key=lambda info: (not reads(info.network, source), target not in info.network.decoders))
     released = ", ".join(sorted({f"{t} with {f}" for i in found for t in i.targets for f in i.pixel_filters})) or "none"
     raise UsageError(
         f"no trained weights for material model {target!r} with pixel filter {pixel_filter!r} (released: {released}); "

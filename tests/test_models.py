@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, UsageError
 from mipbake.material import MIN_ROUGHNESS, MODELS, align_directions, convert, lift_normal
 from mipbake.models import registry
-from mipbake.models.config import LATENT_FILTERS, PARAMETERS, NetworkConfig
+from mipbake.models.config import LATENT_FILTERS, PARAMETERS, MomentConfig, NetworkConfig
 from mipbake.models.inference import bake_levels
 from mipbake.models.latent import downsample
 from mipbake.models.network import Network, Whitening
@@ -273,6 +273,21 @@ def test_unknown_weights_name_what_there_is(released: registry.WeightsInfo) -> N
         registry.default_weights("ggx", folder=released.folder)
     with pytest.raises(UsageError, match="box"):
         registry.default_weights("gltf", "box", released.folder)
+
+
+def test_weights_see_all_of_their_source(released: registry.WeightsInfo) -> None:
+    """A decoder of the target's own is worth less than an encoder that sees anisotropic sources."""
+    for name, network in (
+        ("blind", MomentConfig(decoders=("gltf-anisotropic",))),
+        ("seeing", NetworkConfig(encoders=("ggx",), decoders=("ggx",))),
+    ):
+        info = dataclasses.replace(released, name=name, network=network)
+        (released.folder / f"{name}.json").write_text(info.to_json())
+    chosen = {
+        source: registry.default_weights("gltf-anisotropic", folder=released.folder, source=source).name
+        for source in ("gltf", "gltf-anisotropic", "ggx")
+    }
+    assert chosen == {"gltf": "blind", "gltf-anisotropic": "seeing", "ggx": "seeing"}
 
 
 def test_damaged_weights_are_refused(released: registry.WeightsInfo) -> None:

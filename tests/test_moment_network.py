@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -114,21 +116,6 @@ def test_an_untrained_network_is_near_a_closed_form() -> None:
         assert narrow[level][..., 4].mean() < roughness < 1.1 * wider[level][..., 4].mean()
 
 
-def test_closed_forms_beside_the_network_are_theirs() -> None:
-    """Level 0 is sharpened; on a material that is the same everywhere but for its normals the rest follows."""
-    stored = bumpy(16, 16, 6)
-    stored[..., :3], stored[..., 3], stored[..., 4] = 0.5, 0, 0.3
-    network = trained_like()
-    levels, (linear, unreal) = network.beside_closed_forms(torch.from_numpy(stored)[None], "box")
-    for own, again in zip(levels, network(torch.from_numpy(stored)[None], "box"), strict=True):
-        torch.testing.assert_close(own, again)
-    expected = UNREAL(stored, "gltf", "gltf", "box", TORUS, lambda _: None).levels
-    for level in (3, 4):
-        np.testing.assert_allclose(linear[level][..., 4], 0.3, atol=1e-5)
-        np.testing.assert_allclose(unreal[level][0, ..., 4], expected[level][..., 4], rtol=0.05)
-    assert not linear[0].requires_grad
-
-
 def test_statistics_are_those_of_closed_forms() -> None:
     """`lean` and `unreal` follow from the same averages."""
     stored = bumpy(16, 16, 4)
@@ -224,3 +211,79 @@ def test_kernels_first_asked_for_by_validation_serve_training_too() -> None:
     again = image.clone().requires_grad_()
     sum(level.sum() for level in periodic_levels(again, "box")).backward()  # type: ignore[union-attr]
     assert again.grad is not None
+
+
+def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
+    """Flat gloss with one-sided steep joints: the mean normal is off by more than the highlight is wide."""
+    stored = bumpy(32, 32, 7)
+    stored[..., 4], stored[..., 5:8] = 0.12, (0.0, 0.0, 1.0)
+    stored[:, :6, 5:8] = (0.6, 0.0, 0.8)
+    for joints in (0.12, 0.9):
+        stored[:, :6, 4] = joints
+        found = statistics(moments(torch.from_numpy(stored)).mean((0, 1)))
+        alpha = 0.12**2
+        assert float(found.normal[0]) > 5 * alpha
+        assert abs(float(found.normal[0] + found.upward_normal[0])) < 0.1 * alpha
+        np.testing.assert_allclose(float((found.log_roughness + found.to_upward).exp()), 0.12, rtol=0.05)
+        assert float((found.log_roughness + found.to_lean).exp()) > 0.4
+        if joints > 0.5:  # dull joints are not tall, whatever their normal
+            assert abs(float(found.normal[0] + found.tall_normal[0])) < 0.1 * alpha
+        assert float(found.to_narrowest) <= 0
+
+
+def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> None:
+    stored = torch.from_numpy(bumpy(8, 8, 8))
+    stored[..., 4] = 0.6
+    stored[3, 3, 4] = 0.045  # so much brighter than the rest that a negative weight turns the sum
+    weight = torch.full((8, 8, 1), 1.1 / 63)
+    weight[3, 3] = -0.1
+    found = statistics((moments(stored) * weight).sum((0, 1)))
+    assert all(torch.isfinite(value).all() for value in vars(found).values())
+    for normal in (found.tall_normal, found.upward_normal):
+        assert float(normal.norm()) <= 3.1 * float(found.slopes.sqrt())
+
+
+ANISOTROPIC = dataclasses.replace(SMALL, decoders=("gltf-anisotropic",))
+
+
+def test_an_anisotropic_constant_stays_round() -> None:
+    for roughness in (0.05, 0.5, 1.0):
+        stored = np.broadcast_to(np.float32([0.5, 0.2, 0.1, 1.0, roughness, 0.3, 0.0, np.sqrt(0.91)]), (8, 8, 8))
+        stack = trained_like(ANISOTROPIC).bake(stored, "gltf", "gltf-anisotropic", "gaussian", TORUS)
+        for level in stack:
+            assert level.shape[-1] == 11
+            np.testing.assert_allclose(level[..., :8], np.broadcast_to(stored[0, 0], level[..., :8].shape), atol=1e-3)
+            assert level[..., 10].max() < 0.5 / 255
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0])
+def test_lobes_are_wider_across_brushing(angle: float) -> None:
+    """Slopes along one axis alone: an untrained network turns the lobe's wide axis to it."""
+    stored, turn = bumpy(16, 16, 9), np.deg2rad(angle)
+    slope = np.random.default_rng(0).normal(0, 0.15, (16, 16, 1)) * [np.cos(turn), np.sin(turn)]
+    stored[..., 4], stored[..., 5:8] = 0.3, np.concatenate([slope, np.ones((16, 16, 1))], -1)
+    stored[..., 5:8] /= np.linalg.norm(stored[..., 5:8], axis=-1, keepdims=True)
+    level = MomentNetwork(ANISOTROPIC).eval().requires_grad_(False)
+    top = level.bake(stored, "gltf", "gltf-anisotropic", "gaussian", TORUS)[-1][0, 0]
+    assert abs(top[8:10] @ [np.cos(turn), np.sin(turn)]) > 0.99
+    across, along = top[4] ** 2, top[4] ** 2 + (1 - top[4] ** 2) * top[10] ** 2
+    assert 1.2 < along / across < 4
+
+
+def test_directions_of_one_sign() -> None:
+    """d and -d shade alike, but lookups between them would cancel."""
+    stored = torch.from_numpy(bumpy(16, 16, 5))[None]
+    levels = MomentNetwork(ANISOTROPIC)(stored, "gaussian")
+    axis = levels[-1][0, 0, 0, 8:10]
+    assert all(bool(((level[..., 8:10] * axis).sum(-1) >= -1e-6).all()) for level in levels)
+
+
+def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:
+    stored = torch.from_numpy(bumpy(8, 8, 5))[None]
+    stored[:, :4] = stored[:, :1, :1]  # constant, but for its border
+    network = MomentNetwork(ANISOTROPIC)
+    loss = torch.stack([level.square().sum() for level in network(stored, "box")]).sum()
+    loss.backward()
+    assert network.stretch is not None
+    assert all(p.grad is not None and bool(p.grad.isfinite().all()) for p in network.parameters())
+    assert float(network.stretch.weight.grad.abs().max()) > 0  # type: ignore[union-attr]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,14 @@ from mipbake.models.moment_network import MomentNetwork
 from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.render import reference
 from mipbake.training import batches, loop
-from mipbake.training.balanced_loss import BANDS, BalancedBatch, balanced_loss, draw_balanced, rendered
+from mipbake.training.balanced_loss import (
+    BANDS,
+    BalancedBatch,
+    balanced_loss,
+    draw_balanced,
+    own_errors,
+    rendered,
+)
 from mipbake.training.balanced_pairs import draw_pairs
 from mipbake.training.config import BalancedLossConfig, TrainingConfig, config_from, plain, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials
@@ -125,8 +131,9 @@ def test_a_constant_material_costs_nothing() -> None:
     assert float(balanced_loss(network, batch, SETTINGS).detach()) < 1e-3
 
 
-def test_training_moves_every_parameter_and_lowers_the_error() -> None:
-    config = tiny(run={"steps": 80})
+@pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic"])
+def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None:
+    config = tiny(run={"steps": 80}, network={"decoders": [model]})
     materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
     assert isinstance(state.network, MomentNetwork) and isinstance(config.loss, BalancedLossConfig)
@@ -140,7 +147,7 @@ def test_training_moves_every_parameter_and_lowers_the_error() -> None:
             with torch.no_grad():
                 levels = state.network(batch.patches, batch.pixel_filter)
                 for seen in batch.seen:
-                    shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view)
+                    shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view, model)
                     total += float((shaded - seen.target).square().mean().log())
         return total
 
@@ -149,22 +156,6 @@ def test_training_moves_every_parameter_and_lowers_the_error() -> None:
     assert np.isfinite(losses).all()
     assert all(not torch.equal(a, b) for a, b in zip(start, state.network.parameters(), strict=True))
     assert error() < before
-
-
-def test_what_is_worse_than_a_closed_form_counts_in_full() -> None:
-    """A network that makes mirrors of bumps: bounded, the loss says by how much; otherwise it cannot."""
-    torch.manual_seed(0)
-    network = MomentNetwork(tiny().network)  # type: ignore[arg-type]
-    batch = draw_balanced(patches_of(0), SETTINGS, np.random.default_rng(0))
-    losses = {}
-    for bias in (7.0, -30.0):
-        with torch.no_grad():
-            network.output.bias[1] = bias
-        for bounded in (True, False):
-            settings = dataclasses.replace(SETTINGS, bounded=bounded)
-            losses[bias, bounded] = float(balanced_loss(network, batch, settings).detach())
-    assert losses[-30.0, True] > 3 * losses[7.0, True]
-    assert losses[-30.0, False] < 2 * losses[7.0, False]
 
 
 def test_batches_serve_twice_and_a_resumed_training_sees_the_same() -> None:
@@ -209,8 +200,25 @@ def test_training_resumes_and_exports_for_every_pixel_filter(tmp_path: Path, sma
         assert all(np.isfinite(level).all() for level in levels)
 
 
-def test_the_configuration_lists_every_field() -> None:
-    path = Path(mipbake.training.__file__).parent / "configs" / "mipbake-1.toml"
+def test_a_training_starts_from_another_ones_weights(tmp_path: Path, small_validation: None) -> None:
+    """Round lobes first, then two widths: what both networks have is taken over, the rest is new."""
+    first = loop.train(tiny(), tmp_path / "round", resume=False, say=lambda _: None)
+    stretched = tiny(network={"decoders": ["gltf-anisotropic"]}, run={"steps": 1})
+    state = loop.new_state(stretched)
+    loop.start_from(state, tmp_path / "round" / loop.LAST)
+    own, given = state.network.state_dict(), first.average.state_dict()
+    assert all(torch.equal(own[name], value) for name, value in given.items()) and len(own) == len(given) + 2
+    loop.train(stretched, tmp_path / "stretched", False, lambda _: None, tmp_path / "round" / loop.LAST)
+    with pytest.raises(UsageError, match="--start"):
+        loop.train(stretched, tmp_path / "stretched", True, lambda _: None, tmp_path / "round" / loop.LAST)
+    other = loop.new_state(config_from({"network": {"latent_channels": 20}}))
+    with pytest.raises(UsageError, match="no weights of this architecture"):
+        loop.start_from(other, tmp_path / "round" / loop.LAST)
+
+
+@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic"])
+def test_the_configuration_lists_every_field(name: str) -> None:
+    path = Path(mipbake.training.__file__).parent / "configs" / f"{name}.toml"
     config, text = read_config(path), path.read_text(encoding="utf-8")
     assert config_from(plain(config)) == config
     for section in plain(config).values():
@@ -224,6 +232,7 @@ def test_the_configuration_lists_every_field() -> None:
         ("loss", {"kind": "single-lights"}, "loss.kind"),
         ("loss", {"kind": "loud"}, "loss.kind"),
         ("network", {"architecture": "deep"}, "network.architecture"),
+        ("network", {"decoders": ["ggx"]}, "network.decoders"),
         ("loss", {"near_mirror": 5}, "multiple of 10"),
         ("loss", {"grazing": 1.5}, "loss.grazing"),
         ("data", {"plain": -1.0}, "data.plain"),
@@ -247,3 +256,16 @@ def test_validation_bakes_for_the_filter_that_it_measures(small_validation: None
         with torch.no_grad():
             expected = network(torch.from_numpy(patch.stored)[None], name)
         assert np.allclose(found[1], expected[1][0].numpy(), atol=1e-6) == same
+
+
+def testown_errors_know_no_noise() -> None:
+    """The mean square of a difference is error and noise; the product of two independent ones is the error."""
+    rng = np.random.default_rng(4)
+    error = torch.full((1, 2, 2 * 4096, 3), 0.05)
+    first, second = (error + torch.from_numpy(rng.normal(0, 0.1, error.shape).astype(np.float32)) for _ in range(2))
+    own = own_errors(first, second, 2)
+    np.testing.assert_allclose(own.numpy(), 0.0025, rtol=0.2)
+    assert float(second.square().mean()) > 4 * 0.0025
+    # Where chance makes the product small or negative, part of the square holds.
+    held = own_errors(first, -first, 2)
+    torch.testing.assert_close(held, 0.1 * first.square().reshape(1, 2, 2, -1).mean(-1))

@@ -18,6 +18,7 @@ def _arguments() -> argparse.Namespace:
     train.add_argument("--out", type=Path, metavar="DIR", help="checkpoints and logs (default: runs/<config's name>)")
     train.add_argument("--data", metavar="DIR", help="folder of texture sets, in place of the configuration's")
     train.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
+    train.add_argument("--start", type=Path, metavar="CHECKPOINT", help="weights of another training to start from")
     export = commands.add_parser(
         "export", help="release a checkpoint as weights", description="Writes NAME.safetensors, NAME.json and NAME.md."
     )
@@ -44,7 +45,8 @@ def main() -> int:
 
             keep_freed_memory()
             torch.set_num_threads(threads_beside_batches())
-            train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume)
+            out = arguments.out or Path("runs") / arguments.config.stem
+            train(config, out, arguments.resume, start=arguments.start)
         else:
             from mipbake.models.registry import WEIGHTS_FOLDER
             from mipbake.training.export import export_weights

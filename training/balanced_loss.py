@@ -3,9 +3,8 @@
 As in loss.py a patch is a torus, seen by pixels at random places, and the target is the pixel-filtered render of level
 0, estimated twice, independently. What differs:
 
-- Every squared error is divided by the error of its patch, level of detail and pair set as the network is now (from the
-  second estimate, or chance would weigh down what it made large): the gradient is that of the mean error in decibels.
-  Where the network is worse than a closed form, it is divided by that one's: what breaks is not given up.
+- Every squared error is divided by the error of its patch, level of detail and pair set as the network is now, without
+  the target's noise: the gradient is that of the mean error in decibels.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
   sum over the lights.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
@@ -32,6 +31,7 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
+_LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
 _OWN = 0.1  # of the mean error of a patch's rooms, added to that of each light: none has all the weight
 
 
@@ -144,14 +144,10 @@ def _target(
 
 def balanced_loss(network: MomentNetwork | BaselineNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
     """Predicts, renders and compares: the scalar loss of one batch; about 1 for each of its parts."""
-    closed: list[list[Tensor]] = []
-    if config.bounded and isinstance(network, MomentNetwork):
-        levels, closed = network.beside_closed_forms(batch.patches, batch.pixel_filter)
-    else:
-        levels = network(batch.patches, batch.pixel_filter)
+    levels = network(batch.patches, batch.pixel_filter)
     lods = sum(seen.lods for seen in batch.seen)
     model = network.config.decoders[0]
-    parts = [_band_loss(levels, model, closed, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
+    parts = [_band_loss(levels, model, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
     return torch.stack(parts).sum()
 
 
@@ -165,7 +161,6 @@ def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor, mode
 def _band_loss(
     levels: list[Tensor],
     model: str,
-    closed: list[list[Tensor]],
     batch: BalancedBatch,
     seen: Seen,
     config: BalancedLossConfig,
@@ -173,27 +168,32 @@ def _band_loss(
     pairs, single = batch.pairs, batch.pairs.weights.shape[2]
     prediction = rendered(levels, seen, pairs.light, pairs.view, model)
     weights = pairs.weights[..., None]  # (2, B, K, 1)
-    with torch.no_grad():
-        floor = _FLOOR * _squares(seen.independent, seen.lods)
-        error = _squares(prediction - seen.independent, seen.lods) + floor
-        whole = (weights * error[:, :single]).sum(2, keepdim=True)
-        for stack in closed:
-            some = rendered(stack, seen, pairs.light[:, :single].contiguous(), pairs.view[:, :single].contiguous())
-            other = _squares(some - seen.independent[:, :single], seen.lods) + floor[:, :single]
-            whole = torch.minimum(whole, (weights * other).sum(2, keepdim=True))
-        whole = whole + _DARK
-        counts = (weights / whole).sum(0)
-        lights = error[:, single:] + _DARK
-        lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))
-        room = _rooms(seen.independent, single, config)
-        room_error = _squares(_rooms(prediction, single, config) - room, seen.lods)
-        room_error = room_error + _FLOOR * _squares(room, seen.lods) + _DARK_ROOM
-    difference = prediction - seen.target
+    share = weights.new_tensor([config.mirror_weight, config.hemisphere_weight])[:, None, None, None]
+    difference, other = prediction - seen.target, (prediction - seen.independent).detach()
     error = _squares(difference, seen.lods)
+    with torch.no_grad():
+        own = own_errors(difference, other, seen.lods) + _FLOOR * _squares(seen.independent, seen.lods)
+        counts = (weights / ((weights * own[:, :single]).sum(2, keepdim=True) + _DARK) * share).sum(0)
+        lights = own[:, single:] + _DARK
+        lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))
+        room, room_error = (_rooms(radiance, single, config) for radiance in (seen.independent, other))
+        room_error = own_errors(_rooms(difference, single, config), room_error, seen.lods)
+        room_error = room_error + _FLOOR * _squares(room, seen.lods) + _DARK_ROOM
     of_sets = (error[:, :single] * counts).sum(1).mean()
     of_lights = (error[:, single:] * lights).mean()
     of_rooms = (_squares(_rooms(difference, single, config), seen.lods) / room_error).mean()
     return of_sets + config.light_weight * of_lights + config.room_weight * of_rooms
+
+
+def own_errors(first: Tensor, second: Tensor, lods: int) -> Tensor:
+    """(B, K, S): mean squared errors without the target's noise, from differences to two independent estimates of it.
+
+    Of materials that are nearly right most of a difference is noise: divided by its square, they would hardly count.
+    The product of both has none in the mean; where chance makes it too small, a share of the square holds.
+    """
+    batch, pairs = first.shape[:2]
+    products = (first * second).reshape(batch, pairs, lods, -1).mean(-1)
+    return torch.maximum(products, _LEAST_ERROR * _squares(second, lods))
 
 
 def _squares(radiance: Tensor, lods: int) -> Tensor:

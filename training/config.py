@@ -126,11 +126,10 @@ class BalancedLossConfig:
             the lobe of a texel and around one as wide as the patch; together a multiple of 10 with those of rooms.
         grazing: share of the pairs whose views are drawn towards the horizon.
         rooms: views a patch that see several lights. room_lights: lights of each.
+        mirror_weight, hemisphere_weight: weight of the mean errors over those pair sets.
         light_weight, room_weight: weight of the errors of single lights of rooms, and of their sums.
         pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
-        bounded: whether errors are divided by no more than those of closed forms. Divided by its own error alone, a
-            patch that breaks pulls no more than any other, and single materials are given up.
     """
 
     crops: int = 4
@@ -140,14 +139,15 @@ class BalancedLossConfig:
     narrow_lobes: int = 4
     wide_lobes: int = 4
     grazing: float = 0.5
-    rooms: int = 2
-    room_lights: int = 6
+    rooms: int = 1
+    room_lights: int = 12
+    mirror_weight: float = 1.5
+    hemisphere_weight: float = 1.0
     light_weight: float = 0.5
-    room_weight: float = 1.0
+    room_weight: float = 3.0
     pixel_filter: str = "gaussian"
     any_filter: float = 0.4
     below: float = 0.5
-    bounded: bool = True
 
     def __post_init__(self) -> None:
         for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "rooms", "room_lights"):
@@ -157,7 +157,7 @@ class BalancedLossConfig:
         for name in ("grazing", "any_filter", "below"):
             _share(f"loss.{name}", getattr(self, name))
         _require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
-        for name in ("light_weight", "room_weight"):
+        for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight"):
             _require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         every = sum(self.kinds) + self.rooms * self.room_lights
         _require(every % 10 == 0, "pairs of [loss], rooms' included,", "a multiple of 10", every)

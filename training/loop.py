@@ -143,6 +143,19 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     return state
 
 
+def start_from(state: TrainingState, path: Path) -> None:
+    """Gives a new training the averaged weights of another one's checkpoint, wherever names and shapes are the same.
+
+    Raises:
+        InputError: the checkpoint cannot be read. UsageError: nothing in it fits.
+    """
+    own, other = state.network.state_dict(), load_state(path).average.state_dict()
+    fitting = {name: value for name, value in other.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise UsageError(f"{path}: no weights of this architecture; start from a training of the same [network]")
+    state.network.load_state_dict({**own, **fitting})
+
+
 def fit_whitening(network: Trainable, materials: Materials, config: TrainingConfig) -> None:
     """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read.
 
@@ -158,8 +171,14 @@ def fit_whitening(network: Trainable, materials: Materials, config: TrainingConf
     network.fit(samples)
 
 
-def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], None] = print) -> TrainingState:
-    """Trains to the configured number of steps.
+def train(
+    config: TrainingConfig,
+    out: Path,
+    resume: bool,
+    say: Callable[[str], None] = print,
+    start: Path | None = None,
+) -> TrainingState:
+    """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
 
     Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
     """
@@ -170,12 +189,16 @@ def train(config: TrainingConfig, out: Path, resume: bool, say: Callable[[str], 
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
+    if resume and start is not None:
+        raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
     state = resumed_state(last, config) if resume else new_state(config)
     train_materials, held_out = load_materials(config)
     say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")
     if not resume:
         state.commit = _commit()
         fit_whitening(state.network, train_materials, config)
+        if start is not None:
+            start_from(state, start)
         state.average.load_state_dict(state.network.state_dict())
     validator = Validator(held_out, config.network, config.loss.pixel_filter)
     logs = _Logs(out, config.run, state.step)

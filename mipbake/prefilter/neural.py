@@ -36,13 +36,13 @@ class Neural:
 
             self._chosen = find_weights(weights)
 
-    def weights(self, target: str, pixel_filter: str) -> WeightsInfo:
-        """The weights that bakes of a target use; UsageError where there are none for it and the pixel filter."""
+    def weights(self, target: str, pixel_filter: str, source: str = "gltf") -> WeightsInfo:
+        """The weights that bakes of a source to a target use; UsageError where there are none for target and filter."""
         from mipbake.models.registry import default_weights
 
         info = self._chosen
         if info is None:
-            return default_weights(target, pixel_filter)
+            return default_weights(target, pixel_filter, source=source)
         if target not in info.targets or pixel_filter not in info.pixel_filters:
             raise UsageError(
                 f"weights {info.name} are for material model {' or '.join(info.targets)} with pixel filter "
@@ -57,6 +57,6 @@ class Neural:
         """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
         from mipbake.models.registry import load_network
 
-        info = self.weights(target, pixel_filter)
+        info = self.weights(target, pixel_filter, source)
         levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress)
         return PrefilterResult(levels, info.name, info.sha256)

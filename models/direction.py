@@ -1,0 +1,69 @@
+"""Anisotropic lobes from averages: which way a level's texel is rougher, and by how much.
+
+Slopes that vary more along one axis make a lobe that is wider along it. With the covariance tensor of slopes and the
+mean of alpha^2, `lean` says by how much: its tensor has eigenvalues q + 2 s_1 and q + 2 s_2. Half of the logarithm of
+the ratio of both alphas and twice their angle are a vector, which is zero where a lobe is round, and in which axes that
+differ by 180 degrees are one. A network corrects it as it corrects everything else: in terms that vanish on a constant
+material, where the lobe stays round.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from mipbake.material import MIN_ROUGHNESS
+from mipbake.models.moments import Statistics
+
+OUTPUTS = 3
+"""Numbers of a decoder that `stretched` takes."""
+
+_FIRST_GUESS = 0.5  # share of `lean`'s anisotropy that an untrained network has
+_MOST = 0.98  # of the anisotropy that a tensor can have
+_FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree
+_LEAST = 1e-12  # squared length of a vector whose angle still means something
+_MIN_ALPHA = MIN_ROUGHNESS**2
+
+
+def stretched(found: Statistics, roughness: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
+    """Roughness of the narrower axis (..., 1), and (..., 3) direction of the wider one and strength, of `gltf`.
+
+    Args:
+        found: averages. roughness: (..., 1) of the round lobe, the geometric mean of both. out: (..., OUTPUTS).
+
+    Returns:
+        What KHR_materials_anisotropy stores: alpha across, and along mix(alpha, 1, strength^2). Differentiable; the
+        direction of a round lobe is +x and has no gradient.
+    """
+    quartic = (4 * (found.log_roughness + found.to_quartic)).exp()
+    ratio = found.slopes * found.axes / (quartic + found.slopes)
+    length = ratio.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
+    lean = ratio / length * length.clamp(max=_MOST).atanh() / 2
+    vector = (_FIRST_GUESS + out[..., :1]) * lean + _FREE * found.freedom * out[..., 1:3].tanh()
+    squared = vector.square().sum(-1, keepdim=True)
+    round_ = squared <= _LEAST
+    # Neither a root nor an angle has a derivative at zero.
+    half = torch.where(round_, torch.zeros_like(squared), torch.where(round_, torch.ones_like(squared), squared).sqrt())
+    x = torch.where(round_, torch.ones_like(squared), vector[..., :1])
+    angle = torch.atan2(torch.where(round_, torch.zeros_like(squared), vector[..., 1:]), x) / 2
+    alpha = roughness.square()
+    across = torch.maximum(alpha * (-half).exp(), alpha.clamp(max=_MIN_ALPHA))
+    along = (alpha * half.exp()).clamp(max=1)
+    wider = (along - across) / (1 - across).clamp(min=1e-4)
+    flat = wider <= _LEAST
+    strength = torch.where(flat, torch.zeros_like(wider), torch.where(flat, torch.ones_like(wider), wider).sqrt())
+    return across.sqrt(), torch.cat([angle.cos(), angle.sin(), strength.clamp(max=1)], -1)
+
+
+def aligned(levels: list[Tensor]) -> list[Tensor]:
+    """(B, S_L, S_L, 11) levels of `gltf-anisotropic` with directions d and -d, which shade alike, of one sign.
+
+    As mipbake.material.align_directions does it, with one axis for all levels of an image: that of the coarsest.
+    """
+    axis = levels[-1][..., 8:10].detach().mean((1, 2), keepdim=True)
+    out = []
+    for level in levels:
+        direction = level[..., 8:10]
+        sign = torch.where((direction * axis).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+        out.append(torch.cat([level[..., :8], sign * direction, level[..., 10:]], -1))
+    return out
