@@ -18,7 +18,7 @@ DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
     # Gradients by texels; optimum.py, blending.py and refine.py import them when they are called.
-    r"|mipbake\.prefilter\.(lobes|pair_weights|pixel_samples|texel_coordinates|texel_descent)$"
+    r"|mipbake\.prefilter\.(lit_samples|lobes|pair_weights|pixel_samples|texel_coordinates|texel_descent)$"
 )
 
 
