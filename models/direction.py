@@ -22,7 +22,6 @@ _FIRST_GUESS = 0.5  # share of `lean`'s anisotropy that an untrained network has
 _MOST = 0.98  # of the anisotropy that a tensor can have
 _FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree
 _LEAST = 1e-12  # squared length of a vector whose angle still means something
-_MIN_ALPHA = MIN_ROUGHNESS**2
 
 
 def stretched(found: Statistics, roughness: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
@@ -46,13 +45,12 @@ def stretched(found: Statistics, roughness: Tensor, out: Tensor) -> tuple[Tensor
     half = torch.where(round_, torch.zeros_like(squared), torch.where(round_, torch.ones_like(squared), squared).sqrt())
     x = torch.where(round_, torch.ones_like(squared), vector[..., :1])
     angle = torch.atan2(torch.where(round_, torch.zeros_like(squared), vector[..., 1:]), x) / 2
-    alpha = roughness.square()
-    across = torch.maximum(alpha * (-half).exp(), alpha.clamp(max=_MIN_ALPHA))
-    along = (alpha * half.exp()).clamp(max=1)
+    narrow = torch.maximum(roughness * (-half / 2).exp(), roughness.clamp(max=MIN_ROUGHNESS))
+    across, along = narrow.square(), (roughness.square() * half.exp()).clamp(max=1)
     wider = (along - across) / (1 - across).clamp(min=1e-4)
     flat = wider <= _LEAST
     strength = torch.where(flat, torch.zeros_like(wider), torch.where(flat, torch.ones_like(wider), wider).sqrt())
-    return across.sqrt(), torch.cat([angle.cos(), angle.sin(), strength.clamp(max=1)], -1)
+    return narrow, torch.cat([angle.cos(), angle.sin(), strength.clamp(max=1)], -1)
 
 
 def aligned(levels: list[Tensor]) -> list[Tensor]:

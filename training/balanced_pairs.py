@@ -25,7 +25,6 @@ from mipbake.material import MIN_ROUGHNESS
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.prefilter import lobes
 from mipbake.training.config import BalancedLossConfig
-from mipbake.training.loss import SEQUENCE
 
 GRAZING = 0.4
 """Cosine of the view up to which grazing views are drawn, uniformly."""
@@ -113,14 +112,8 @@ def _lobes(patches: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
 
 
 def _rooms(batch: int, config: BalancedLossConfig, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """(B, R G, 3) lights and views, both cosine-distributed; the lights of a room spread evenly.
-
-    An environment is many lights: what all of them miss by the same sign adds up, what single ones miss evens out. A
-    shifted low-discrepancy sequence (Roberts 2018) stands for more lights than it has.
-    """
+    """(B, R G, 3) lights and views, both cosine-distributed."""
     rooms, lights = config.rooms, config.room_lights
     view = _float(cosine_directions(rng, batch * rooms)).reshape(batch, rooms, 1, 3)
-    places = (rng.random((batch, rooms, 1, 2)) + np.arange(lights)[:, None] * SEQUENCE) % 1
-    radius, angle = np.sqrt(places[..., 0]), 2 * math.pi * places[..., 1]
-    light = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - places[..., 0])], -1)
-    return _float(light).reshape(batch, rooms * lights, 3), view.expand(-1, -1, lights, -1).flatten(1, 2)
+    light = _float(cosine_directions(rng, batch * rooms * lights)).reshape(batch, rooms * lights, 3)
+    return light, view.expand(-1, -1, lights, -1).flatten(1, 2)

@@ -139,12 +139,12 @@ class BalancedLossConfig:
     narrow_lobes: int = 4
     wide_lobes: int = 4
     grazing: float = 0.5
-    rooms: int = 1
-    room_lights: int = 12
+    rooms: int = 2
+    room_lights: int = 6
     mirror_weight: float = 1.5
     hemisphere_weight: float = 1.0
     light_weight: float = 0.5
-    room_weight: float = 3.0
+    room_weight: float = 2.0
     pixel_filter: str = "gaussian"
     any_filter: float = 0.4
     below: float = 0.5
