@@ -9,6 +9,8 @@ material, where the lobe stays round.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -18,7 +20,8 @@ from mipbake.models.moments import Statistics
 OUTPUTS = 3
 """Numbers of a decoder that `stretched` takes."""
 
-_FIRST_GUESS = 0.5  # share of `lean`'s anisotropy that an untrained network has
+_MOST_SHARE = 1.5  # of `lean`'s anisotropy; an untrained network has a third of it
+_DECISION = 4.0
 _MOST = 0.98  # of the anisotropy that a tensor can have
 _FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree
 _LEAST = 1e-12  # squared length of a vector whose angle still means something
@@ -38,7 +41,8 @@ def stretched(found: Statistics, roughness: Tensor, out: Tensor) -> tuple[Tensor
     ratio = found.slopes * found.axes / (quartic + found.slopes)
     length = ratio.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
     lean = ratio / length * length.clamp(max=_MOST).atanh() / 2
-    vector = (_FIRST_GUESS + out[..., :1]) * lean + _FREE * found.freedom * out[..., 1:3].tanh()
+    share = _MOST_SHARE * torch.sigmoid(_DECISION * out[..., :1] - math.log(2))
+    vector = share * lean + _FREE * found.freedom * out[..., 1:3].tanh()
     squared = vector.square().sum(-1, keepdim=True)
     round_ = squared <= _LEAST
     # Neither a root nor an angle has a derivative at zero.

@@ -124,7 +124,7 @@ class MomentNetwork(nn.Module):
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
             pixel_filter: that the latents were filtered with.
         """
-        found = statistics(latent[..., :COUNT])
+        found = statistics(latent[..., :COUNT].detach())  # of what is not learned
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))

@@ -166,7 +166,8 @@ def statistics(means: Tensor) -> Statistics:
     upward_slope, upward_variance = _among(upward, means[..., 24:26], means[..., 26:27], slope, slopes)
     upward_alpha2 = (means[..., 27:28] / upward).clamp(_MIN_ALPHA2, 1)
     metallic_variance = (means[..., 18:19] - metallic * metallic).clamp(0, 1)
-    differing = to_lean.clamp(min=0) + to_unreal - to_geometric.clamp(max=0)
+    # `unreal` narrows what is as rough as can be.
+    differing = (to_lean.clamp(min=0) + to_unreal - to_geometric.clamp(max=0)).clamp(min=0)
     return Statistics(
         base=base,
         metallic=metallic,

@@ -231,6 +231,16 @@ def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
         assert float(found.to_narrowest) <= 0
 
 
+def test_what_may_change_is_a_share() -> None:
+    """Also of a surface as rough as can be with steep normals, which `unreal` would make less rough."""
+    stored = torch.from_numpy(bumpy(16, 16, 11))
+    stored[..., 4] = 1.0
+    found = statistics(moments(stored).mean((0, 1)))
+    assert float(found.to_unreal) < 0
+    for freedom in (found.freedom, found.tall_freedom, found.upward_freedom):
+        assert 0 <= float(freedom) <= 1
+
+
 def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> None:
     stored = torch.from_numpy(bumpy(8, 8, 8))
     stored[..., 4] = 0.6
