@@ -153,7 +153,8 @@ def directed(asked: Asked) -> list[Plan]:
     for name, texture_set in directional(known, effort.generated, effort.generated_size):
         methods = []
         for target in ("gltf", "gltf-anisotropic"):
-            found = specs((*asked.methods, *forms), target, DEFAULT_FILTER, asked.folders)
+            source = texture_set.source_model
+            found = specs((*asked.methods, *forms), target, DEFAULT_FILTER, asked.folders, source)
             methods += [dataclasses.replace(spec, name=f"{spec.name} as {target}") for spec in found]
         kept = texture_set if name not in known else None  # many sets read at once would fill the memory
         load = known.get(name, lambda kept=kept: kept)

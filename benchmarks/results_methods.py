@@ -25,6 +25,7 @@ import numpy as np
 from mipbake.compare.candidates import Candidate, chosen
 from mipbake.compare.result import Method
 from mipbake.errors import UsageError
+from mipbake.models.config import takes
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.texture_set import TextureSet
@@ -80,7 +81,9 @@ class Baked:
         return asdict(self.spec) | asdict(self.cost) | {"model": self.spec.target}
 
 
-def specs(names: Sequence[str], target: str, pixel_filter: str, folders: Sequence[Path] = ()) -> list[Spec]:
+def specs(
+    names: Sequence[str], target: str, pixel_filter: str, folders: Sequence[Path] = (), source: str = "gltf"
+) -> list[Spec]:
     """What the names stand for, each once; without the networks that have no weights for the target.
 
     Args:
@@ -94,7 +97,7 @@ def specs(names: Sequence[str], target: str, pixel_filter: str, folders: Sequenc
         plain, _, budget = text.partition("@")
         method, _, wanted = plain.partition(":")
         if wanted or method == "neural":
-            info = _weights(wanted or None, target, pixel_filter, folders)
+            info = _weights(wanted or None, source, target, pixel_filter, folders)
             if method != "neural":
                 raise UsageError(f"{text!r} names weights: expected neural:{wanted}")
             if info is not None:
@@ -104,7 +107,7 @@ def specs(names: Sequence[str], target: str, pixel_filter: str, folders: Sequenc
         if budget and method not in OPTIONS["budget"]:
             raise UsageError(f"{text!r} has a budget: expected one of {', '.join(OPTIONS['budget'])} before the @")
         for label, (one, kernel) in chosen([method], pixel_filter).items():
-            default = _weights(None, target, pixel_filter, ()) if one in OPTIONS["weights"] else None
+            default = _weights(None, source, target, pixel_filter, ()) if one in OPTIONS["weights"] else None
             name = f"{label} {budget}" if budget else label
             found[name] = Spec(
                 name, one, kernel, target, sha256=default.sha256 if default else None, budget=budget or None
@@ -112,17 +115,20 @@ def specs(names: Sequence[str], target: str, pixel_filter: str, folders: Sequenc
     return list(found.values())
 
 
-def _weights(name: str | None, target: str, pixel_filter: str, folders: Sequence[Path]) -> WeightsInfo | None:
-    """The weights that make the target; None where there are none."""
+def _weights(
+    name: str | None, source: str, target: str, pixel_filter: str, folders: Sequence[Path]
+) -> WeightsInfo | None:
+    """The weights that make the target of the source; None where there are none."""
     if name is None:
         try:
-            return default_weights(target, pixel_filter)
+            return default_weights(target, pixel_filter, source=source)
         except UsageError:
             return None
     for folder in (WEIGHTS_FOLDER, *folders):
         if name in (info.name for info in list_weights(folder)):
             info = find_weights(name, folder)
-            return info if target in info.targets and pixel_filter in info.pixel_filters else None
+            fits = target in info.targets and pixel_filter in info.pixel_filters and takes(info.network, source)
+            return info if fits else None
     return None
 
 

@@ -73,15 +73,15 @@ Shown = Mapping[tuple[str, str, str], Sphere]
 """Method, output model and scale to the sphere."""
 
 
-def networks(output: str) -> list[str]:
-    """Names of the methods that are networks and make a model."""
+def networks(source: str, output: str) -> list[str]:
+    """Names of the methods that are networks and make one model of another."""
     found = [
         info.name
         for info in list_weights()
         if info.name.startswith(PAPER) and output in info.targets and DEFAULT_FILTER in info.pixel_filters
     ]
     try:
-        default_weights(output, DEFAULT_FILTER)
+        default_weights(output, DEFAULT_FILTER, source=source)
     except UsageError:
         return found
     return [NEURAL, *found]
@@ -106,7 +106,7 @@ def spheres(
     size = (texture_set.height, texture_set.width)
     candidates = []
     for output in MODELS:
-        for method in (*methods, *networks(output)):
+        for method in (*methods, *networks(source, output)):
             levels = baked(stored, source, output, texture_set.wrap, method)
             candidates.append(Candidate(Method(f"{method}|{output}", method, DEFAULT_FILTER, output), levels))
     found, references = {}, {}
@@ -173,7 +173,7 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["linear", "lean", "auto"], choices=METHODS)
     options = parser.parse_args()
     texture_set = mipbake.load(options.set)
-    trained = dict.fromkeys(name for model in MODELS for name in networks(model))
+    trained = dict.fromkeys(name for source in MODELS for model in MODELS for name in networks(source, model))
     method = CROSS if CROSS in trained else options.methods[-1]
     parts = [
         _TEXT.format(

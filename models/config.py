@@ -161,6 +161,11 @@ def reads(config: AnyConfig, source: str) -> bool:
     return any(_READ.index(source) <= _READ.index(model) for model in config.encoders)
 
 
+def takes(config: AnyConfig, source: str) -> bool:
+    """Whether a network bakes a source. One that makes anisotropic lobes of round ones would lose given ones."""
+    return not (isinstance(config, MomentConfig) and config.decoders == ("gltf-anisotropic",)) or source == "gltf"
+
+
 def read_as(config: NetworkConfig, source: str) -> str:
     """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
     wanted = (source, *_NEAREST[source])

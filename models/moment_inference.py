@@ -17,6 +17,7 @@ from torch import Tensor
 
 from mipbake import material
 from mipbake.errors import UsageError
+from mipbake.models.config import takes
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.network import border_indices
@@ -44,7 +45,7 @@ def bake(
     (made,) = network.config.decoders
     if target != made:
         raise UsageError(f"these weights make {made}, not {target!r}; choose other weights")
-    if network.anisotropic and source != "gltf":
+    if not takes(network.config, source):
         raise UsageError(f"these weights read gltf and would lose what {source} says of lobes; choose other weights")
     if network.pixel_filters and kernel not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)

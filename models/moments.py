@@ -183,7 +183,7 @@ def statistics(means: Tensor) -> Statistics:
         metallic_variance=metallic_variance,
         metallic_colour=means[..., 15:18] - metallic * base,
         slopes=slopes,
-        axes=torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5),
+        axes=_at_most_one(torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5)),
         to_tall=(1 / tall + tall_variance).clamp(_MIN_ALPHA2, 1).log() / 4 - log_roughness,
         to_upward=(upward_alpha2 + upward_variance).clamp(_MIN_ALPHA2, 1).log() / 4 - log_roughness,
         to_narrowest=(-tall.log() / 4 - log_roughness).clamp(max=0),
@@ -194,6 +194,11 @@ def statistics(means: Tensor) -> Statistics:
         upward_freedom=_widening(upward_variance, upward_alpha2),
         colour_freedom=_share(spread) + _share(metallic_variance),
     )
+
+
+def _at_most_one(vector: Tensor) -> Tensor:
+    """Shortened to length 1 where it is longer, as no covariance is, but sums with negative weights are."""
+    return vector * vector.square().sum(-1, keepdim=True).clamp(min=1).rsqrt()
 
 
 def _leaning(slope: Tensor) -> Tensor:

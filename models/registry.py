@@ -13,7 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mipbake.errors import InputError, MipbakeError, UsageError
-from mipbake.models.config import ARCHITECTURES, AnyConfig, MomentConfig, NetworkConfig, architecture_of, reads, targets
+from mipbake.models.config import (
+    ARCHITECTURES,
+    AnyConfig,
+    MomentConfig,
+    NetworkConfig,
+    architecture_of,
+    reads,
+    takes,
+    targets,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -123,6 +132,7 @@ def default_weights(
     Those that see all of the source come before others, then those with a decoder of the target's own.
     """
     found = [info for info in list_weights(folder) if info.default]
+    found = [info for info in found if takes(info.network, source)]
     fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
     if fitting:
         return min(fitting, key=lambda info: (not reads(info.network, source), target not in info.network.decoders))

@@ -49,10 +49,10 @@ def test_unknown_names_are_refused_with_those_there_are(name: str) -> None:
 
 
 def test_neural_is_left_out_where_it_has_no_weights() -> None:
-    names, notes = default_names("gltf", "gaussian")
+    names, notes = default_names("gltf", "gltf", "gaussian")
     assert names[0] == "neural"
     assert notes == ()
-    names, notes = default_names("ggx", "mitchell")
+    names, notes = default_names("gltf", "ggx", "mitchell")
     assert "neural" not in names
     assert "linear (mitchell)" in names
     assert "left out: no trained weights" in notes[0]

@@ -18,7 +18,7 @@ MODELS = ("ggx", "beckmann", "gltf", "gltf-anisotropic")
 def test_the_page_of_figure_7(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.syspath_prepend(ROOT / "docs")
     figure = importlib.import_module("make_figure_7")
-    monkeypatch.setattr(figure, "networks", lambda output: [])
+    monkeypatch.setattr(figure, "networks", lambda source, output: [])
     monkeypatch.setattr(figure, "MODELS", MODELS[:2])
     monkeypatch.setattr(figure, "SCALES", ("near",))
     plate = tmp_path / "plate"
@@ -49,7 +49,7 @@ def test_networks_that_make_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / "docs")
     figure = importlib.import_module("make_figure_7")
     weights = [*figure.list_weights()]
-    assert "neural" in figure.networks("gltf")
+    assert "neural" in figure.networks("gltf", "gltf")
     for model in MODELS:
         paper = {info.name for info in weights if info.name.startswith("paper-") and model in info.targets}
-        assert {name for name in figure.networks(model) if name != "neural"} == paper
+        assert {name for name in figure.networks("gltf", model) if name != "neural"} == paper

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from mipbake.errors import UsageError
+from mipbake.material import MODELS, convert
 from mipbake.models import list_weights
 from mipbake.prefilter import METHODS, OPTIONS, method_named, optimum
 from mipbake.prefilter.held_out import Budget
+from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.prefilter.time_budget import seconds_of
 
 
@@ -75,3 +78,24 @@ def test_a_budget_of_time_reaches_the_descent(monkeypatch: pytest.MonkeyPatch) -
         method = method_named("optimum", budget=budget)
         method(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap"), lambda _: None)
     assert budgets == [90, None, None]
+
+
+@pytest.mark.parametrize("source", MODELS)
+@pytest.mark.parametrize("target", MODELS)
+def test_weights_that_are_found_bake(source: str, target: str) -> None:
+    """Whatever is chosen when nobody names weights reads the source, and makes the target, under every filter."""
+    stored = convert(np.full((4, 4, 8), [0.5, 0.4, 0.3, 1, 0.4, 0, 0, 1], np.float32), "gltf", source)
+    neural = Neural()
+    for pixel_filter in FILTERS:
+        try:
+            neural.weights(target, pixel_filter, source)
+        except UsageError as error:
+            assert "no trained weights" in str(error)
+            continue
+        levels = neural(stored, source, target, pixel_filter, ("wrap", "wrap"), lambda _: None).levels
+        assert all(np.isfinite(level).all() for level in levels)
+
+
+def test_named_weights_that_lose_what_a_source_says_are_refused() -> None:
+    with pytest.raises(UsageError, match="mipbake-1-anisotropic read gltf"):
+        Neural("mipbake-1-anisotropic").weights("gltf-anisotropic", "gaussian", "gltf-anisotropic")

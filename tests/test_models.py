@@ -288,6 +288,9 @@ def test_weights_see_all_of_their_source(released: registry.WeightsInfo) -> None
         for source in ("gltf", "gltf-anisotropic", "ggx")
     }
     assert chosen == {"gltf": "blind", "gltf-anisotropic": "seeing", "ggx": "seeing"}
+    (released.folder / "seeing.json").unlink()
+    with pytest.raises(UsageError, match="no trained weights"):
+        registry.default_weights("gltf-anisotropic", folder=released.folder, source="gltf-anisotropic")
 
 
 def test_damaged_weights_are_refused(released: registry.WeightsInfo) -> None:

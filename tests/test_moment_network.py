@@ -251,6 +251,7 @@ def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> Non
     assert all(torch.isfinite(value).all() for value in vars(found).values())
     for normal in (found.tall_normal, found.upward_normal):
         assert float(normal.norm()) <= 3.1 * float(found.slopes.sqrt())
+    assert float(found.axes.norm()) <= 1.001
 
 
 ANISOTROPIC = dataclasses.replace(SMALL, decoders=("gltf-anisotropic",))

@@ -182,6 +182,8 @@ def train(
 
     Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
     """
+    if resume and start is not None:
+        raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
     last = out / LAST
     if not resume and last.exists():
         raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
@@ -189,8 +191,6 @@ def train(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
-    if resume and start is not None:
-        raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
     state = resumed_state(last, config) if resume else new_state(config)
     train_materials, held_out = load_materials(config)
     say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")

@@ -97,7 +97,7 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
     return wanted
 
 
-def default_names(model: str, pixel_filter: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def default_names(source: str, model: str, pixel_filter: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What a comparison bakes when nobody names methods: neural, where it has weights, and all closed forms.
 
     Returns:
@@ -105,7 +105,7 @@ def default_names(model: str, pixel_filter: str) -> tuple[tuple[str, ...], tuple
     """
     notes: tuple[str, ...] = ()
     try:
-        Neural().weights(model, pixel_filter)
+        Neural().weights(model, pixel_filter, source)
     except UsageError as error:
         notes = (f"{Neural.name} was left out: {error}.",)
     learned = () if notes else (Neural.name,)

@@ -140,7 +140,7 @@ def compare(
     clock = _Clock(progress)
     model = stack.model if stack else resolve_target(texture_set, target)
     kernel = stack.provenance.pixel_filter if stack else filter_named(pixel_filter).name
-    names, notes = default_names(model, kernel) if methods is None else (tuple(methods), ())
+    names, notes = default_names(texture_set.source_model, model, kernel) if methods is None else (tuple(methods), ())
     wanted = chosen(names, kernel)
     labels = tuple(wanted)
     views = _views(texture_set, settings)
