@@ -158,7 +158,10 @@ def _promise(provenance: Provenance) -> list[str]:
     promise = provenance.promise
     if promise is None:
         return []
-    return [
+    lines = [
         f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
+    if promise.left_out:
+        lines.append(f"not measured, for want of time: {', '.join(promise.left_out)}")
+    return lines

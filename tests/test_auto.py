@@ -278,6 +278,9 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     stretched = np.tile(two, (5, 5, 1))
     result = method_named("refine", budget="0.001s")(stretched, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
     assert result.promise is not None and result.weights is None
+    assert "lean (box)" in result.promise.left_out  # what was not measured is named, and nobody's best
+    best = {name for each in result.promise.levels for name in each.best_closed_form.values()}
+    assert not best & set(result.promise.left_out)
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
     start = blending.blend(task, list(blending.closed_forms(task)), SMALL, deadline=0.0)
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
@@ -295,7 +298,7 @@ def test_filters_without_weights_blend_closed_forms_alone() -> None:
     stored = material_of_two(8)
     result = method_named("auto")(stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
     assert result.weights is None
-    assert result.promise is not None
+    assert result.promise is not None and not result.promise.left_out
     assert not any("neural" in each.sources for each in result.promise.levels)
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
@@ -325,12 +328,12 @@ def test_promises_of_other_shapes_are_refused() -> None:
     level = {"level": 0, "sources": ["linear (box)"], "refined": 0.0, "snr": figures, "standard_error": figures}
     level |= {"best_closed_form": {name: "linear (box)" for name in figures}, "best_closed_form_snr": figures}
     level |= {"gain_error": figures}
-    right = {"levels": [level], "pairs": 64, "points": 8}
+    right = {"levels": [level], "pairs": 64, "points": 8, "left_out": []}
     found = promise_from(right)
     assert found is not None and found.levels[0].snr == figures
     for wrong, sentence in (
         ([], "the promise is a list: expected an object"),
-        ({}, "the promise has : expected levels, pairs, points"),
+        ({}, "the promise has : expected left_out, levels, pairs, points"),
         ({**right, "levels": []}, "levels of the promise is a list: expected a list of levels"),
         ({**right, "levels": [{"level": 0}]}, "level 0 of the promise has level: expected best_closed_form, "),
         ({**right, "pairs": "64"}, "pairs of the promise is '64': expected a whole number from 0 up"),

@@ -85,6 +85,7 @@ class Blend:
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
         rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_square of any.
         witness: renders that decided nothing, at every level. witnessed: what these rivals have there.
+        left_out: closed forms that there was no time to bake, in none of the above.
     """
 
     levels: list[Image]
@@ -94,6 +95,7 @@ class Blend:
     lit: list[float]
     witness: Scores
     witnessed: list[list[Rival]]
+    left_out: tuple[str, ...] = ()
 
 
 def closed_forms(problem: Problem) -> Iterator[Candidate]:
@@ -159,7 +161,8 @@ def blend(
     levels = bench.mixed(mixtures)
     witnessed = [bench.witnessed(level, rivals[2 * level][: len(PAIR_SETS)]) for level in range(problem.last + 1)]
     progress(1.0)
-    return Blend(levels, [tuple(mixture) for mixture in mixtures], judge, rivals, lit, witness, witnessed)
+    sources = [tuple(mixture) for mixture in mixtures]
+    return Blend(levels, sources, judge, rivals, lit, witness, witnessed, bench.left_out)
 
 
 class _Bench:
@@ -213,6 +216,7 @@ class _Bench:
             for name, looked in zip(names, pool.map(look, names), strict=True):
                 done[name] = looked
                 progress(len(done) / (len(names) + 2))
+        self.left_out = tuple(name for name, each in self._candidates.items() if each.closed_form and not done[name])
         self._candidates = {name: each for name, each in self._candidates.items() if done[name]}
         self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
         if timed:

@@ -47,11 +47,13 @@ class Promise:
     Args:
         levels: all of them.
         pairs: of each pair set that every level was measured with, at least. points: at most.
+        left_out: closed forms that the budget left no time to measure: the best one may be among them.
     """
 
     levels: tuple[LevelPromise, ...]
     pairs: int
     points: int
+    left_out: tuple[str, ...] = ()
 
     def summary(self, pair_set: str) -> str:
         """What the levels gain over the best closed forms, at least, at most and in the mean, and how sure that is."""
@@ -79,7 +81,7 @@ def promise_from(content: object) -> Promise | None:
                 f"level {index} of the promise has figures of different pair sets: expected the same in all"
             )
         levels.append(LevelPromise(**{**level, "sources": tuple(level["sources"])}))
-    return Promise(**{**whole, "levels": tuple(levels)})
+    return Promise(**{**whole, "levels": tuple(levels), "left_out": tuple(whole["left_out"])})
 
 
 _FIGURES = ("snr", "standard_error", "best_closed_form_snr", "gain_error")
@@ -106,7 +108,7 @@ def _expected_in(name: str, value: object) -> str | None:
         return None if _number(value) and isinstance(value, int) and value >= 0 else "a whole number from 0 up"
     if name == "refined":
         return None if _number(value) else "a number"
-    if name == "sources":
+    if name in ("sources", "left_out"):
         fine = isinstance(value, list) and all(isinstance(each, str) for each in value)
         return None if fine else "a list of names"
     if name in _BY_SET:

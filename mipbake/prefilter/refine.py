@@ -318,7 +318,7 @@ def promised(start: Blend, refined: _Refined) -> Promise:
             )
         )
     effort = start.witness.effort
-    return Promise(tuple(levels), effort.groups * SET_SIZE, effort.groups * effort.points)
+    return Promise(tuple(levels), effort.groups * SET_SIZE, effort.groups * effort.points, start.left_out)
 
 
 def spoken_snr(snr: Array) -> str:
