@@ -33,9 +33,10 @@ from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare import texture_space
 from mipbake.compare.candidates import Candidate, bake_all
 from mipbake.compare.result import Comparison, Method
-from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.errors import InputError, UsageError
 from mipbake.metrics import PAIR_SETS
 from mipbake.models import default_weights
+from mipbake.training.__main__ import exit_code
 from mipbake.training.baseline import add_baseline
 from mipbake.training.config import BalancedLossConfig, TrainingConfig, read_config
 from mipbake.training.loop import LAST, keep_freed_memory, load_state, threads_beside_batches, train
@@ -213,14 +214,7 @@ def main() -> int:
     parser.add_argument("command", choices=COMMANDS)
     command = COMMANDS[parser.parse_args(sys.argv[1:2]).command]
     add_baseline("mipnet", MipnetConfig)
-    try:
-        return command(sys.argv[2:])
-    except MipbakeError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("interrupted: continue with --resume", file=sys.stderr)
-        return 130
+    return exit_code(lambda: command(sys.argv[2:]))
 
 
 if __name__ == "__main__":

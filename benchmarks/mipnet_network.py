@@ -1,7 +1,7 @@
 """MIPNet (Gauthier et al. 2022, "MIPNet: Neural Normal-to-Anisotropic-Roughness MIP Mapping"), re-implemented.
 
-Written anew from the paper's description; the sizes of the layers, which it is vague about, are the defaults that the
-authors' published training script has. No code of theirs is used, and their weights were never published. What it is:
+Written anew. The idea is that of the paper's abstract; the cascade, the clamps and the sizes of the layers are facts
+read in the authors' published scripts. No code of theirs is used, and their weights were never published. What it is:
 
 - A texel is five numbers: normal x, y, and the symmetric square root of the 2 x 2 roughness tensor S (a, b, c), whose
   eigenvalues are those of S, alpha_x^2 and alpha_y^2, under the root. They keep their meaning at every level.

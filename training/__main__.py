@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from mipbake.errors import MipbakeError
@@ -32,28 +33,13 @@ def _arguments() -> argparse.Namespace:
 def main() -> int:
     """Runs one command; returns the exit code."""
     arguments = _arguments()
+    return exit_code(lambda: (_train if arguments.command == "train" else _export)(arguments))
+
+
+def exit_code(command: Callable[[], object]) -> int:
+    """That of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
     try:
-        if arguments.command == "train":
-            from mipbake.training.config import read_config
-
-            config = read_config(arguments.config)
-            if arguments.data:
-                config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
-            import torch
-
-            from mipbake.training.loop import keep_freed_memory, threads_beside_batches, train
-
-            keep_freed_memory()
-            torch.set_num_threads(threads_beside_batches())
-            out = arguments.out or Path("runs") / arguments.config.stem
-            train(config, out, arguments.resume, start=arguments.start)
-        else:
-            from mipbake.models.registry import WEIGHTS_FOLDER
-            from mipbake.training.export import export_weights
-
-            folder = arguments.out or WEIGHTS_FOLDER
-            info = export_weights(arguments.checkpoint, arguments.name, folder, arguments.default)
-            print(f"{info.tensors}: {info.tensors.stat().st_size} bytes, SHA-256 {info.sha256}")
+        command()
     except MipbakeError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -61,6 +47,29 @@ def main() -> int:
         print("interrupted: continue with --resume", file=sys.stderr)
         return 130
     return 0
+
+
+def _train(arguments: argparse.Namespace) -> None:
+    from mipbake.training.config import read_config
+
+    config = read_config(arguments.config)
+    if arguments.data:
+        config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
+    import torch
+
+    from mipbake.training.loop import keep_freed_memory, threads_beside_batches, train
+
+    keep_freed_memory()
+    torch.set_num_threads(threads_beside_batches())
+    train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume, start=arguments.start)
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    from mipbake.models.registry import WEIGHTS_FOLDER
+    from mipbake.training.export import export_weights
+
+    info = export_weights(arguments.checkpoint, arguments.name, arguments.out or WEIGHTS_FOLDER, arguments.default)
+    print(f"{info.tensors}: {info.tensors.stat().st_size} bytes, SHA-256 {info.sha256}")
 
 
 if __name__ == "__main__":
