@@ -69,7 +69,7 @@ def compare(
         typer.Option(
             metavar="NAMES",
             help=f"What is baked: {_LIST}, of {', '.join(METHODS)}, or one form of a closed form, as 'lean (box)'.",
-            show_default="neural and all closed forms",
+            show_default="auto, neural and all closed forms; with --baked without auto",
         ),
     ] = None,
     target: Annotated[

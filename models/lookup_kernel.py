@@ -4,7 +4,11 @@ A level is read by bilinear interpolation, which blurs it once more: by a tent o
 The pixel filter alone, followed by that, is too wide. So a level is filtered with the pixel filter and then with
 (-a, 1 + 2 a, -a) along both axes: its response 1 + a w^2 + O(w^4) undoes the tent's 1 - w^2 / 12, up to second order,
 where a = 1/12. The source, too, is interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
-(1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that, so a = 1/12 - 4^-L / 24.
+(1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that: a = 1/12 - 4^-L / 24.
+
+Most lookups lie between two levels, and mix a kernel that is too narrow with one that is too wide. Variances add up to
+more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail is that
+of its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
 
 Closed forms gain by it on real sets, most at the fine levels; on white noise they lose (figures in docs/research.md).
 """
@@ -20,10 +24,13 @@ from torch import Tensor
 
 from mipbake.prefilter.pixel_filter import level_sizes, resample_weights
 
+_BETWEEN = 1 / 60
+"""What levels are sharper by because lookups lie between them."""
+
 
 def sharpening(level: int) -> float:
     """a of a level."""
-    return 1 / 12 - 4.0**-level / 24
+    return 1 / 12 + _BETWEEN - 4.0**-level / 24
 
 
 def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:
@@ -52,12 +59,12 @@ def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str) -> NDArray[
 
 
 @lru_cache(maxsize=64)
-def periodic_matrices(size: int, pixel_filter: str) -> tuple[Tensor, ...]:
-    """(size_L, size) of every level of a square image that repeats: pixel filter and sharpening in one."""
+def periodic_matrices(size: int, pixel_filter: str, sharp: bool = True) -> tuple[Tensor, ...]:
+    """(size_L, size) of every level of a square image that repeats: pixel filter and, if `sharp`, sharpening in one."""
     out = []
     for level, (side, _) in enumerate(level_sizes(size, size)):
         matrix = axis_matrix(size, side, pixel_filter, "wrap")
-        if side > 1:
+        if sharp and side > 1:
             a = sharpening(level)
             matrix = (1 + 2 * a) * matrix - a * (np.roll(matrix, 1, 0) + np.roll(matrix, -1, 0))
         with torch.inference_mode(False):  # whoever asks first, training may ask later
@@ -65,10 +72,10 @@ def periodic_matrices(size: int, pixel_filter: str) -> tuple[Tensor, ...]:
     return tuple(out)
 
 
-def periodic_levels(image: Tensor, pixel_filter: str) -> list[Tensor]:
+def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
-    matrices = periodic_matrices(size, pixel_filter)
+    matrices = periodic_matrices(size, pixel_filter, sharp)
     rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
     rows = rows.reshape(batch, -1, size, channels)
     parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)

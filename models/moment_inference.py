@@ -19,7 +19,7 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.models.config import takes
 from mipbake.models.lookup_kernel import sharpened
-from mipbake.models.moment_network import MomentNetwork
+from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.network import border_indices
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
 from mipbake.prefilter.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
@@ -103,7 +103,8 @@ def _from_top(
             rows = border_indices(y - border, stop[0] + border, sizes[0][0], wrap[1]).numpy()
             columns = border_indices(x - border, stop[1] + border, sizes[0][1], wrap[0]).numpy()
             around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])
-            filtered = sharpened(_valid(around[0], taps), 0, ("clamp", "clamp"))[1:-1, 1:-1]
+            plain = _valid(around[0], taps)
+            filtered = with_detail(sharpened(plain, 0, ("clamp", "clamp")), plain)[1:-1, 1:-1]
             top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
             inside = around[0, reach:-reach, reach:-reach]
             for sink in (*direct, *boxes):
@@ -130,7 +131,7 @@ def _valid(image: Tensor, taps: Tensor) -> Tensor:
 
 def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wrap: Wrap) -> NDArray[np.float32]:
     """(H, W, 8) stored channels of a level's latents."""
-    ready = sharpened(latent, level, wrap)
+    ready = with_detail(sharpened(latent, level, wrap), latent)
     index = torch.full((1,), float(level))
     parts = [network.decode(rows, index, kernel) for rows in torch.split(ready, _ROWS)]
     return torch.cat(parts).numpy()

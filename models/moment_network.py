@@ -3,13 +3,14 @@
     stack_L = decode(K_L * [moments(theta), encode(theta)], L, p)
 
 The structure is that of Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter.
-It differs from theirs in four ways.
+It differs from theirs in five ways.
 
 - Part of the latent code is not learned (moments.py): what closed forms average.
 - The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
   will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
 - The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
   material is constant: there the result is the averaged input, exactly.
+- How sharp a level is, is the decoder's choice, too: it adds more or less of what sharpening added.
 - Colours of dielectrics stay averages, whose diffuse light is right from every direction; those of metals may change.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
@@ -37,6 +38,10 @@ _INPUTS = 10
 _CODE = 3 + len(FILTERS)
 _OUTPUTS = 16
 
+DETAIL = 8
+"""Of the latents that `with_detail` makes: what sharpening added to the averages of base colour, metallic, roughness,
+n_x, n_y and 1 - n_z."""
+
 _STEP = 0.1
 """Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
 
@@ -50,6 +55,8 @@ _MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
 _MOST_CHANGE = 3.0  # of ln roughness
 _NARROWER = 0.1  # of ln roughness that a lobe may be narrower than those that it stands for
 _FARTHEST = 0.5  # of a lobe's alpha that its normal may move freely
+_CRISP = 3  # how much more sharpening there is of colours, of roughness, and of normals: -1 for none, to 1 for twice
+_DETAIL_SCALE = 8.0
 _MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
 
 
@@ -77,10 +84,11 @@ class MomentNetwork(nn.Module):
         self.output = nn.Linear(seen + wide * config.decoder_layers, _OUTPUTS)
         # Beside the output, so that a network for anisotropic lobes can start from one for round ones.
         self.stretch = nn.Linear(seen + wide * config.decoder_layers, OUTPUTS) if self.anisotropic else None
+        self.crisp = nn.Linear(seen + wide * config.decoder_layers + DETAIL, _CRISP)
         for layer in (*self.encoder, *self.decoder):
             nn.init.kaiming_normal_(layer.weight, a=SLOPE)
             nn.init.zeros_(layer.bias)
-        for last in (self.output, self.stretch):
+        for last in (self.output, self.crisp, self.stretch):
             if last is not None:
                 nn.init.zeros_(last.weight)
                 nn.init.zeros_(last.bias)
@@ -118,12 +126,14 @@ class MomentNetwork(nn.Module):
         return torch.cat([moments(inside), learned], -1)
 
     def decode(self, latent: Tensor, level: Tensor, pixel_filter: str) -> Tensor:
-        """(..., Z) filtered latents to (..., C) stored channels, valid as they are; differentiable.
+        """(..., Z + DETAIL) filtered latents to (..., C) stored channels, valid as they are; differentiable.
 
         Args:
+            latent: filtered and sharpened, and what sharpening did (with_detail).
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
             pixel_filter: that the latents were filtered with.
         """
+        latent, detail = latent[..., :-DETAIL], latent[..., -DETAIL:].detach()
         found = statistics(latent[..., :COUNT].detach())  # of what is not learned
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
@@ -133,7 +143,8 @@ class MomentNetwork(nn.Module):
         maps = torch.cat([found.features(), *code, latent[..., COUNT:]], -1)
         for layer in self.decoder:
             maps = torch.cat([maps, functional.leaky_relu(layer(maps), SLOPE)], -1)
-        texels = _changed(found, _STEP * self.output(maps))
+        crisp = self.crisp(torch.cat([maps, _DETAIL_SCALE * detail], -1)).tanh()
+        texels = _changed(found, _STEP * self.output(maps), _more(detail, crisp))
         if self.stretch is None:
             return texels
         roughness, lobe = stretched(found, texels[..., 4:5], _STEP * self.stretch(maps))
@@ -152,7 +163,11 @@ class MomentNetwork(nn.Module):
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
         halo = self.halo
         maps = functional.pad(stored.permute(0, 3, 1, 2), (halo, halo, halo, halo), mode="circular")
-        latents = periodic_levels(self.encode_extended(maps.permute(0, 2, 3, 1)), pixel_filter)
+        encoded = self.encode_extended(maps.permute(0, 2, 3, 1))
+        plain = periodic_levels(encoded[..., :DETAIL], pixel_filter, sharp=False)
+        latents = [
+            with_detail(sharp, each) for sharp, each in zip(periodic_levels(encoded, pixel_filter), plain, strict=True)
+        ]
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         levels = [latents[0].new_full((z.shape[1], 1), float(level)) for level, z in enumerate(latents)]
         return torch.cat(latents, 1), torch.cat(levels)
@@ -174,6 +189,11 @@ class MomentNetwork(nn.Module):
         from mipbake.models.moment_inference import bake
 
         return bake(self, stored, source, target, pixel_filter, wrap, progress)
+
+
+def with_detail(sharp: Tensor, plain: Tensor) -> Tensor:
+    """(..., Z + DETAIL) what `decode` takes, of filtered latents after and before sharpening."""
+    return torch.cat([sharp, sharp[..., :DETAIL] - plain[..., :DETAIL]], -1)
 
 
 def _split(texels: Tensor, stored: Tensor) -> list[Tensor]:
@@ -205,8 +225,14 @@ def _choice(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return shares[..., :1], shares[..., 1:2], shares[..., 2:]
 
 
-def _changed(found: Statistics, out: Tensor) -> Tensor:
-    """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers."""
+def _more(detail: Tensor, crisp: Tensor) -> Tensor:
+    """(..., 7) what more sharpening adds to base colour, metallic, roughness, n_x and n_y."""
+    colours, roughness, normals = (crisp[..., i : i + 1] for i in range(_CRISP))
+    return torch.cat([colours * detail[..., :4], roughness * detail[..., 4:5], normals * detail[..., 5:7]], -1)
+
+
+def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
+    """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers, and by (..., 7) that are added."""
     kept, tall, upward = _choice(out[..., 14:16])
     change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_unreal + out[..., 2:3] * found.to_geometric
     change = kept * (change + out[..., 3:4] * found.to_quartic) + tall * found.to_tall + upward * found.to_upward
@@ -216,15 +242,17 @@ def _changed(found: Statistics, out: Tensor) -> Tensor:
     # What lies below the roughness that is shaded is kept beside the change, so that no change is no change.
     below = found.roughness - found.roughness.clamp(min=MIN_ROUGHNESS)
     least = found.to_narrowest - _NARROWER * freedom
-    roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below).clamp(0, 1)
+    roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below + more[..., 4:5]).clamp(
+        0, 1
+    )
     gain = _MOST_GAIN * found.colour_freedom.clamp(max=1) * found.metallic * out[..., 5:8].tanh()
-    base = (found.base * gain.exp() + out[..., 8:9] * found.metallic_colour).clamp(0, 1)
-    metallic = (found.metallic + out[..., 9:10] * found.metallic_variance).clamp(0, 1)
+    base = (found.base * gain.exp() + out[..., 8:9] * found.metallic_colour + more[..., :3]).clamp(0, 1)
+    metallic = (found.metallic + out[..., 9:10] * found.metallic_variance + more[..., 3:4]).clamp(0, 1)
     tilt = (1 + freedom * out[..., 11:12].tanh()) * found.normal + kept * out[..., 10:11] * found.lean_normal
     tilt = tilt + tall * found.tall_normal + upward * found.upward_normal
     # A highlight is lost when it moves by its own width, however far the texels spread.
     reach = torch.minimum(found.spread.sqrt(), _FARTHEST * roughness.square())
-    xy = tilt + reach * out[..., 12:14].tanh()
+    xy = tilt + reach * out[..., 12:14].tanh() + more[..., 5:7]
     xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
     height = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=_MIN_HEIGHT2).sqrt()
     return torch.cat([base, metallic, roughness, xy, height], -1)

@@ -50,7 +50,8 @@ def test_unknown_names_are_refused_with_those_there_are(name: str) -> None:
 
 def test_neural_is_left_out_where_it_has_no_weights() -> None:
     names, notes = default_names("gltf", "gltf", "gaussian")
-    assert names[0] == "neural"
+    assert names[:2] == ("auto", "neural")
+    assert default_names("gltf", "gltf", "gaussian", opened=True)[0] == names[1:]
     assert notes == ()
     names, notes = default_names("gltf", "ggx", "mitchell")
     assert "neural" not in names

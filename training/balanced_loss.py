@@ -6,13 +6,14 @@ As in loss.py a patch is a torus, seen by pixels at random places, and the targe
 - Every squared error is divided by the error of its patch, level of detail and pair set as the network is now, without
   the target's noise: the gradient is that of the mean error in decibels.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
-  sum over the lights.
+  sum over the lights: pixel by pixel, over 4 x 4 pixels, and in brightness altogether, which eyes forgive the least.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
 - Some pixels are smaller than a texel. Level 0 is what they look up, too.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,7 +32,10 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
+_LEAST_SLANT = 0.1  # cosine of a view, for the shape of pixels
 _LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
+_BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
+_ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
 _OWN = 0.1  # of the mean error of a patch's rooms, added to that of each light: none has all the weight
 
 
@@ -53,7 +57,7 @@ class Band:
     groups: int
 
 
-BANDS = (Band(-0.7, 1.5, 2, 32, 2, 5), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
+BANDS = (Band(-0.7, 1.5, 2, 32, 2, 3), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
 """For patches of 32 x 32 texels; others have as many levels of detail between their ends."""
 
 
@@ -108,8 +112,31 @@ def _seen(
     row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
-    target, independent = (_target(patches, pairs, *where, pixel_filter, band, rng) for _ in range(2))
+    target, independent = (
+        torch.cat(
+            [_target(patches, *where, pixel_filter, band.samples, *each, rng) for each in _groups(pairs, band)], 1
+        )
+        for _ in range(2)
+    )
     return Seen(*where, band.lods, target, independent)
+
+
+def _groups(pairs: Pairs, band: Band) -> list[tuple[Tensor, Tensor, Tensor]]:
+    """Lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2), of groups of pairs and of rooms.
+
+    Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is: a pixel that
+    is square on the screen reaches less far across the view than along it, and its level of detail is that of the
+    longer side.
+    """
+    batch, count = pairs.weights.shape[1:]
+    rooms = pairs.rooms
+    single = [d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view)]
+    several = [d[:, count:].reshape(batch, rooms, -1, 3) for d in (pairs.light, pairs.view)]
+    view = several[1][:, :, 0]
+    along = view[..., :2] / view[..., :2].norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    across = torch.stack([-along[..., 1], along[..., 0]], -1) * view[..., 2:].clamp(min=_LEAST_SLANT)
+    square = torch.eye(2).expand(batch, band.groups, 2, 2)
+    return [(single[0], single[1], square), (several[0], several[1], torch.stack([along, across], -2))]
 
 
 @lru_cache(maxsize=8)
@@ -119,27 +146,35 @@ def _signed(pixel_filter: str) -> bool:
 
 
 def _target(
-    patches: Tensor, pairs: Pairs, lod: Tensor, uv: Tensor, pixel_filter: str, band: Band, rng: np.random.Generator
+    patches: Tensor,
+    lod: Tensor,
+    uv: Tensor,
+    pixel_filter: str,
+    samples: int,
+    light: Tensor,
+    view: Tensor,
+    axes: Tensor,
+    rng: np.random.Generator,
 ) -> Tensor:
-    """(B, K, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
-    batch, count = pairs.light.shape[:2]
-    groups, points = band.groups, uv.shape[1]
+    """(B, G k, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
+    batch, groups, count, _ = light.shape
+    points = uv.shape[1]
     offsets, weights = quantiles(pixel_filter)
     reach = torch.exp2(lod)[:, None, :, None] / patches.shape[1]
-    light, view = (d.reshape(batch * groups, count // groups, 3) for d in (pairs.light, pairs.view))
+    light, view = (d.reshape(batch * groups, count, 3) for d in (light, view))
     shift = torch.from_numpy(rng.integers(TABLE, size=(batch, 1, points, 2)))  # int64: an index as it is
     total = torch.zeros(())
-    for index in range(band.samples):
-        place = (np.arange(groups)[:, None] * band.samples + index) * SEQUENCE % 1 * TABLE
+    for index in range(samples):
+        place = (np.arange(groups)[:, None] * samples + index) * SEQUENCE % 1 * TABLE
         quantile = (shift + torch.from_numpy(place.astype(np.int64))[:, None]) & (TABLE - 1)
-        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape)
+        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape) @ axes
         texels = texture(patches, torch.addcmul(uv[:, None], offset, reach), filter_mode="linear", boundary_mode=TORUS)
         radiance = shade("gltf", texels.reshape(batch * groups, points, -1), light, view)
         if _signed(pixel_filter):
             weight = weights.index_select(0, quantile.flatten()).reshape(quantile.shape).prod(-1)
             radiance = radiance * weight.reshape(batch * groups, 1, points, 1)
         total = total + radiance
-    return (total / band.samples).reshape(batch, count, points, 3)
+    return (total / samples).reshape(batch, groups * count, points, 3)
 
 
 def balanced_loss(network: MomentNetwork | BaselineNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
@@ -176,13 +211,34 @@ def _band_loss(
         counts = (weights / ((weights * own[:, :single]).sum(2, keepdim=True) + _DARK) * share).sum(0)
         lights = own[:, single:] + _DARK
         lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))
-        room, room_error = (_rooms(radiance, single, config) for radiance in (seen.independent, other))
-        room_error = own_errors(_rooms(difference, single, config), room_error, seen.lods)
-        room_error = room_error + _FLOOR * _squares(room, seen.lods) + _DARK_ROOM
     of_sets = (error[:, :single] * counts).sum(1).mean()
     of_lights = (error[:, single:] * lights).mean()
-    of_rooms = (_squares(_rooms(difference, single, config), seen.lods) / room_error).mean()
-    return of_sets + config.light_weight * of_lights + config.room_weight * of_rooms
+    total = of_sets + config.light_weight * of_lights
+    rooms = [_rooms(radiance, single, config) for radiance in (difference, other, seen.independent)]
+    for weight, block, floor in zip(config.room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
+        if weight > 0:
+            total = total + weight * _room_error(*rooms, seen.lods, block, floor)
+    return total
+
+
+def _room_error(
+    difference: Tensor, other: Tensor, independent: Tensor, lods: int, block: int | None, floor: float
+) -> Tensor:
+    """Squared error of rooms, (B, R, S N, 3), after averaging over blocks of pixels, over what it is now."""
+    first, second, target = (_averaged(radiance, lods, block) for radiance in (difference, other, independent))
+    with torch.no_grad():
+        own = own_errors(first, second, lods)
+        own = own + floor * _squares(target, lods) + _DARK_ROOM
+    return (_squares(first, lods) / own).mean()
+
+
+def _averaged(radiance: Tensor, lods: int, block: int | None) -> Tensor:
+    """(B, R, S N, 3) to means over blocks of pixels, `block` a side, or over all N for None."""
+    batch, rooms, points, _ = radiance.shape
+    side = math.isqrt(points // lods)
+    block = side if block is None else min(block, side)
+    shape = batch, rooms, lods, side // block, block, side // block, block, 3
+    return radiance.reshape(shape).mean((4, 6)).reshape(batch, rooms, -1, 3)
 
 
 def own_errors(first: Tensor, second: Tensor, lods: int) -> Tensor:

@@ -42,11 +42,13 @@ class Pairs:
         light, view: (B, K + R G, 3) unit vectors; the last R G are R rooms of G lights with one view each.
         weights: (2, B, K) of each of the first K in the mean over `near-mirror` and over `hemisphere`; they sum to
             about 1.
+        rooms: R.
     """
 
     light: Tensor
     view: Tensor
     weights: Tensor
+    rooms: int
 
 
 def draw_pairs(patches: Tensor, config: BalancedLossConfig, rng: np.random.Generator) -> Pairs:
@@ -81,6 +83,7 @@ def draw_pairs(patches: Tensor, config: BalancedLossConfig, rng: np.random.Gener
         torch.cat([light.transpose(0, 1), room_light], 1).contiguous(),
         torch.cat([view.transpose(0, 1), room_view], 1).contiguous(),
         weights.transpose(1, 2).clamp(max=_MOST_WEIGHT).contiguous(),
+        config.rooms,
     )
 
 

@@ -123,11 +123,12 @@ class BalancedLossConfig:
         crops: material patches a step.
         crop_size: their side in texels, a power of two.
         near_mirror, hemisphere, narrow_lobes, wide_lobes: light-view pairs a patch, drawn like those pair sets, around
-            the lobe of a texel and around one as wide as the patch; together a multiple of 10 with those of rooms.
+            the lobe of a texel and around one as wide as the patch; together a multiple of 6.
         grazing: share of the pairs whose views are drawn towards the horizon.
         rooms: views a patch that see several lights. room_lights: lights of each.
         mirror_weight, hemisphere_weight: weight of the mean errors over those pair sets.
-        light_weight, room_weight: weight of the errors of single lights of rooms, and of their sums.
+        light_weight: weight of the errors of single lights of rooms.
+        room_weight, blur_weight, mean_weight: of the errors of their sums, by pixel, over 4 x 4 pixels and over all.
         pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
     """
@@ -144,7 +145,9 @@ class BalancedLossConfig:
     mirror_weight: float = 1.5
     hemisphere_weight: float = 1.0
     light_weight: float = 0.5
-    room_weight: float = 2.0
+    room_weight: float = 1.0
+    blur_weight: float = 2.0
+    mean_weight: float = 2.0
     pixel_filter: str = "gaussian"
     any_filter: float = 0.4
     below: float = 0.5
@@ -157,11 +160,15 @@ class BalancedLossConfig:
         for name in ("grazing", "any_filter", "below"):
             _share(f"loss.{name}", getattr(self, name))
         _require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
-        for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight"):
+        for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"):
             _require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
-        every = sum(self.kinds) + self.rooms * self.room_lights
-        _require(every % 10 == 0, "pairs of [loss], rooms' included,", "a multiple of 10", every)
+        _require(sum(self.kinds) % 6 == 0, "pairs of [loss], rooms' not included,", "a multiple of 6", sum(self.kinds))
         filter_named(self.pixel_filter)
+
+    @property
+    def room_weights(self) -> tuple[float, float, float]:
+        """Of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
+        return self.room_weight, self.blur_weight, self.mean_weight
 
     @property
     def kinds(self) -> tuple[int, int, int, int]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.bake import DEFAULT_METHOD
 from mipbake.compare.result import Method
 from mipbake.errors import OutputError, UsageError
 from mipbake.io.map_files import Levels
@@ -97,8 +98,11 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
     return wanted
 
 
-def default_names(source: str, model: str, pixel_filter: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What a comparison bakes when nobody names methods: neural, where it has weights, and all closed forms.
+def default_names(
+    source: str, model: str, pixel_filter: str, opened: bool = False
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a comparison bakes when nobody names methods: what `bake` makes by default, unless a stack was opened,
+    neural, where it has weights, and all closed forms.
 
     Returns:
         Labels, and notes: sentences that say what had to be left out.
@@ -109,7 +113,8 @@ def default_names(source: str, model: str, pixel_filter: str) -> tuple[tuple[str
     except UsageError as error:
         notes = (f"{Neural.name} was left out: {error}.",)
     learned = () if notes else (Neural.name,)
-    return (*learned, *(label(*each) for each in closed_forms(pixel_filter))), notes
+    default = () if opened else (DEFAULT_METHOD,)
+    return (*default, *learned, *(label(*each) for each in closed_forms(pixel_filter))), notes
 
 
 @contextmanager

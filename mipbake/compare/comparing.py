@@ -124,7 +124,7 @@ def compare(
         stack: one that was baked earlier, the subject then: its model and pixel filter take the place of `target` and
             `pixel_filter`. path: the folder it came from, for readers.
         methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
-            stack; None for neural and all closed forms.
+            stack; None for auto (where there is no stack), neural and all closed forms.
         target, pixel_filter: as in `mipbake.bake`.
         settings: how thoroughly, and what is rendered; None for the defaults.
         conditions: that the figures will be asked for; those that cannot be decided are found before any work.
@@ -140,7 +140,11 @@ def compare(
     clock = _Clock(progress)
     model = stack.model if stack else resolve_target(texture_set, target)
     kernel = stack.provenance.pixel_filter if stack else filter_named(pixel_filter).name
-    names, notes = default_names(texture_set.source_model, model, kernel) if methods is None else (tuple(methods), ())
+    names, notes = (
+        default_names(texture_set.source_model, model, kernel, stack is not None)
+        if methods is None
+        else (tuple(methods), ())
+    )
     wanted = chosen(names, kernel)
     labels = tuple(wanted)
     views = _views(texture_set, settings)

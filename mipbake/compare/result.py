@@ -142,7 +142,7 @@ class Comparison:
 
     Args:
         name: the texture set's.
-        subject: name of the method that the verdict is about: the opened stack, else neural.
+        subject: name of the method that the verdict is about: the opened stack, else what comes first.
         model, pixel_filter: of the stacks.
         methods: what was compared, the subject first.
         curve: SNR of each method and pair set by level of detail, in steps of 1/4.

@@ -12,8 +12,7 @@ With a deadline, candidates that would take too long are left out, the least pro
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -21,58 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.prefilter.base import Prefilter, Progress
+from mipbake.prefilter.base import Progress
+from mipbake.prefilter.bench import WORSE_IN_GROUP, Bench, Candidate, Rival, mean, worse
 from mipbake.prefilter.held_out import Image, Problem
 from mipbake.prefilter.scores import Array, Effort, Score, Scores
 
-KERNEL_OF_ORIGIN = "box"
-BASE = "linear"
-PLAIN = ("linear", "lean")
-"""What engines and tools do, and the strongest rule: what a blend is held against under the brightest pairs."""
-
-BLENDED = ("linear", "lean", "unreal", "godot")
-"""Closed forms that blends are made of, each with the pixel filter; BASE with the box, too."""
-
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-_FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
-_MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
-_PILOT = 256  # texels a side of the part that says how long a candidate will take
-_MARGIN = 1.1  # of what it says
 _CHANCE = 0.5  # of a standard error by which a rival may be ahead
 _TIE = 0.01  # logarithm of errors below which two measure the same
-_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two candidates are baked at a time
-_WORSE = 3.0  # weight of a logarithm behind the best closed form against one gained
-_WORSE_BRIGHT = 10.0  # of one behind under the brightest pairs, which rule the figure of a set, or under the studio's
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A stack that may be baked.
-
-    Args:
-        name: what people call it: `lean (box)`, `neural`.
-        closed_form: whether it is one.
-        bake: gives its levels. part: bakes a part of level 0, to see how long it takes.
-    """
-
-    name: str
-    closed_form: bool
-    bake: Callable[[], list[Image]]
-    part: Callable[[Image], object]
-
-
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """The best closed form at a level of detail, for one row of a Score.
-
-    Args:
-        name: what people call it. log_errors: the row.
-    """
-
-    name: str
-    log_errors: Array
+_APART = 0.02  # mean logarithm by which groups are behind, each its best plain form, that is looked into
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +41,7 @@ class Blend:
         sources: of each level, the names of the candidates in it.
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
         rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_square of any.
+        plain: there, the least log_errors of PLAIN in every group.
         witness: renders that decided nothing, at every level. witnessed: what these rivals have there.
         left_out: closed forms that there was no time to bake, in none of the above.
     """
@@ -93,29 +51,10 @@ class Blend:
     judge: Scores
     rivals: list[list[Rival]]
     lit: list[float]
+    plain: list[Array]
     witness: Scores
     witnessed: list[list[Rival]]
     left_out: tuple[str, ...] = ()
-
-
-def closed_forms(problem: Problem) -> Iterator[Candidate]:
-    """Every closed form, with the pixel filter and with the box as its averaging kernel."""
-    from mipbake.prefilter import METHODS
-
-    for kernel in dict.fromkeys((problem.pixel_filter, KERNEL_OF_ORIGIN)):
-        for method in METHODS.values():
-            if method.averages:
-                yield candidate(problem, method, kernel)
-
-
-def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Candidate:
-    """A method as a candidate."""
-
-    def bake(stored: Image) -> list[Image]:
-        return method(stored, problem.source, problem.target, kernel, problem.wrap, progress).levels
-
-    name = f"{method.name} ({kernel})" if method.averages else method.name
-    return Candidate(name, method.averages, lambda: bake(problem.stored), bake)
 
 
 def blend(
@@ -150,250 +89,23 @@ def blend(
             )
         ]
         train, judge, witness = (each.result() for each in drawn)
-    bench = _Bench(problem, candidates, (train, judge), witness, progress, deadline)
+    bench = Bench(problem, candidates, (train, judge), witness, progress, deadline)
     asked = [bench.asked(0, index) for index in range(len(train.lods))]
     weights = _fitted(bench, train, asked)
     safe = [bench.safest(level, asked) for level in range(problem.last + 1)]
     rivals = [bench.rivals(index) for index in range(len(judge.lods))]
+    plain = [bench.plain(bench.judged[index]) for index in range(len(judge.lods))]
     lit = [bench.asked(1, index).lit_square for index in range(len(judge.lods))]
-    shares = _settled(bench, judge, weights, safe, rivals, lit)
+    shares = _settled(bench, judge, weights, safe, rivals, lit, plain)
     mixtures = [bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)]
     levels = bench.mixed(mixtures)
     witnessed = [bench.witnessed(level, rivals[2 * level][: len(PAIR_SETS)]) for level in range(problem.last + 1)]
     progress(1.0)
     sources = [tuple(mixture) for mixture in mixtures]
-    return Blend(levels, sources, judge, rivals, lit, witness, witnessed, bench.left_out)
+    return Blend(levels, sources, judge, rivals, lit, plain, witness, witnessed, bench.left_out)
 
 
-class _Bench:
-    """All candidates, looked up at all points of several sets of renders, and scored by all but the last, the witness.
-
-    With a deadline, those that are not baked by then are left out, and what is blended is what was kept.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        candidates: Sequence[Candidate],
-        scores: Sequence[Scores],
-        witness: Scores,
-        progress: Progress,
-        deadline: float,
-    ) -> None:
-        self.problem, self._scores, self._witness = problem, scores, witness
-        self._candidates = {each.name: each for each in candidates}
-        form = f"{{}} ({problem.pixel_filter})"
-        self.base = form.format(BASE)
-        others = [form.format(name) for name in BLENDED[1:]]
-        others += [f"{BASE} ({KERNEL_OF_ORIGIN})", *(each.name for each in candidates if not each.closed_form)]
-        others = [name for name in dict.fromkeys(others) if name in self._candidates and name != self.base]
-        # Networks take longest, and are worth most.
-        first = [*(each.name for each in candidates if not each.closed_form), self.base, *others]
-        texels = sum(height * width for height, width in problem.sizes) * MODELS[problem.target].channels
-        self._keep = list(dict.fromkeys(first))[: max(2, _MEMORY // (4 * texels))]
-        self._kept: dict[str, list[Image]] = {}
-        self._looked_up: dict[tuple[str, int, int, int], Image] = {}
-        self._found: dict[tuple[str, int], list[Score]] = {}
-        timed = not math.isinf(deadline)
-
-        def look(name: str) -> bool:
-            if timed and name != self.base and time.monotonic() + self._expected(name) > deadline:
-                return False
-            levels = self.levels(name)
-            for which, each in enumerate(scores):
-                self._look_up(name, levels, which, each)
-            self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
-            for level in range(problem.last + 1):
-                self._looked_up[name, len(scores), level, level] = witness.looked_up(levels[level], level)
-            return True
-
-        # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
-        look(self.base)
-        names = [name for name in dict.fromkeys([*first, *self._candidates]) if name != self.base]
-        done = {self.base: True}
-        workers = 2 if texels <= _SIDE_BY_SIDE else 1
-        with ThreadPoolExecutor(workers) as pool:
-            for name, looked in zip(names, pool.map(look, names), strict=True):
-                done[name] = looked
-                progress(len(done) / (len(names) + 2))
-        self.left_out = tuple(name for name, each in self._candidates.items() if each.closed_form and not done[name])
-        self._candidates = {name: each for name, each in self._candidates.items() if done[name]}
-        self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
-        if timed:
-            self._candidates = {
-                name: each for name, each in self._candidates.items() if each.closed_form or name in self._kept
-            }
-        self.judged = [self._judged(index) for index in range(len(scores[1].probes))]
-        self._baked = set(self._kept) if timed else set(self._candidates)
-
-    def _expected(self, name: str) -> float:
-        """Seconds that a candidate will take, from a part of the set; its first call of all loads what it needs."""
-        height, width = self.problem.stored.shape[:2]
-        rows, columns = (min(_PILOT, max(1, side // 2)) for side in (height, width))
-        began = time.monotonic()
-        self._candidates[name].part(np.ascontiguousarray(self.problem.stored[:rows, :columns]))
-        return _MARGIN * (time.monotonic() - began) * float(height * width) / float(rows * columns)
-
-    def levels(self, name: str) -> list[Image]:
-        """Every level of a candidate, baked again unless it was kept."""
-        if name in self._kept:
-            return self._kept[name]
-        levels = self._candidates[name].bake()
-        if self.problem.target == "gltf-anisotropic" and name != self.base:
-            # Directions d and -d are one; blends must not cancel.
-            for level, base in zip(levels, self.levels(self.base), strict=True):
-                apart = (level[..., 8:10] * base[..., 8:10]).sum(-1, keepdims=True) < 0
-                level[..., 8:10] = np.where(apart, -level[..., 8:10], level[..., 8:10])
-        if name in self._keep:
-            self._kept[name] = levels
-        return levels
-
-    def _look_up(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
-        for index, probe in enumerate(scores.probes):
-            for level in probe.levels:
-                self._looked_up[name, which, index, level] = scores.looked_up(levels[level], index)
-
-    def _score(self, name: str, which: int, index: int) -> Score:
-        levels = self._scores[which].probes[index].levels
-        return self._scores[which].of(mean([self.seen(name, which, index, level) for level in levels]), index)
-
-    def _judged(self, index: int) -> dict[str, Score]:
-        """Closed forms at a level of detail as the judge sees them: those that are not far behind as fitted to."""
-        forms = [name for name, each in self._candidates.items() if each.closed_form]
-        logs = np.stack([np.append(self._found[name, 0][index].means, self._found[name, 0][index].lit_square)
-                         for name in forms])  # fmt: skip
-        near = (logs < logs.min(0) + _FAR).any(1)
-        return {
-            name: self._score(name, 1, index)
-            for name, promising in zip(forms, near, strict=True)
-            if promising or name in self._plain
-        }
-
-    def seen(self, name: str, which: int, index: int, level: int) -> Image:
-        """(N, C): a level of a candidate at the points of a probe."""
-        return self._looked_up[name, which, index, level]
-
-    def fitted(self, which: int, index: int, level: int, weights: NDArray[np.float32]) -> Image:
-        """(N, C): a fitted blend there."""
-        base, others = self.parts(which, index, level)
-        return material.regularise(blended(base, others, weights, self.problem.target), self.problem.target)
-
-    def parts(self, which: int, index: int, level: int) -> tuple[Image, list[Image]]:
-        """What blends are made of, at the points of a probe."""
-        return self.seen(self.base, which, index, level), [self.seen(n, which, index, level) for n in self.others]
-
-    def rivals(self, index: int) -> list[Rival]:
-        """The best closed form of each row at a level of detail, as the judge sees it."""
-        forms = self.judged[index]
-        means = {name: score.means for name, score in forms.items()}
-        out = []
-        for row in range(len(next(iter(means.values())))):
-            names = list(means) if row < len(PAIR_SETS) else self._plain
-            best = min(names, key=lambda name: float(means[name][row]))
-            out.append(Rival(best, forms[best].rows[row]))
-        return out
-
-    @property
-    def _plain(self) -> list[str]:
-        return [name for name, each in self._candidates.items() if each.closed_form and name.split(" ")[0] in PLAIN]
-
-    def witnessed(self, level: int, rivals: Sequence[Rival]) -> list[Rival]:
-        """What closed forms have at a level as the witness sees it."""
-        which = len(self._scores)
-        rows = {each.name: self._witness.of(self.seen(each.name, which, level, level), level) for each in rivals}
-        return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
-
-    def asked(self, which: int, index: int) -> Score:
-        """The least errors of all closed forms: each row of log_errors is that of the best one."""
-        by_name = self.judged[index] if which else {
-            name: self._found[name, 0][index] for name, c in self._candidates.items() if c.closed_form
-        }  # fmt: skip
-        found = list(by_name.values())
-
-        def least(rows: list[Array]) -> Array:
-            """(S, G) the best row of each pair set."""
-            each = np.stack(rows)
-            return np.stack([each[form, kind] for kind, form in enumerate(each.mean(2).argmin(0))])
-
-        return Score(
-            least([each.log_errors for each in found]),
-            least([by_name[name].pooled for name in self._plain]),
-            min(each.lit for each in found),
-            min(each.lit_square for each in found),
-        )
-
-    def safest(self, level: int, asked: Sequence[Score]) -> str:
-        """The candidate that comes nearest to what is asked for at a level, and goes beyond, as fitted to."""
-        index = 2 * level
-        names = [name for name in self._candidates if name in self._baked]
-        return min(names, key=lambda name: _cost(self._found[name, 0][index], asked[index]))
-
-    def mixture(self, weights: NDArray[np.float32], safe: str, share: float) -> dict[str, Array]:
-        """Names and (C,) weights of what a level is summed from."""
-        target = MODELS[self.problem.target]
-        out: dict[str, Array] = {}
-        if share < 1:
-            out[safe] = np.full(target.channels, 1 - share)
-        if share > 0:
-            count, own = len(self.others), np.full(target.channels, share)
-            for k, name in enumerate(self.others):
-                part = np.zeros(target.channels)
-                for index, channels in enumerate(target.maps.values()):
-                    part[channels] = share * weights[index * count + k]
-                if part.any():
-                    out[name] = out.get(name, 0) + part
-                    own -= part
-            out[self.base] = out.get(self.base, 0) + own
-        return out
-
-    def mixed(self, mixtures: Sequence[Mapping[str, Array]]) -> list[Image]:
-        """The levels of mixtures, one each."""
-        target = self.problem.target
-        shapes = [(*size, MODELS[target].channels) for size in self.problem.sizes]
-        out = [np.zeros(shape, np.float32) for shape in shapes]
-        for name in dict.fromkeys(name for mixture in mixtures for name in mixture):
-            levels = self.levels(name)
-            for level, mixture in enumerate(mixtures):
-                if name in mixture:
-                    out[level] += levels[level] * mixture[name].astype(np.float32)
-        out = [material.regularise(level, target) for level in out]
-        return material.align_directions(out) if target == "gltf-anisotropic" else out
-
-
-def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], model: str) -> Image:
-    """(..., C) the blend that weights of level_fit.columns stand for, before it is made valid."""
-    out: Image = base.copy()
-    for index, channels in enumerate(MODELS[model].maps.values()):
-        for k, other in enumerate(others):
-            weight = weights[index * len(others) + k]
-            if weight:
-                out[..., channels] += weight * (other[..., channels] - base[..., channels])
-    return out
-
-
-def mean(seen: Sequence[Image]) -> Image:
-    """What a lookup halfway between levels, or at one, makes of lookups in each."""
-    return seen[0] if len(seen) == 1 else np.asarray((seen[0] + seen[1]) / 2, np.float32)
-
-
-def _cost(score: Score, asked: Score) -> float:
-    """Logarithms of errors, and those behind what is asked for several times."""
-    logs = np.append(score.means, score.lit_square)
-    behind = logs - np.append(asked.means, asked.lit_square)
-    return float((logs + _worse(len(logs)) * np.maximum(behind, 0)).sum())
-
-
-def _worse(count: int) -> Array:
-    """What each of so many logarithms counts where it is behind: rows of a Score, and lit_square.
-
-    Over the hemisphere, means over sets see bright pairs well enough.
-    """
-    rows = np.arange(count)
-    bright = (rows >= len(PAIR_SETS)) & (rows % len(PAIR_SETS) == list(PAIR_SETS).index("near-mirror"))
-    return np.where(bright | (rows == count - 1), _WORSE_BRIGHT, _WORSE)
-
-
-def _fitted(bench: _Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray[np.float32]]:
+def _fitted(bench: Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray[np.float32]]:
     """Weights of every level."""
     from mipbake.prefilter.level_fit import Term, columns, fit_level
 
@@ -412,12 +124,13 @@ def _fitted(bench: _Bench, train: Scores, asked: Sequence[Score]) -> list[NDArra
 
 
 def _settled(
-    bench: _Bench,
+    bench: Bench,
     judge: Scores,
     weights: Sequence[NDArray[np.float32]],
     safe: Sequence[str],
     rivals: Sequence[Sequence[Rival]],
     lit: Sequence[float],
+    plain: Sequence[Array],
 ) -> list[float]:
     """Of each level the share of its blend against its safe candidate, so that no rival is ahead beyond chance."""
     target = bench.problem.target
@@ -430,7 +143,7 @@ def _settled(
             return own
         return material.regularise(own + np.float32(share) * (texels(index, level, 1.0) - own), target)
 
-    return settle(judge, texels, len(safe), rivals, lit)
+    return settle(judge, texels, len(safe), rivals, lit, plain)
 
 
 def settle(
@@ -439,6 +152,7 @@ def settle(
     levels: int,
     rivals: Sequence[Sequence[Rival]],
     lit: Sequence[float],
+    plain: Sequence[Array],
     slack: float = 0.25,
 ) -> list[float]:
     """Shares of levels, 1 where nothing speaks against it.
@@ -446,7 +160,7 @@ def settle(
     Args:
         texels: of a probe's index, a level and a share, the (N, C) lookups.
         levels: how many there are.
-        rivals, lit: as Blend has them. slack: logarithm of squares by which lit may be exceeded.
+        rivals, lit, plain: as Blend has them. slack: logarithm of squares by which lit may be exceeded.
     """
     shares = [1.0] * levels
 
@@ -462,12 +176,16 @@ def settle(
     def cost(found: Score, index: int) -> float:
         gained = found.means.sum() + found.lit_square
         lost = np.maximum(behind(found, index), 0)
-        return float(gained + (_worse(len(lost)) * lost).sum())
+        return float(gained + (worse(len(lost)) * lost).sum() + WORSE_IN_GROUP * apart(found, index))
+
+    def apart(found: Score, index: int) -> float:
+        """By how much groups are behind what is the best for each, the mean over them."""
+        return float(np.maximum(found.log_errors - plain[index], 0).mean(1).sum())
 
     now = [score(index) for index in range(len(judge.probes))]
     for _ in range(2):
         worst = sorted(range(len(now)), key=lambda each: -behind(now[each], each).max())
-        for index in (each for each in worst if behind(now[each], each).max() > 0):
+        for index in (each for each in worst if behind(now[each], each).max() > 0 or apart(now[each], each) > _APART):
             for level in judge.probes[index].levels:
                 near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
                 tried = {}

@@ -45,6 +45,7 @@ from mipbake.shading.adjoint import shade_adjoint
 _SETS = len(PAIR_SETS)
 _BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
 _BEHIND_BRIGHT = 8.0  # that one under the brightest pairs does, or under the studio's lights
+_BEHIND_GROUP = 4.0  # that one does in a group that is behind the best plain form of that very group
 _LIT = 0.5  # that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
@@ -135,6 +136,7 @@ class _Term:
         self._lit_view = np.einsum("nij,nj->ni", turn, term.probe.lit_view)[None, None]
         self._power = (EXPOSURE * lighting.radiance).astype(np.float32)[:, None]
         self._asked = term.asked.means
+        self._plain = np.inf if term.asked.plain is None else term.asked.plain
 
     def value(self, theta: Array) -> float:
         """What is minimised, in nepers."""
@@ -144,13 +146,14 @@ class _Term:
         for some in self._blocks():
             sums[:, some] = energies(self._off(single, some), probe.weights[:, some])
         log = self._logs(sums)
+        groups = float(np.maximum(self._groups_logs(sums) - self._plain, 0).mean(1).sum())
         shown = displayed(
             lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
         )
         lit = float(np.log(max(float(np.square(shown - probe.displayed).mean()), FLOOR)))
         behind = float((_ROWS * np.maximum(log - self._asked, 0)).sum())
         behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_square)
-        return float((_COUNTS * log).sum() + _LIT * lit + behind)
+        return float((_COUNTS * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
 
     def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the weights, and (J, J) its Gauss-Newton curvature."""
@@ -214,8 +217,13 @@ class _Term:
 
     def _logs(self, sums: Array) -> Array:
         """(3 S,) as Score.means has them, of (S, G) energies of the error and the noise of the reference."""
-        error, own = sums - self._probe.noise, self._probe.groups
-        return np.append(np.log(relative(error[:, :own], self._probe)).mean(1), pooled_rows(error, self._probe).mean(1))
+        error = sums - self._probe.noise
+        return np.append(self._groups_logs(sums).mean(1), pooled_rows(error, self._probe).mean(1))
+
+    def _groups_logs(self, sums: Array) -> Array:
+        """(S, G) as Score.log_errors has them."""
+        own = self._probe.groups
+        return np.asarray(np.log(relative((sums - self._probe.noise)[:, :own], self._probe)))
 
     def _weights(self, sums: Array, urgent: Array) -> Array:
         """(S, G): derivatives of what is minimised by the mean squares of the groups, over 3 P."""
@@ -225,7 +233,8 @@ class _Term:
         signal = probe.signal[:, :own]
         at_least = relative(error[:, :own], probe) * signal
         # Unlit pairs have no figure, so nothing to gain either.
-        out[:, :own] = np.where(signal > UNLIT, urgent[:_SETS, None] / np.maximum(at_least * own, 1e-20), 0.0)
+        each = urgent[:_SETS, None] + _BEHIND_GROUP * (self._groups_logs(sums) > self._plain)
+        out[:, :own] = np.where(signal > UNLIT, each / np.maximum(at_least * own, 1e-20), 0.0)
         parts = np.split(probe.signal[:, own:], KINDS, -1)
         total = np.concatenate([part.sum(1) for part in parts])
         pooled = np.exp(pooled_rows(error, probe).mean(1)) * total

@@ -26,7 +26,8 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import PrefilterResult, Progress, say
-from mipbake.prefilter.blending import Blend, Candidate, Rival, blend, candidate, closed_forms, mean, settle
+from mipbake.prefilter.bench import Candidate, Rival, candidate, closed_forms, mean
+from mipbake.prefilter.blending import Blend, blend, settle
 from mipbake.prefilter.blending import standard_error as error_of_mean
 from mipbake.prefilter.held_out import SET_SIZE, Budget, Image, Problem, Region
 from mipbake.prefilter.neural import Neural
@@ -289,7 +290,7 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
 
     rivals = [[Rival("start", row) for row in score.rows] for score in before]
     lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
-    shares = settle(judge, texels, len(levels), rivals, lit, _LIT_SLACK)
+    shares = settle(judge, texels, len(levels), rivals, lit, start.plain, _LIT_SLACK)
     changed = [not np.array_equal(*each) for each in zip(start.levels, levels, strict=True)]
     return [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]
 

@@ -83,12 +83,15 @@ class Score:
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to that of the signal;
             values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over groups).
         lit: tonemapped error under the studio's lights. lit_square: logarithm of the mean of its squares.
+        plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
+            asked for.
     """
 
     log_errors: Array
     pooled: Array
     lit: float
     lit_square: float
+    plain: Array | None = None
 
     @property
     def rows(self) -> list[Array]:
