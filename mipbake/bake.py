@@ -100,6 +100,7 @@ def bake(
             pixel_filter=kernel,
             weights=result.weights,
             weights_sha256=result.weights_sha256,
+            budget=budget,
             tool_version=__version__,
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,

@@ -42,6 +42,7 @@ class Provenance:
         method: a name in `mipbake.prefilter.METHODS`.
         pixel_filter: the pixel filter that the levels are made for.
         weights, weights_sha256: trained weights and their hash; None for closed forms.
+        budget: time that the method was given to optimise, as it was asked for; None where it set its own.
         tool_version: version of mipbake.
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that level 0 was made from.
@@ -53,6 +54,7 @@ class Provenance:
     pixel_filter: str
     weights: str | None = None
     weights_sha256: str | None = None
+    budget: str | None = None
     tool_version: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""

@@ -51,7 +51,9 @@ def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
     arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "refine", "--budget", "0.01s"]
     assert main(arguments) == 0
     out = capsys.readouterr().out
-    promise = mipbake.open_stack(tmp_path / "out" / "metal").provenance.promise
+    provenance = mipbake.open_stack(tmp_path / "out" / "metal").provenance
+    promise = provenance.promise
+    assert provenance.budget == "0.01s"
     for name in ("near-mirror", "hemisphere"):
         assert f"beside the best closed form of each level, {name}: {promise.summary(name)}" in out
     assert main([*arguments, "--json"]) == 0

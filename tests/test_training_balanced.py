@@ -233,10 +233,12 @@ def test_a_training_starts_from_another_ones_weights(tmp_path: Path, small_valid
     first = loop.train(tiny(), tmp_path / "round", resume=False, say=lambda _: None)
     stretched = tiny(network={"decoders": ["gltf-anisotropic"]}, run={"steps": 1})
     state = loop.new_state(stretched)
-    loop.start_from(state, tmp_path / "round" / loop.LAST)
+    assert loop.start_from(state, tmp_path / "round" / loop.LAST) == ["stretch.weight", "stretch.bias"]
     own, given = state.network.state_dict(), first.average.state_dict()
     assert all(torch.equal(own[name], value) for name, value in given.items()) and len(own) == len(given) + 2
-    loop.train(stretched, tmp_path / "stretched", False, lambda _: None, tmp_path / "round" / loop.LAST)
+    said: list[str] = []
+    loop.train(stretched, tmp_path / "stretched", False, said.append, tmp_path / "round" / loop.LAST)
+    assert any("stretch.weight, stretch.bias" in line for line in said)
     with pytest.raises(UsageError, match="--start"):
         loop.train(stretched, tmp_path / "stretched", True, lambda _: None, tmp_path / "round" / loop.LAST)
     other = loop.new_state(config_from({"network": {"latent_channels": 20}}))

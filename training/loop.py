@@ -143,8 +143,11 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     return state
 
 
-def start_from(state: TrainingState, path: Path) -> None:
+def start_from(state: TrainingState, path: Path) -> list[str]:
     """Gives a new training the averaged weights of another one's checkpoint, wherever names and shapes are the same.
+
+    Returns:
+        Names of the weights that stay as they were.
 
     Raises:
         InputError: the checkpoint cannot be read. UsageError: nothing in it fits.
@@ -154,6 +157,7 @@ def start_from(state: TrainingState, path: Path) -> None:
     if not fitting:
         raise UsageError(f"{path}: no weights of this architecture; start from a training of the same [network]")
     state.network.load_state_dict({**own, **fitting})
+    return [name for name in own if name not in fitting]
 
 
 def fit_whitening(network: Trainable, materials: Materials, config: TrainingConfig) -> None:
@@ -198,7 +202,8 @@ def train(
         state.commit = _commit()
         fit_whitening(state.network, train_materials, config)
         if start is not None:
-            start_from(state, start)
+            new = start_from(state, start)
+            say(f"weights of {start}" + (f", but for {', '.join(new)}, which are new" if new else ""))
         state.average.load_state_dict(state.network.state_dict())
     validator = Validator(held_out, config.network, config.loss.pixel_filter)
     logs = _Logs(out, config.run, state.step)

@@ -144,8 +144,8 @@ class Auto(Refine):
 
     name = "auto"
     summary = (
-        "the best blend of neural and all closed forms, by measurement, coarse levels optimised (some ten seconds of "
-        "processor time more than neural)"
+        "the best blend of neural and all closed forms, by measurement, coarse levels optimised (several times as long "
+        "as neural)"
     )
 
     def __init__(self, weights: str | None = None, budget: str | None = None, seed: int = 0) -> None:
