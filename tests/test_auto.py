@@ -15,7 +15,7 @@ from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
 from mipbake.errors import UsageError
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
-from mipbake.prefilter import METHODS, bench, blending, method_named, refine
+from mipbake.prefilter import METHODS, bench, blending, method_named, refine, scores
 from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.bench import Rival
 from mipbake.prefilter.held_out import Budget, Problem, draw_pairs
@@ -137,6 +137,43 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray, monkeypatch: pytes
     for index, score in enumerate(refine.scored(made, made.levels)):
         lost = [(row - rival.log_errors).mean() for row, rival in zip(score.rows, made.rivals[index], strict=True)]
         assert max(lost[: len(PAIR_SETS)]) < 0.25, index
+
+
+def test_what_chance_decides_counts_little() -> None:
+    rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
+    known, unsure, chance = scores.certainty(rows)
+    assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
+    score = Score(np.zeros((2, 4)), rows, 0.1, 0.0)
+    assert score.trust.tolist() == [1, 1, known, unsure, chance]
+    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(5)).trust.tolist() == [1] * 5
+
+
+def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few texels of gloss in a rough, level surface: a handful of samples a pixel miss the highlights."""
+    stored = np.zeros((32, 32, 8), np.float32)
+    stored[..., 3], stored[..., 4], stored[..., 7] = 1, 0.8, 1
+    stored[..., :3] = 0.5
+    stored[::5, ::7, 4] = 0.3
+    task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
+    effort = Effort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
+
+    def noise() -> float:
+        (probe,) = Scores(task, effort, 0, [3.0]).probes
+        return float(probe.noise[0, : probe.groups].sum() / probe.signal[0, : probe.groups].sum())
+
+    more = noise()
+    monkeypatch.setattr(scores, "_MOST_AGAIN", 0)
+    less = noise()
+    assert more < 0.5 * less, (more, less)
+
+
+def test_slanted_pixels_are_narrow_across_the_view() -> None:
+    rng = np.random.default_rng(0)
+    offset = rng.standard_normal((4096, 2, 2)) / [64, 32]
+    view = np.array([[0.0, 0.0, 1.0], [0.8, 0.0, 0.6]])
+    found = scores._slanted(offset, (32, 64, 8), view) * [64, 32]
+    assert found[:, 0].std(0) == pytest.approx([1, 1], rel=0.1)
+    assert found[:, 1].std(0) == pytest.approx([1, 0.6], rel=0.1)
 
 
 def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:

@@ -32,7 +32,7 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
-_LEAST_SLANT = 0.1  # cosine of a view, for the shape of pixels
+_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
 _LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
 _BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
 _ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
@@ -133,7 +133,8 @@ def _groups(pairs: Pairs, band: Band) -> list[tuple[Tensor, Tensor, Tensor]]:
     single = [d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view)]
     several = [d[:, count:].reshape(batch, rooms, -1, 3) for d in (pairs.light, pairs.view)]
     view = several[1][:, :, 0]
-    along = view[..., :2] / view[..., :2].norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    length = view[..., :2].norm(dim=-1, keepdim=True)
+    along = torch.where(length > _FACE_ON, view[..., :2] / length.clamp(min=_FACE_ON), torch.tensor([1.0, 0.0]))
     across = torch.stack([-along[..., 1], along[..., 0]], -1) * view[..., 2:].clamp(min=_LEAST_SLANT)
     square = torch.eye(2).expand(batch, band.groups, 2, 2)
     return [(single[0], single[1], square), (several[0], several[1], torch.stack([along, across], -2))]
@@ -214,10 +215,10 @@ def _band_loss(
     of_sets = (error[:, :single] * counts).sum(1).mean()
     of_lights = (error[:, single:] * lights).mean()
     total = of_sets + config.light_weight * of_lights
-    rooms = [_rooms(radiance, single, config) for radiance in (difference, other, seen.independent)]
+    first, second, target = (_rooms(each, single, config) for each in (difference, other, seen.independent))
     for weight, block, floor in zip(config.room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
         if weight > 0:
-            total = total + weight * _room_error(*rooms, seen.lods, block, floor)
+            total = total + weight * _room_error(first, second, target, seen.lods, block, floor)
     return total
 
 

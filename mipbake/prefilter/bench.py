@@ -247,6 +247,7 @@ class Bench:
             min(each.lit for each in found),
             min(each.lit_square for each in found),
             self.plain(by_name),
+            np.min([by_name[name].trust for name in self._plain], 0),
         )
 
     def plain(self, scores: Mapping[str, Score]) -> Array:
@@ -312,7 +313,8 @@ def _cost(score: Score, asked: Score) -> float:
     logs = np.append(score.means, score.lit_square)
     behind = logs - np.append(asked.means, asked.lit_square)
     groups = 0.0 if asked.plain is None else np.maximum(score.log_errors - asked.plain, 0).mean(1).sum()
-    return float((logs + worse(len(logs)) * np.maximum(behind, 0)).sum() + WORSE_IN_GROUP * groups)
+    sure = np.append(asked.trust, 1)
+    return float((sure * (logs + worse(len(logs)) * np.maximum(behind, 0))).sum() + WORSE_IN_GROUP * groups)
 
 
 def worse(count: int) -> Array:

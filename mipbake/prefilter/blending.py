@@ -24,7 +24,7 @@ from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.bench import WORSE_IN_GROUP, Bench, Candidate, Rival, mean, worse
 from mipbake.prefilter.held_out import Image, Problem
-from mipbake.prefilter.scores import Array, Effort, Score, Scores
+from mipbake.prefilter.scores import Array, Effort, Score, Scores, certainty
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 _CHANCE = 0.5  # of a standard error by which a rival may be ahead
@@ -174,9 +174,12 @@ def settle(
         return np.append(rows, found.lit_square - lit[index] - slack)
 
     def cost(found: Score, index: int) -> float:
-        gained = found.means.sum() + found.lit_square
+        others = np.stack([certainty(rival.log_errors) for rival in rivals[index][len(found.log_errors) :]])
+        sure = np.append(found.trust, 1)
+        sure[len(found.log_errors) : -1] = np.minimum(sure[len(found.log_errors) : -1], others)
+        gained = np.append(found.means, found.lit_square)
         lost = np.maximum(behind(found, index), 0)
-        return float(gained + (worse(len(lost)) * lost).sum() + WORSE_IN_GROUP * apart(found, index))
+        return float((sure * (gained + worse(len(lost)) * lost)).sum() + WORSE_IN_GROUP * apart(found, index))
 
     def apart(found: Score, index: int) -> float:
         """By how much groups are behind what is the best for each, the mean over them."""

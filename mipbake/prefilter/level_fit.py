@@ -136,6 +136,8 @@ class _Term:
         self._lit_view = np.einsum("nij,nj->ni", turn, term.probe.lit_view)[None, None]
         self._power = (EXPOSURE * lighting.radiance).astype(np.float32)[:, None]
         self._asked = term.asked.means
+        sure = term.asked.trust
+        self._counts, self._rows_count = sure * _COUNTS, sure * _ROWS
         self._plain = np.inf if term.asked.plain is None else term.asked.plain
 
     def value(self, theta: Array) -> float:
@@ -151,9 +153,9 @@ class _Term:
             lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
         )
         lit = float(np.log(max(float(np.square(shown - probe.displayed).mean()), FLOOR)))
-        behind = float((_ROWS * np.maximum(log - self._asked, 0)).sum())
+        behind = float((self._rows_count * np.maximum(log - self._asked, 0)).sum())
         behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_square)
-        return float((_COUNTS * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
+        return float((self._counts * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
 
     def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the weights, and (J, J) its Gauss-Newton curvature."""
@@ -170,7 +172,7 @@ class _Term:
                 weight = probe.weights[kind, some, :, None, None].astype(np.float32)
                 directions = probe.light[some, part], probe.view[some, part]
                 by_set[kind, some] = shade_adjoint(self._model, single[some], *directions, off[:, part] * weight)
-        urgent = _COUNTS + _ROWS * (self._logs(sums) > self._asked)
+        urgent = self._counts + self._rows_count * (self._logs(sums) > self._asked)
         weight = self._weights(sums, urgent).astype(np.float32)  # (S, G)
         gradient = np.empty_like(texels)
         gradient[: self._single] = (2 * by_set * weight[..., None, None]).sum(0).reshape(self._single, -1)

@@ -48,6 +48,10 @@ _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws
 DECIBEL = 10 / math.log(10)
 FLOOR = 1e-7  # error in units of the signal that is as good as none
 _RESOLVED = 0.01  # share of the reference's noise energy below which an error is chance (metrics.snr)
+_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
+_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
+_UNSURE = 0.35  # standard error of a logarithm
+_NOISY, _MOST_AGAIN = 0.03, 3  # noise energy over the signal's at which samples are doubled, so many times at most
 _FINE = 2.0  # level of detail below which stacks come so near the reference that its noise counts: twice the samples
 UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
@@ -85,6 +89,7 @@ class Score:
         lit: tonemapped error under the studio's lights. lit_square: logarithm of the mean of its squares.
         plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
             asked for.
+        sure: (3 S,) what each of `means` counts, from 0 to 1; None for what its own scatter says (`trust`).
     """
 
     log_errors: Array
@@ -92,6 +97,7 @@ class Score:
     lit: float
     lit_square: float
     plain: Array | None = None
+    sure: Array | None = None
 
     @property
     def rows(self) -> list[Array]:
@@ -104,9 +110,25 @@ class Score:
         return np.append(self.log_errors.mean(1), self.pooled.mean(1))
 
     @property
+    def trust(self) -> Array:
+        """(3 S,) what each of `means` counts: 1, and less for bright pairs on which chance decides."""
+        if self.sure is not None:
+            return self.sure
+        return np.append(np.ones(len(self.log_errors)), certainty(self.pooled))
+
+    @property
     def decibels(self) -> Array:
         """(S,) SNR, the mean over groups."""
         return np.asarray(-DECIBEL * self.log_errors.mean(1))
+
+
+def certainty(rows: Array) -> Array:
+    """(...,) of rows (..., H) of pseudo-values: 1 for a mean that is known, 1/2 where its standard error is _UNSURE.
+
+    Highlights of polished tiles are seen by one pair in thousands, and the few bright pairs that hit them say anything.
+    """
+    error = rows.std(-1) / math.sqrt(max(1, rows.shape[-1] - 1))
+    return np.asarray(1 / (1 + np.square(error / _UNSURE)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,18 +195,26 @@ class Scores:
             pairs, weights[:, index] = draw_pool(rng, SET_SIZE, (index - groups) * KINDS // pooled)
             drawn.append(pairs)
         light, view = (np.stack([getattr(each, name) for each in drawn]) for name in ("light", "view"))
-        first, second = (_estimates(problem, uv, lod, light, view, samples, rng) for _ in range(2))
-        half = (first - second) / np.float32(2)
-        first += second
-        mean = np.multiply(first, np.float32(0.5), out=first)
-        difference = energies(half, weights)
+        mean, difference = _estimated_twice(problem, uv, lod, light, view, samples, rng, weights)
+        for _ in range(_MOST_AGAIN):
+            signal = energies(mean, weights) - difference
+            if (difference[:, :groups].sum(1) < _NOISY * signal[:, :groups].sum(1)).all():
+                break
+            again, of_again = _estimated_twice(problem, uv, lod, light, view, samples, rng, weights)
+            mean += again
+            mean *= np.float32(0.5)
+            # Two means of as many samples: errors that know nothing of each other.
+            difference = (difference + of_again) / 4
+            samples *= 2
         signal = energies(mean, weights) - difference
         lit = min(effort.lit_points, max(16 * height * width, 64))
         lit_uv = random_points(problem, whole(problem), 0, lit, rng)
         lit_uv = np.resize(lit_uv, (lit, 2))
         frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)
-        shown = displayed(lit_reference(problem, self.lighting, lit_uv, lod, frame, lit_view, many, rng))
+        # Level 0 is what pixels see that are smaller than its texels, too.
+        seen = lod - _MAGNIFIED * rng.random((lit, 1)) if lod == 0 else lod
+        shown = displayed(lit_reference(problem, self.lighting, lit_uv, seen, frame, lit_view, many, rng))
         return Probe(lod, groups, uv, light, view, weights, mean, difference, signal, lit_uv, frame, lit_view, shown)
 
     def looked_up(self, level: Image, index: int) -> Image:
@@ -256,6 +286,23 @@ def _estimates(
     return out
 
 
+def _estimated_twice(
+    problem: Problem,
+    uv: Array,
+    lod: float,
+    light: Image,
+    view: Image,
+    samples: int,
+    rng: np.random.Generator,
+    weights: Array,
+) -> tuple[Image, Array]:
+    """The mean of two estimates of the reference (G, K, P, 3), and the energy (S, G) of its noise."""
+    first, second = (_estimates(problem, uv, lod, light, view, samples, rng) for _ in range(2))
+    noise = energies((first - second) / np.float32(2), weights)
+    first += second
+    return np.multiply(first, np.float32(0.5), out=first), noise
+
+
 def blocks(groups: int, renders: int) -> list[slice]:
     """Groups whose renders, so many each, are worked on at a time."""
     step = max(1, _RADIANCES // renders)
@@ -274,7 +321,10 @@ def lit_reference(
 ) -> Image:
     """(P, 3) reference under all lights at (P, 2) uv, each pixel with a frame and a view of its own.
 
-    lod: level of detail of all pixels, or (P, 1) of each.
+    Pixels are square on the screen: on the surface they reach less far across the view than along it.
+
+    Args:
+        lod: level of detail of all pixels, or (P, 1) of each, by their longer side.
     """
 
     def shaded(where: Array, turns: int) -> Image:
@@ -282,10 +332,21 @@ def lit_reference(
         return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
 
     offset, weight = offsets(problem, (samples, len(uv)), lod, rng)
+    offset = _slanted(offset, problem.stored.shape, np.einsum("nij,nj->ni", frame, view))
     radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
     if (weight < 0).any():
         return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
     return np.asarray(radiance.mean(0))
+
+
+def _slanted(offset: Array, shape: tuple[int, ...], view: Array) -> Array:
+    """(S, P, 2) offsets of pixels seen face on, along u and v, as they are at (P, 3) views in the tangent frame."""
+    size = np.array([shape[1], shape[0]])
+    length = np.linalg.norm(view[:, :2], axis=-1, keepdims=True)
+    along = np.where(length > _FACE_ON, view[:, :2] / np.maximum(length, _FACE_ON), [1.0, 0.0])
+    across = np.stack([-along[:, 1], along[:, 0]], -1) * np.maximum(view[:, 2:], _LEAST_SLANT)
+    texels = offset * size
+    return np.asarray((texels[..., :1] * along + texels[..., 1:] * across) / size)
 
 
 def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
