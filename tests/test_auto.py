@@ -15,14 +15,14 @@ from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
 from mipbake.errors import UsageError
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
-from mipbake.prefilter import METHODS, bench, blending, method_named, refine, scores
+from mipbake.prefilter import METHODS, bench, blending, method_named, refine
 from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.bench import Rival
 from mipbake.prefilter.held_out import Budget, Problem, draw_pairs
 from mipbake.prefilter.level_fit import Term, columns, fit_level
 from mipbake.prefilter.pair_pool import KINDS, draw_pool
 from mipbake.prefilter.promise import promise_from
-from mipbake.prefilter.scores import Effort, Score, Scores, display_slope, displayed
+from mipbake.prefilter.scores import Effort, Score, Scores, displayed
 from mipbake.render import candidate, random_points, reference
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
@@ -139,43 +139,6 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray, monkeypatch: pytes
         assert max(lost[: len(PAIR_SETS)]) < 0.25, index
 
 
-def test_what_chance_decides_counts_little() -> None:
-    rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
-    known, unsure, chance = scores.certainty(rows)
-    assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
-    score = Score(np.zeros((2, 4)), rows, 0.1, 0.0)
-    assert score.trust.tolist() == [1, 1, known, unsure, chance]
-    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(5)).trust.tolist() == [1] * 5
-
-
-def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few texels of gloss in a rough, level surface: a handful of samples a pixel miss the highlights."""
-    stored = np.zeros((32, 32, 8), np.float32)
-    stored[..., 3], stored[..., 4], stored[..., 7] = 1, 0.8, 1
-    stored[..., :3] = 0.5
-    stored[::5, ::7, 4] = 0.3
-    task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
-    effort = Effort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
-
-    def noise() -> float:
-        (probe,) = Scores(task, effort, 0, [3.0]).probes
-        return float(probe.noise[0, : probe.groups].sum() / probe.signal[0, : probe.groups].sum())
-
-    more = noise()
-    monkeypatch.setattr(scores, "_MOST_AGAIN", 0)
-    less = noise()
-    assert more < 0.5 * less, (more, less)
-
-
-def test_slanted_pixels_are_narrow_across_the_view() -> None:
-    rng = np.random.default_rng(0)
-    offset = rng.standard_normal((4096, 2, 2)) / [64, 32]
-    view = np.array([[0.0, 0.0, 1.0], [0.8, 0.0, 0.6]])
-    found = scores._slanted(offset, (32, 64, 8), view) * [64, 32]
-    assert found[:, 0].std(0) == pytest.approx([1, 1], rel=0.1)
-    assert found[:, 1].std(0) == pytest.approx([1, 0.6], rel=0.1)
-
-
 def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
     """A blend far ahead in half of the groups and behind in the others gives way; one that is ahead in all stays."""
     sets, level = len(PAIR_SETS), [0.0]
@@ -218,13 +181,6 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed(seen))
     found = fit_level([Term(shown, scores.of(base, 0), 1.0, None, base, made)], "gltf", room)
     assert found[2:] == pytest.approx(true[2:], abs=0.02)
-
-
-def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:
-    radiance = np.geomspace(1e-4, 1e3, 64)
-    step = 1e-3 * radiance
-    shown = [displayed(radiance + turn * step).astype(float) for turn in (-1, 1)]
-    assert display_slope(radiance) == pytest.approx((shown[1] - shown[0]) / (2 * step), rel=2e-2, abs=1e-6)
 
 
 def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
@@ -295,16 +251,6 @@ def test_weights_are_named_only_where_the_network_has_a_share(two: np.ndarray, m
     assert run("auto", two).weights is not None
     monkeypatch.setattr(bench.Bench, "mixture", lambda own, *_: {own.base: np.ones(8)})
     assert run("auto", two).weights is None
-
-
-@pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
-def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str) -> None:
-    stored = np.broadcast_to(np.array([0.2, 0.4, 0.6, 0.5, 0.4, 0, 0, 1], np.float32), (8, 8, 8)).copy()
-    scores = Scores(Problem(stored, "gltf", "gltf", kernel, WRAP), TINY, 0, [0.0, 1.5])
-    for index in range(2):
-        score = scores.of(scores.looked_up(stored, index), index)
-        assert (score.decibels > 60).all()
-        assert score.lit < 1e-3
 
 
 def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solved: PrefilterResult) -> None:

@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.prefilter.pixel_filter import FILTERS, slanted_axes
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
@@ -32,7 +32,6 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
-_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
 _LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
 _BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
 _ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
@@ -124,20 +123,14 @@ def _seen(
 def _groups(pairs: Pairs, band: Band) -> list[tuple[Tensor, Tensor, Tensor]]:
     """Lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2), of groups of pairs and of rooms.
 
-    Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is: a pixel that
-    is square on the screen reaches less far across the view than along it, and its level of detail is that of the
-    longer side.
+    Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is.
     """
     batch, count = pairs.weights.shape[1:]
-    rooms = pairs.rooms
     single = [d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view)]
-    several = [d[:, count:].reshape(batch, rooms, -1, 3) for d in (pairs.light, pairs.view)]
-    view = several[1][:, :, 0]
-    length = view[..., :2].norm(dim=-1, keepdim=True)
-    along = torch.where(length > _FACE_ON, view[..., :2] / length.clamp(min=_FACE_ON), torch.tensor([1.0, 0.0]))
-    across = torch.stack([-along[..., 1], along[..., 0]], -1) * view[..., 2:].clamp(min=_LEAST_SLANT)
+    several = [d[:, count:].reshape(batch, pairs.rooms, -1, 3) for d in (pairs.light, pairs.view)]
+    slanted = torch.from_numpy(slanted_axes(several[1][:, :, 0].numpy()))
     square = torch.eye(2).expand(batch, band.groups, 2, 2)
-    return [(single[0], single[1], square), (several[0], several[1], torch.stack([along, across], -2))]
+    return [(single[0], single[1], square), (several[0], several[1], slanted)]
 
 
 @lru_cache(maxsize=8)

@@ -137,7 +137,7 @@ class _Term:
         self._power = (EXPOSURE * lighting.radiance).astype(np.float32)[:, None]
         self._asked = term.asked.means
         sure = term.asked.trust
-        self._counts, self._rows_count = sure * _COUNTS, sure * _ROWS
+        self._counts, self._counts_behind = sure * _COUNTS, sure * _ROWS
         self._plain = np.inf if term.asked.plain is None else term.asked.plain
 
     def value(self, theta: Array) -> float:
@@ -153,7 +153,7 @@ class _Term:
             lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
         )
         lit = float(np.log(max(float(np.square(shown - probe.displayed).mean()), FLOOR)))
-        behind = float((self._rows_count * np.maximum(log - self._asked, 0)).sum())
+        behind = float((self._counts_behind * np.maximum(log - self._asked, 0)).sum())
         behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_square)
         return float((self._counts * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
 
@@ -172,7 +172,7 @@ class _Term:
                 weight = probe.weights[kind, some, :, None, None].astype(np.float32)
                 directions = probe.light[some, part], probe.view[some, part]
                 by_set[kind, some] = shade_adjoint(self._model, single[some], *directions, off[:, part] * weight)
-        urgent = self._counts + self._rows_count * (self._logs(sums) > self._asked)
+        urgent = self._counts + self._counts_behind * (self._logs(sums) > self._asked)
         weight = self._weights(sums, urgent).astype(np.float32)  # (S, G)
         gradient = np.empty_like(texels)
         gradient[: self._single] = (2 * by_set * weight[..., None, None]).sum(0).reshape(self._single, -1)

@@ -173,6 +173,21 @@ _PRE_REDUCED = 3
 filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels."""
 
 
+_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
+
+
+def slanted_axes(view: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Axes of a pixel on the surface that it shows: (..., 3) unit views in the tangent frame to (..., 2, 2).
+
+    A pixel that is square on the screen reaches farthest along the view, by which its level of detail is chosen: that
+    is the first axis, a unit vector. The second, across, is as long as the cosine of the view.
+    """
+    length = np.linalg.norm(view[..., :2], axis=-1, keepdims=True)
+    along = np.where(length > _FACE_ON, view[..., :2] / np.maximum(length, _FACE_ON), [1.0, 0.0])
+    across = np.stack([-along[..., 1], along[..., 0]], -1) * np.maximum(view[..., 2:], _LEAST_SLANT)
+    return np.stack([along, across], -2).astype(view.dtype)
+
+
 def filtered_levels(
     image: NDArray[np.float32],
     pixel_filter: str,

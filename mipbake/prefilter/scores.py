@@ -39,6 +39,7 @@ from mipbake.prefilter.held_out import (
     whole,
 )
 from mipbake.prefilter.pair_pool import KINDS, draw_pool
+from mipbake.prefilter.pixel_filter import slanted_axes
 from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade, shade_lit
 
@@ -48,7 +49,6 @@ _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws
 DECIBEL = 10 / math.log(10)
 FLOOR = 1e-7  # error in units of the signal that is as good as none
 _RESOLVED = 0.01  # share of the reference's noise energy below which an error is chance (metrics.snr)
-_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
 _MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
 _UNSURE = 0.35  # standard error of a logarithm
 _NOISY, _MOST_AGAIN = 0.03, 3  # noise energy over the signal's at which samples are doubled, so many times at most
@@ -332,21 +332,13 @@ def lit_reference(
         return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
 
     offset, weight = offsets(problem, (samples, len(uv)), lod, rng)
-    offset = _slanted(offset, problem.stored.shape, np.einsum("nij,nj->ni", frame, view))
+    size = np.array(problem.stored.shape[1::-1])
+    axes = slanted_axes(np.einsum("nij,nj->ni", frame, view))
+    offset = np.einsum("spi,pij->spj", offset * size, axes) / size
     radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
     if (weight < 0).any():
         return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
     return np.asarray(radiance.mean(0))
-
-
-def _slanted(offset: Array, shape: tuple[int, ...], view: Array) -> Array:
-    """(S, P, 2) offsets of pixels seen face on, along u and v, as they are at (P, 3) views in the tangent frame."""
-    size = np.array([shape[1], shape[0]])
-    length = np.linalg.norm(view[:, :2], axis=-1, keepdims=True)
-    along = np.where(length > _FACE_ON, view[:, :2] / np.maximum(length, _FACE_ON), [1.0, 0.0])
-    across = np.stack([-along[:, 1], along[:, 0]], -1) * np.maximum(view[:, 2:], _LEAST_SLANT)
-    texels = offset * size
-    return np.asarray((texels[..., :1] * along + texels[..., 1:] * across) / size)
 
 
 def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:

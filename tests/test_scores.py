@@ -1,0 +1,86 @@
+"""What `auto` measures by: references, what chance does to them, and pixels as a screen has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mipbake.prefilter import scores
+from mipbake.prefilter.held_out import Problem
+from mipbake.prefilter.pixel_filter import slanted_axes
+from mipbake.prefilter.scores import Effort, Score, Scores, display_slope, displayed, lit_reference
+from mipbake.render.environment import studio
+
+from .test_auto import TINY, WRAP
+
+
+def test_what_chance_decides_counts_little() -> None:
+    rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
+    known, unsure, chance = scores.certainty(rows)
+    assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
+    score = Score(np.zeros((2, 4)), rows, 0.1, 0.0)
+    assert score.trust.tolist() == [1, 1, known, unsure, chance]
+    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(5)).trust.tolist() == [1] * 5
+
+
+def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few texels of gloss in a rough, level surface: a handful of samples a pixel miss the highlights."""
+    stored = np.zeros((32, 32, 8), np.float32)
+    stored[..., 3], stored[..., 4], stored[..., 7] = 1, 0.8, 1
+    stored[..., :3] = 0.5
+    stored[::5, ::7, 4] = 0.3
+    task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
+    effort = Effort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
+
+    def noise() -> float:
+        (probe,) = Scores(task, effort, 0, [3.0]).probes
+        return float(probe.noise[0, : probe.groups].sum() / probe.signal[0, : probe.groups].sum())
+
+    more = noise()
+    monkeypatch.setattr(scores, "_MOST_AGAIN", 0)
+    less = noise()
+    assert more < 0.5 * less, (more, less)
+
+
+def test_slanted_pixels_are_narrow_across_the_view() -> None:
+    face_on, leaning, grazing = slanted_axes(np.array([[0, 0, 1], [0.8, 0, 0.6], [0, 1, 0]], np.float32))
+    np.testing.assert_allclose(face_on, [[1, 0], [0, 1]])
+    np.testing.assert_allclose(leaning, [[1, 0], [0, 0.6]], atol=1e-6)
+    np.testing.assert_allclose(grazing, [[0, 1], [-0.1, 0]], atol=1e-6)  # never a line
+    assert face_on.dtype == np.float32
+
+
+def test_pixels_under_the_studio_are_slanted() -> None:
+    """Fine stripes along u, seen from the side: the reference blurs them where the view runs along u, and shows them
+    where it runs along the stripes."""
+    stored = np.zeros((64, 64, 8), np.float32)
+    stored[..., 4], stored[..., 7] = 1, 1
+    stored[:, ::2, :3] = 1
+    task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
+    room, rng = studio(), np.random.default_rng(0)
+    uv = np.stack([(np.arange(256) % 2 + 0.5 + 2 * np.arange(256) // 4) / 64 % 1, np.full(256, 0.5)], -1)
+    frame = np.broadcast_to(np.eye(3, dtype=np.float32), (256, 3, 3)).copy()
+    spread = {}
+    for axis in (0, 1):
+        view = np.zeros((256, 3), np.float32)
+        view[:, axis], view[:, 2] = 0.98, np.sqrt(1 - 0.98**2)
+        shown = lit_reference(task, room, uv, 0.7, frame, view, 64, rng)
+        spread[axis] = float(shown.std() / shown.mean())
+    assert spread[1] > 2 * spread[0]
+
+
+@pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
+def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str) -> None:
+    stored = np.broadcast_to(np.array([0.2, 0.4, 0.6, 0.5, 0.4, 0, 0, 1], np.float32), (8, 8, 8)).copy()
+    scores = Scores(Problem(stored, "gltf", "gltf", kernel, WRAP), TINY, 0, [0.0, 1.5])
+    for index in range(2):
+        score = scores.of(scores.looked_up(stored, index), index)
+        assert (score.decibels > 60).all()
+        assert score.lit < 1e-3
+
+
+def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:
+    radiance = np.geomspace(1e-4, 1e3, 64)
+    step = 1e-3 * radiance
+    shown = [displayed(radiance + turn * step).astype(float) for turn in (-1, 1)]
+    assert display_slope(radiance) == pytest.approx((shown[1] - shown[0]) / (2 * step), rel=2e-2, abs=1e-6)
