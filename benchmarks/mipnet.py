@@ -29,6 +29,7 @@ from mipnet_network import TARGETS, MipnetConfig, MipnetNetwork
 
 import mipbake
 from mipbake import TextureSet
+from mipbake._allocator import keep_freed_memory
 from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare import texture_space
 from mipbake.compare.candidates import Candidate, bake_all
@@ -39,7 +40,7 @@ from mipbake.models import default_weights
 from mipbake.training.__main__ import exit_code
 from mipbake.training.baseline import add_baseline
 from mipbake.training.config import BalancedLossConfig, TrainingConfig, read_config
-from mipbake.training.loop import LAST, keep_freed_memory, load_state, threads_beside_batches, train
+from mipbake.training.loop import LAST, load_state, threads_beside_batches, train
 from mipbake.validate import DEFAULT_LODS
 
 OURS = Path(__file__).resolve().parent.parent / "training" / "configs" / "mipbake-1.toml"

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import torch
 
+from mipbake._allocator import keep_freed_memory
 from mipbake.training import loop, loss
 from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, TrainingConfig, read_config
@@ -93,7 +94,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100, help="measured steps (default 100)")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
-    loop.keep_freed_memory()
+    keep_freed_memory()
     config = read_config(arguments.config)
     config = dataclasses.replace(config, data=DataConfig(procedural_sets=16))
     materials, _ = load_materials(config)

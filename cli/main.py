@@ -14,6 +14,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from mipbake import MipbakeError
+from mipbake._allocator import keep_freed_memory
 from mipbake.cli.bake import bake
 from mipbake.cli.compare import compare
 from mipbake.cli.convert import convert
@@ -136,6 +137,7 @@ def run() -> None:
             stream.reconfigure(errors="backslashreplace")
     with contextlib.suppress(ValueError):  # not the main thread of a program that embeds us
         signal.signal(signal.SIGTERM, _terminate)
+    keep_freed_memory()
     sys.exit(main(sys.argv[1:]))
 
 

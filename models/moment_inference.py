@@ -18,10 +18,11 @@ from torch import Tensor
 from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.models.config import takes
-from mipbake.models.lookup_kernel import sharpened
-from mipbake.models.moment_network import MomentNetwork, with_detail
+from mipbake.models.lookup_kernel import sharpened, sharpening
+from mipbake.models.moment_network import DETAIL, MomentNetwork, with_detail
 from mipbake.models.network import border_indices
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
+from mipbake.models.workers import in_order
 from mipbake.prefilter.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
 
 _FROM_TOP = 3
@@ -92,24 +93,29 @@ def _from_top(
     direct = [_sink(sizes[0], size, kernel, wrap, tile, z) for size in sizes[1 : 1 + _FROM_TOP]]
     coarse = len(sizes) > 1 + _FROM_TOP
     boxes = [_sink(sizes[0], sizes[1], "box", wrap, tile, z)] if coarse else []
-    taps = torch.from_numpy(resample_weights(16, 16, kernel, "wrap")[1][0])  # the same for every texel of a level 0
+    taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
+    a = sharpening(0)
+    sharp = np.convolve(taps, [-a, 1 + 2 * a, -a])
     reach = len(taps) // 2 + 1  # and the sharpening's neighbour
     top = np.empty((*sizes[0], material.model_named(network.config.decoders[0]).channels), np.float32)
-    starts = [range(0, length, tile) for length in sizes[0]]
-    for i, y in enumerate(starts[0]):
-        for j, x in enumerate(starts[1]):
-            stop = min(y + tile, sizes[0][0]), min(x + tile, sizes[0][1])
-            border = reach + network.halo
-            rows = border_indices(y - border, stop[0] + border, sizes[0][0], wrap[1]).numpy()
-            columns = border_indices(x - border, stop[1] + border, sizes[0][1], wrap[0]).numpy()
-            around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])
-            plain = _valid(around[0], taps)
-            filtered = with_detail(sharpened(plain, 0, ("clamp", "clamp")), plain)[1:-1, 1:-1]
-            top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
-            inside = around[0, reach:-reach, reach:-reach]
-            for sink in (*direct, *boxes):
-                add(sink.image, inside, sink.rows[i], sink.columns[j])
-        progress((i + 1) / len(starts[0]))
+    border = reach + network.halo
+    corners = [(y, x) for y in range(0, sizes[0][0], tile) for x in range(0, sizes[0][1], tile)]
+
+    def made(corner: tuple[int, int]) -> Tensor:
+        """(h, w, Z) latents of a tile, whose part of level 0 is written."""
+        (y, x), (height, width) = corner, sizes[0]
+        stop = min(y + tile, height), min(x + tile, width)
+        rows = border_indices(y - border, stop[0] + border, height, wrap[1]).numpy()
+        columns = border_indices(x - border, stop[1] + border, width, wrap[0]).numpy()
+        around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])[0]
+        filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, :DETAIL], taps))
+        top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
+        return around[reach:-reach, reach:-reach]
+
+    for done, ((y, x), inside) in enumerate(zip(corners, in_order(made, corners), strict=True), 1):
+        for sink in (*direct, *boxes):
+            add(sink.image, inside, sink.rows[y // tile], sink.columns[x // tile])
+        progress(done / len(corners))
     latents = [sink.image for sink in direct]
     if boxes:
         box = boxes[0].image.numpy()
@@ -121,11 +127,15 @@ def _from_top(
     return top, latents
 
 
-def _valid(image: Tensor, taps: Tensor) -> Tensor:
+def _valid(image: Tensor, taps: NDArray[np.floating]) -> Tensor:
     """(H, W, Z) filtered along both axes with taps, where all of them lie inside."""
+    first, *others = taps.tolist()
     for axis in (0, 1):
-        size = image.shape[axis] - len(taps) + 1
-        image = torch.stack([w * image.narrow(axis, i, size) for i, w in enumerate(taps)]).sum(0)
+        size = image.shape[axis] - len(others)
+        total = first * image.narrow(axis, 0, size)
+        for i, weight in enumerate(others, 1):
+            total.add_(image.narrow(axis, i, size), alpha=weight)
+        image = total
     return image
 
 
@@ -133,5 +143,5 @@ def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wr
     """(H, W, 8) stored channels of a level's latents."""
     ready = with_detail(sharpened(latent, level, wrap), latent)
     index = torch.full((1,), float(level))
-    parts = [network.decode(rows, index, kernel) for rows in torch.split(ready, _ROWS)]
-    return torch.cat(parts).numpy()
+    parts = in_order(lambda rows: network.decode(rows, index, kernel).numpy(), torch.split(ready, _ROWS))
+    return np.concatenate(list(parts))

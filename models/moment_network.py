@@ -28,7 +28,7 @@ from torch.nn import functional
 
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.config import MomentConfig
-from mipbake.models.dense import SLOPE
+from mipbake.models.dense import SLOPE, dense
 from mipbake.models.direction import OUTPUTS, aligned, stretched
 from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
@@ -141,9 +141,13 @@ class MomentNetwork(nn.Module):
         named[list(FILTERS).index(pixel_filter)] = 1
         code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., COUNT:]], -1)
-        for layer in self.decoder:
-            maps = torch.cat([maps, functional.leaky_relu(layer(maps), SLOPE)], -1)
-        crisp = self.crisp(torch.cat([maps, _DETAIL_SCALE * detail], -1)).tanh()
+        layers = [layer for layer in self.decoder if isinstance(layer, nn.Linear)]
+        flat = dense(maps.reshape(1, -1, maps.shape[-1]), [x.weight for x in layers], [x.bias for x in layers])
+        maps = flat.reshape(*maps.shape[:-1], -1)
+        # Not of one tensor: it would be a copy of all maps.
+        by_maps, by_detail = torch.split(self.crisp.weight, [maps.shape[-1], DETAIL], 1)
+        crisp = functional.linear(maps, by_maps, self.crisp.bias) + functional.linear(_DETAIL_SCALE * detail, by_detail)
+        crisp = crisp.tanh()
         texels = _changed(found, _STEP * self.output(maps), _more(detail, crisp))
         if self.stretch is None:
             return texels

@@ -92,6 +92,18 @@ def test_tiles_do_not_show(height: int, width: int, pixel_filter: str) -> None:
         np.testing.assert_allclose(left, right, atol=1e-4)
 
 
+def test_threads_do_not_show() -> None:
+    network, stored = trained_like(), bumpy(300, 170)
+    one = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
+    torch.set_num_threads(3)
+    try:
+        three = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
+    finally:
+        torch.set_num_threads(1)
+    for left, right in zip(one, three, strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))
 def test_training_and_baking_agree(pixel_filter: str) -> None:
     """Up to level 3, which both filter from level 0; coarser ones are baked from box averages."""

@@ -57,7 +57,8 @@ def _train(arguments: argparse.Namespace) -> None:
         config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
     import torch
 
-    from mipbake.training.loop import keep_freed_memory, threads_beside_batches, train
+    from mipbake._allocator import keep_freed_memory
+    from mipbake.training.loop import threads_beside_batches, train
 
     keep_freed_memory()
     torch.set_num_threads(threads_beside_batches())

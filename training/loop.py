@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import csv
-import ctypes
 import os
 import subprocess
 import time
@@ -29,8 +28,6 @@ from mipbake.training.validation import Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
-
 _WHITENING_SAMPLES = 16
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
 
@@ -38,19 +35,6 @@ _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
 def threads_beside_batches() -> int:
     """Torch threads that train fastest: one core is busy drawing batches. OMP_NUM_THREADS, where set, is obeyed."""
     return int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, (os.cpu_count() or 2) - 1)
-
-
-def keep_freed_memory() -> None:
-    """Tells glibc to keep what is freed: a step frees tens of megabytes and soon asks for them again, page by page.
-
-    Nothing elsewhere; the allocators of other systems are left alone.
-    """
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (OSError, AttributeError, TypeError):
-        return
-    for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
-        mallopt(option, 1 << 30)
 
 
 @dataclass

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +89,8 @@ class Refine:
     ) -> PrefilterResult:
         """See Prefilter. UsageError where named weights do not fit the target or the pixel filter."""
         began = time.monotonic()
+        from mipbake.models.workers import one_torch_thread
+
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap)
         learned = self._learned(problem)
@@ -97,7 +98,8 @@ class Refine:
         first = 0.5 if not self.everything else 0.1  # of the progress
         timed = self.everything and self.seconds is not None
         seconds = self.seconds if timed and self.seconds is not None else math.inf
-        with _one_torch_thread():
+        # Tensors here are small and many, and two Python threads work on them.
+        with one_torch_thread():
             start = blend(
                 problem,
                 candidates,
@@ -123,20 +125,6 @@ class Refine:
                 raise
             return []
         return [candidate(problem, self._neural, problem.pixel_filter)]
-
-
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Tensors here are small and many, and two Python threads work on them: a team of torch threads for each would
-    mostly wait, which takes the time of both."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 class Auto(Refine):

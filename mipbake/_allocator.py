@@ -1,0 +1,20 @@
+"""How the C library's allocator treats memory that is freed: a setting of the process, for those who own it."""
+
+from __future__ import annotations
+
+import ctypes
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
+
+
+def keep_freed_memory() -> None:
+    """Tells glibc to keep what is freed: networks free tens of megabytes and soon ask for them again, page by page.
+
+    For command lines, not for a library's functions. Nothing elsewhere; the allocators of other systems are left alone.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError, TypeError):
+        return
+    for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
+        mallopt(option, 1 << 30)
