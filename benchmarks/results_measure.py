@@ -21,6 +21,7 @@ from mipbake.compare.candidates import closed_forms, label
 from mipbake.compare.pictures import render_view
 from mipbake.compare.result import SCALES
 from mipbake.compare.scenes import standard_views
+from mipbake.prefilter.refine import REFINE_SECONDS
 from mipbake.render import environment
 from mipbake.validate import DEFAULT_LODS
 
@@ -45,7 +46,7 @@ class Effort:
     samples: int = 48
     side: int = 192
     passes: int = 256
-    crop: int = 64
+    crop: int = 256
     generated: int = 8
     generated_size: int = 512
     pairs: int = 4
@@ -134,10 +135,14 @@ def whole(asked: Asked) -> list[Plan]:
 
 
 def crop(asked: Asked) -> list[Plan]:
-    """The limit: the middle of every set with its optimum, which would take hours on whole ones."""
+    """The limit: the middle of every set with its optimum, which would take hours on whole ones.
+
+    `refine` has the time that two minutes for a 512 x 512 set leave for so many texels.
+    """
     named = [name for name in asked.methods if not name.startswith("auto")]  # refine, which begins with it, is there
-    methods = specs(("optimum", *named, "refine", *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
     side = asked.effort.crop
+    refine = f"refine@{REFINE_SECONDS * (side / 512) ** 2:g}s"
+    methods = specs(("optimum", *named, refine, *FORMS), "gltf", DEFAULT_FILTER, asked.folders)
     return [
         Plan(name, lambda load=load: middle(load(), side), methods, extra={"crop": side})  # type: ignore[misc]
         for name, load in asked.sets.items()

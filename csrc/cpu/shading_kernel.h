@@ -6,6 +6,7 @@
 
 #include "core/dual.h"
 #include "core/packet.h"
+#include "core/packet_series.h"
 #include "cpu/shading.h"
 #include "shading/models.h"
 #include "shading/prepare.h"

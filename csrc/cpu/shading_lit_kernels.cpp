@@ -2,6 +2,7 @@
 // the surfaces are prepared once and stay in registers and the first cache while it runs over the lights; nothing of
 // points times lights is ever stored.
 #include "core/packet.h"
+#include "core/packet_series.h"
 #include "cpu/shading_lit.h"
 #include "shading/models.h"
 #include "shading/prepare.h"

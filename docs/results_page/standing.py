@@ -154,7 +154,8 @@ def _aims(whole: Results, crop: Results | None) -> Iterator[Aim]:
         for name in (name for name in crop.learned if crop.methods[name]["method"] == "refine"):
             for pairs in PAIR_SETS:
                 gap = closed_gap(crop, name, pairs)
-                yield Aim(f"{name}: at least 90 % of the gap to the optimum, {PLACES[pairs]}", f"{gap:.0%}", gap >= 0.9)
+                found = f"{gap:.0%}" if gap == gap else "the optimum is not ahead"
+                yield Aim(f"{name}: at least 90 % of the gap to the optimum, {PLACES[pairs]}", found, gap >= 0.9)
 
 
 def _seen(whole: Results) -> Iterator[Aim]:

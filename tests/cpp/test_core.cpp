@@ -9,6 +9,7 @@
 #include "check.h"
 #include "core/dual.h"
 #include "core/packet.h"
+#include "core/packet_series.h"
 #include "core/parallel.h"
 
 using namespace mipbake;
