@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -154,7 +155,7 @@ def _aims(whole: Results, crop: Results | None) -> Iterator[Aim]:
         for name in (name for name in crop.learned if crop.methods[name]["method"] == "refine"):
             for pairs in PAIR_SETS:
                 gap = closed_gap(crop, name, pairs)
-                found = f"{gap:.0%}" if gap == gap else "the optimum is not ahead"
+                found = f"{gap:.0%}" if math.isfinite(gap) else "the optimum is not ahead"
                 yield Aim(f"{name}: at least 90 % of the gap to the optimum, {PLACES[pairs]}", found, gap >= 0.9)
 
 
