@@ -20,9 +20,10 @@ from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.bench import Rival
 from mipbake.prefilter.held_out import Budget, Problem, draw_pairs
 from mipbake.prefilter.level_fit import Term, columns, fit_level
+from mipbake.prefilter.lit_renders import displayed
 from mipbake.prefilter.pair_pool import KINDS, draw_pool
 from mipbake.prefilter.promise import promise_from
-from mipbake.prefilter.scores import Effort, Score, Scores, displayed
+from mipbake.prefilter.scores import Effort, Score, Scores
 from mipbake.render import candidate, random_points, reference
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint

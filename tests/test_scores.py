@@ -7,8 +7,9 @@ import pytest
 
 from mipbake.prefilter import scores
 from mipbake.prefilter.held_out import Problem
+from mipbake.prefilter.lit_renders import display_slope, displayed, lit_error, lit_reference, placed
 from mipbake.prefilter.pixel_filter import slanted_axes
-from mipbake.prefilter.scores import Effort, Score, Scores, display_slope, displayed, lit_reference
+from mipbake.prefilter.scores import Effort, Score, Scores
 from mipbake.render.environment import studio
 
 from .test_auto import TINY, WRAP
@@ -84,3 +85,38 @@ def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:
     step = 1e-3 * radiance
     shown = [displayed(radiance + turn * step).astype(float) for turn in (-1, 1)]
     assert display_slope(radiance) == pytest.approx((shown[1] - shown[0]) / (2 * step), rel=2e-2, abs=1e-6)
+
+
+def displayed_pixels(count: int) -> tuple[np.ndarray, ...]:
+    """What is shown, what is off, frames and views."""
+    rng = np.random.default_rng(4)
+    frame, view = placed(rng, count)
+    shown = rng.uniform(0.1, 0.9, (count, 3)).astype(np.float32)
+    return shown, (0.05 * rng.normal(size=(count, 3))).astype(np.float32), frame, view
+
+
+def test_what_is_darker_as_a_whole_counts_more_than_what_is_off_here_and_there() -> None:
+    shown, off, frame, view = displayed_pixels(512)
+    scattered = lit_error(off - off.mean(), shown, frame, view)
+    darker = lit_error(np.full_like(off, -off.std()), shown, frame, view)
+    assert darker.square == pytest.approx(scattered.square, rel=1e-3)
+    assert darker.logarithm > scattered.logarithm + 0.5
+    assert (darker.brightness < 0).all()
+    steep = np.einsum("nj,nj->n", frame[:, 2], view)
+    ends = steep[darker.groups]
+    assert (ends[:-1].max(1) <= ends[1:].min(1)).all()  # groups by the angle of view
+
+
+@pytest.mark.parametrize("count", [1, 5, 100])
+def test_slopes_and_curvature_of_what_pixels_are_off_by(count: int) -> None:
+    shown, off, frame, view = displayed_pixels(count)
+    error = lit_error(off, shown, frame, view)
+    rng = np.random.default_rng(5)
+    along = rng.normal(size=off.shape).astype(np.float32)
+    step = 1e-3
+    ahead, behind = (lit_error(off + turn * step * along, shown, frame, view).logarithm for turn in (1, -1))
+    assert float((error.slopes(off) * along).sum()) == pytest.approx((ahead - behind) / (2 * step), rel=2e-2)
+    rows = np.einsum("nc->n", along)[:, None]
+    brightness = np.square(along[error.groups].mean((1, 2)))
+    expected = float((brightness / (np.square(error.brightness) + error.scale)).mean())
+    assert float(error.curvature(rows)[0, 0]) == pytest.approx(expected, rel=1e-4)

@@ -186,7 +186,7 @@ class Bench:
     def _judged(self, index: int) -> dict[str, Score]:
         """Closed forms at a level of detail as the judge sees them: those that are not far behind as fitted to."""
         forms = [name for name, each in self._candidates.items() if each.closed_form]
-        logs = np.stack([np.append(self._found[name, 0][index].means, self._found[name, 0][index].lit_square)
+        logs = np.stack([np.append(self._found[name, 0][index].means, self._found[name, 0][index].lit_log)
                          for name in forms])  # fmt: skip
         near = (logs < logs.min(0) + _FAR).any(1)
         return {
@@ -245,7 +245,7 @@ class Bench:
             least([each.log_errors for each in found]),
             least([by_name[name].pooled for name in self._plain]),
             min(each.lit for each in found),
-            min(each.lit_square for each in found),
+            min(each.lit_log for each in found),
             self.plain(by_name),
             np.min([by_name[name].trust for name in self._plain], 0),
         )
@@ -310,15 +310,15 @@ def mean(seen: Sequence[Image]) -> Image:
 
 def _cost(score: Score, asked: Score) -> float:
     """Logarithms of errors, and those behind what is asked for several times."""
-    logs = np.append(score.means, score.lit_square)
-    behind = logs - np.append(asked.means, asked.lit_square)
+    logs = np.append(score.means, score.lit_log)
+    behind = logs - np.append(asked.means, asked.lit_log)
     groups = 0.0 if asked.plain is None else np.maximum(score.log_errors - asked.plain, 0).mean(1).sum()
     sure = np.append(asked.trust, 1)
     return float((sure * (logs + worse(len(logs)) * np.maximum(behind, 0))).sum() + WORSE_IN_GROUP * groups)
 
 
 def worse(count: int) -> Array:
-    """What each of so many logarithms counts where it is behind: rows of a Score, and lit_square.
+    """What each of so many logarithms counts where it is behind: rows of a Score, and lit_log.
 
     Over the hemisphere, means over sets see bright pairs well enough.
     """

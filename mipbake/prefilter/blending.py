@@ -40,7 +40,7 @@ class Blend:
         levels: (H_L, W_L, C) valid stored channels.
         sources: of each level, the names of the candidates in it.
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
-        rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_square of any.
+        rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_log of any.
         plain: there, the least log_errors of PLAIN in every group.
         witness: renders that decided nothing, at every level. witnessed: what these rivals have there.
         left_out: closed forms that there was no time to bake, in none of the above.
@@ -95,7 +95,7 @@ def blend(
     safe = [bench.safest(level, asked) for level in range(problem.last + 1)]
     rivals = [bench.rivals(index) for index in range(len(judge.lods))]
     plain = [bench.plain(bench.judged[index]) for index in range(len(judge.lods))]
-    lit = [bench.asked(1, index).lit_square for index in range(len(judge.lods))]
+    lit = [bench.asked(1, index).lit_log for index in range(len(judge.lods))]
     shares = _settled(bench, judge, weights, safe, rivals, lit, plain)
     mixtures = [bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)]
     levels = bench.mixed(mixtures)
@@ -171,13 +171,13 @@ def settle(
         """By how much each rival, and the last one under the studio's lights, is ahead beyond what chance may do."""
         lost = [row - rival.log_errors for row, rival in zip(found.rows, rivals[index], strict=True)]
         rows = [each.mean() - _CHANCE * float(standard_error(each)) - _TIE for each in lost]
-        return np.append(rows, found.lit_square - lit[index] - slack)
+        return np.append(rows, found.lit_log - lit[index] - slack)
 
     def cost(found: Score, index: int) -> float:
         others = np.stack([certainty(rival.log_errors) for rival in rivals[index][len(found.log_errors) :]])
         sure = np.append(found.trust, 1)
         sure[len(found.log_errors) : -1] = np.minimum(sure[len(found.log_errors) : -1], others)
-        gained = np.append(found.means, found.lit_square)
+        gained = np.append(found.means, found.lit_log)
         lost = np.maximum(behind(found, index), 0)
         return float((sure * (gained + worse(len(lost)) * lost)).sum() + WORSE_IN_GROUP * apart(found, index))
 

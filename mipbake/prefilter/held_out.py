@@ -259,3 +259,24 @@ def estimate(
             rows = radiance.reshape(len(out), samples, -1)
             out[:, some] = (np.full((1, samples), 1 / samples, np.float32) @ rows).reshape(len(out), -1, 3)
     return out
+
+
+def look_up(level: Image, uv: NDArray[np.float64], problem: Problem) -> Image:
+    """(..., C): an image at (..., 2) uv, bilinearly."""
+    return np.asarray(
+        sampling.texture(level[None], uv[None, None], filter_mode="linear", boundary_mode=problem.wrap)[0, 0]
+    )
+
+
+def sample_offsets(
+    problem: Problem, shape: tuple[int, ...], lod: float | NDArray[np.float64], rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """(S, ..., 2) offsets of samples from their pixel's centre, and (S, ...) weights whose sum over S is about 1.
+
+    lod: level of detail of all pixels, or (..., 1) of each.
+    """
+    offsets, weights = quantiles(problem.pixel_filter)
+    height, width = problem.stored.shape[:2]
+    sequence = np.arange(shape[0]).reshape(-1, *(1,) * len(shape)) * SEQUENCE % 1 * QUANTILES
+    place = (rng.integers(QUANTILES, size=(*shape[1:], 2)) + sequence.astype(np.int64)) & (QUANTILES - 1)
+    return offsets[place] * (2.0**lod / np.array([width, height])), weights[place].prod(-1) / np.float32(shape[0])

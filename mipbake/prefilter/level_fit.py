@@ -22,19 +22,15 @@ from mipbake import material
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.held_out import SET_SIZE, Image
+from mipbake.prefilter.lit_renders import EXPOSURE, display_slope, displayed, lit_error, lit_radiance
 from mipbake.prefilter.pair_pool import KINDS
 from mipbake.prefilter.scores import (
-    EXPOSURE,
-    FLOOR,
     UNLIT,
     Array,
     Probe,
     Score,
     blocks,
-    display_slope,
-    displayed,
     energies,
-    lit_radiance,
     pooled_rows,
     relative,
 )
@@ -46,7 +42,7 @@ _SETS = len(PAIR_SETS)
 _BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
 _BEHIND_BRIGHT = 8.0  # that one under the brightest pairs does, or under the studio's lights
 _BEHIND_GROUP = 4.0  # that one does in a group that is behind the best plain form of that very group
-_LIT = 0.5  # that the error under the studio's lights counts, beside each pair set
+_LIT = 2.0  # that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
@@ -152,9 +148,9 @@ class _Term:
         shown = displayed(
             lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
         )
-        lit = float(np.log(max(float(np.square(shown - probe.displayed).mean()), FLOOR)))
+        lit = lit_error(shown - probe.displayed, probe.displayed, probe.frame, probe.lit_view).logarithm
         behind = float((self._counts_behind * np.maximum(log - self._asked, 0)).sum())
-        behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_square)
+        behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_log)
         return float((self._counts * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
 
     def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
@@ -181,20 +177,17 @@ class _Term:
         radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._lighting)
         slopes = display_slope(radiance)
         lit_off = displayed(radiance) - probe.displayed
-        lit_error = max(float(np.square(lit_off).mean()), FLOOR)
-        lit_weight = (
-            _LIT * (1 + _BEHIND_BRIGHT * (np.log(lit_error) > self._term.asked.lit_square)) / (lit_error * lit_off.size)
-        )
-        gradient[self._single :] = self._lit_adjoint(lit, np.float32(2 * lit_weight) * lit_off * slopes)
+        error = lit_error(lit_off, probe.displayed, probe.frame, probe.lit_view)
+        counts = _LIT * (1 + _BEHIND_BRIGHT * (error.logarithm > self._term.asked.lit_log))
+        gradient[self._single :] = self._lit_adjoint(lit, np.float32(counts) * error.slopes(lit_off) * slopes)
 
         share = self._term.share
         slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
         rows = self._rows(single, 2 * np.concatenate(list(weight[..., None] * probe.weights), 1), turn)
-        signs = _signs(slopes.shape, 0) * slopes
-        lit_rows = self._lit_adjoint(lit, signs) * np.float32(np.sqrt(2 * lit_weight))
-        lit_along = np.matmul(lit_rows[:, None], self._columns[self._single :])[:, 0]
-        along = np.concatenate([rows, lit_along])
-        return slope.astype(np.float64), (share * share * (along.T @ along)).astype(np.float64)
+        signs = _signs(slopes.shape, 0) * slopes * np.float32(np.sqrt(counts * error.pixel_weight / slopes.size))
+        along = np.concatenate([rows, self._lit_rows(lit, signs)])
+        curvature = along.T @ along + counts * error.curvature(self._lit_rows(lit, slopes))
+        return slope.astype(np.float64), (share * share * curvature).astype(np.float64)
 
     def _texels(self, theta: Array) -> Image:
         base = self._term.base
@@ -249,6 +242,10 @@ class _Term:
         light = self._lit_light
         view = np.broadcast_to(self._lit_view, light.shape)
         return np.asarray(shade_adjoint(self._model, lit[None], light, view, (self._power * gradient)[None])[0])
+
+    def _lit_rows(self, lit: Image, gradient: Image) -> Image:
+        """(Q, J) derivatives by the weights, from (Q, 3) ones by the radiance under all lights."""
+        return np.asarray(np.matmul(self._lit_adjoint(lit, gradient)[:, None], self._columns[self._single :])[:, 0])
 
     def _rows(self, single: Image, weight: Image, turn: int) -> Image:
         """(M, J): derivatives by the weights of every _STRIDE-th render, random combinations of its colours.

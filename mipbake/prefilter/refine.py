@@ -277,7 +277,7 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
         return _between(*cache[index, level], share, problem.target)
 
     rivals = [[Rival("start", row) for row in score.rows] for score in before]
-    lit = [max(asked, score.lit_square) for asked, score in zip(start.lit, before, strict=True)]
+    lit = [max(asked, score.lit_log) for asked, score in zip(start.lit, before, strict=True)]
     shares = settle(judge, texels, len(levels), rivals, lit, start.plain, _LIT_SLACK)
     changed = [not np.array_equal(*each) for each in zip(start.levels, levels, strict=True)]
     return [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]

@@ -24,24 +24,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import sampling
-from mipbake.metrics.images import srgb_encode
-from mipbake.metrics.pairs import PAIR_SETS, cosine_directions
+from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.held_out import (
-    QUANTILES,
-    SEQUENCE,
     SET_SIZE,
     Image,
     Problem,
     draw_pairs,
-    quantiles,
+    look_up,
     random_points,
+    sample_offsets,
     whole,
 )
+from mipbake.prefilter.lit_renders import displayed, lit_error, lit_radiance, lit_reference, placed
 from mipbake.prefilter.pair_pool import KINDS, draw_pool
-from mipbake.prefilter.pixel_filter import slanted_axes
-from mipbake.render.environment import Lighting, studio
-from mipbake.shading import shade, shade_lit
+from mipbake.render.environment import studio
+from mipbake.shading import shade
 
 Array = NDArray[np.float64]
 
@@ -57,7 +54,6 @@ UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
 _FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
 _RADIANCES = 1 << 16  # at a time: they stay in the cache
-EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
 
 
 @dataclass(frozen=True)
@@ -86,7 +82,7 @@ class Score:
         log_errors: (S, G) natural logarithms of the error relative to the signal, of S pair sets and G groups.
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to that of the signal;
             values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over groups).
-        lit: tonemapped error under the studio's lights. lit_square: logarithm of the mean of its squares.
+        lit: tonemapped error under the studio's lights. lit_log: logarithm of its squares (LitError).
         plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
             asked for.
         sure: (3 S,) what each of `means` counts, from 0 to 1; None for what its own scatter says (`trust`).
@@ -95,7 +91,7 @@ class Score:
     log_errors: Array
     pooled: Array
     lit: float
-    lit_square: float
+    lit_log: float
     plain: Array | None = None
     sure: Array | None = None
 
@@ -221,7 +217,7 @@ class Scores:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
         probe = self.probes[index]
         where = np.concatenate([probe.uv.reshape(-1, 2), probe.lit_uv])
-        return _look_up(level, where, self.problem)
+        return look_up(level, where, self.problem)
 
     def of(self, texels: Image, index: int) -> Score:
         """The score of (G * P + Q, C) stored channels of the target at a probe, as `looked_up` has them."""
@@ -235,28 +231,8 @@ class Scores:
             sums[:, some] = energies(shaded, probe.weights[:, some])
         log = np.log(relative(sums[:, : probe.groups] - probe.noise[:, : probe.groups], probe))
         apart = displayed(lit_radiance(model, lit, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
-        square = max(float(np.square(apart).mean()), FLOOR)
-        return Score(log, pooled_rows(sums - probe.noise, probe), float(np.abs(apart).mean()), math.log(square))
-
-
-def _look_up(level: Image, uv: Array, problem: Problem) -> Image:
-    return np.asarray(
-        sampling.texture(level[None], uv[None, None], filter_mode="linear", boundary_mode=problem.wrap)[0, 0]
-    )
-
-
-def offsets(
-    problem: Problem, shape: tuple[int, ...], lod: float | Array, rng: np.random.Generator
-) -> tuple[Array, NDArray[np.float32]]:
-    """(S, ..., 2) offsets of samples from their pixel's centre, and (S, ...) weights whose sum over S is about 1.
-
-    lod: level of detail of all pixels, or (..., 1) of each.
-    """
-    offsets, weights = quantiles(problem.pixel_filter)
-    height, width = problem.stored.shape[:2]
-    sequence = np.arange(shape[0]).reshape(-1, *(1,) * len(shape)) * SEQUENCE % 1 * QUANTILES
-    place = (rng.integers(QUANTILES, size=(*shape[1:], 2)) + sequence.astype(np.int64)) & (QUANTILES - 1)
-    return offsets[place] * (2.0**lod / np.array([width, height])), weights[place].prod(-1) / np.float32(shape[0])
+        error = lit_error(apart, probe.displayed, probe.frame, probe.lit_view)
+        return Score(log, pooled_rows(sums - probe.noise, probe), float(np.abs(apart).mean()), error.logarithm)
 
 
 def _estimates(
@@ -266,10 +242,10 @@ def _estimates(
     groups, points = uv.shape[:2]
     pairs = light.shape[1]
     out = np.empty((groups, pairs, points, 3), np.float32)
-    offset, weight = offsets(problem, (samples, groups, points), lod, rng)
+    offset, weight = sample_offsets(problem, (samples, groups, points), lod, rng)
     signed = bool((weight < 0).any())
-    texels = _look_up(problem.stored, (uv + offset).reshape(-1, 2), problem).reshape(samples, groups, points, -1)
-    centre = _look_up(problem.stored, uv.reshape(-1, 2), problem).reshape(groups, points, -1) if signed else None
+    texels = look_up(problem.stored, (uv + offset).reshape(-1, 2), problem).reshape(samples, groups, points, -1)
+    centre = look_up(problem.stored, uv.reshape(-1, 2), problem).reshape(groups, points, -1) if signed else None
     step = max(1, _RADIANCES // (pairs * samples))
     for group in range(groups):
         for start in range(0, points, step):
@@ -309,42 +285,6 @@ def blocks(groups: int, renders: int) -> list[slice]:
     return [slice(start, start + step) for start in range(0, groups, step)]
 
 
-def lit_reference(
-    problem: Problem,
-    lighting: Lighting,
-    uv: Array,
-    lod: float | Array,
-    frame: Image,
-    view: Image,
-    samples: int,
-    rng: np.random.Generator,
-) -> Image:
-    """(P, 3) reference under all lights at (P, 2) uv, each pixel with a frame and a view of its own.
-
-    Pixels are square on the screen: on the surface they reach less far across the view than along it.
-
-    Args:
-        lod: level of detail of all pixels, or (P, 1) of each, by their longer side.
-    """
-
-    def shaded(where: Array, turns: int) -> Image:
-        texels = _look_up(problem.stored, where.reshape(-1, 2), problem)
-        return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
-
-    offset, weight = offsets(problem, (samples, len(uv)), lod, rng)
-    size = np.array(problem.stored.shape[1::-1])
-    axes = slanted_axes(np.einsum("nij,nj->ni", frame, view))
-    offset = np.einsum("spi,pij->spj", offset * size, axes) / size
-    radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
-    if (weight < 0).any():
-        return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
-    return np.asarray(radiance.mean(0))
-
-
-def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
-    return np.asarray(shade_lit(model, texels, frame, view, lighting.direction, lighting.radiance * EXPOSURE))
-
-
 def energies(radiance: Image, weights: Array) -> Array:
     """(S, G) weighted means of squares, of (G, S * 64, P, 3) under weights (S, G, 64)."""
     rows = radiance.reshape(*radiance.shape[:2], -1)
@@ -371,34 +311,3 @@ def pooled_rows(error: Array, probe: Probe) -> Array:
     parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
     total, count = parts.sum(-1), parts.shape[-1]
     return np.asarray(count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts))
-
-
-def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
-    """(N, 3, 3) tangent frames in a room and (N, 3) views from it: spheres seen from about their own height."""
-    angle = 2 * math.pi * rng.random(count)
-    height = rng.uniform(-0.2, 0.6, count)
-    flat = np.sqrt(1 - height * height)
-    view = np.stack([flat * np.cos(angle), height, flat * np.sin(angle)], -1)
-    local = cosine_directions(rng, count)  # where on the sphere's disc: normals are cosine-distributed around the view
-    side = np.stack([-view[:, 2], np.zeros(count), view[:, 0]], -1)
-    side /= np.linalg.norm(side, axis=-1, keepdims=True)
-    up = np.cross(side, view)
-    normal = local[:, :1] * side + local[:, 1:2] * up + local[:, 2:] * view
-    tangent = np.stack([normal[:, 2], np.zeros(count), -normal[:, 0]], -1)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)
-    frame = np.stack([tangent, np.cross(normal, tangent), normal], 1)
-    return frame.astype(np.float32), view.astype(np.float32)
-
-
-def displayed(radiance: Image) -> Image:
-    """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
-    lit = np.maximum(radiance, 0)
-    return np.asarray(srgb_encode(lit / (1 + lit)), np.float32)
-
-
-def display_slope(radiance: Image) -> Image:
-    """The derivative of `displayed`, element by element."""
-    x = np.maximum(radiance, 0)
-    y = x / (1 + x)
-    encoded = np.where(y <= 0.0031308, 12.92, 1.055 / 2.4 * np.maximum(y, 1e-6) ** (1 / 2.4 - 1))
-    return np.asarray(encoded / np.square(1 + x), np.float32)

@@ -24,11 +24,11 @@ from torch import Tensor
 
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region
+from mipbake.prefilter.lit_renders import display_slope, displayed
 from mipbake.prefilter.lit_samples import LitBatch, lit_pixels
 from mipbake.prefilter.lookups import Lookups
 from mipbake.prefilter.pair_weights import PairWeights
 from mipbake.prefilter.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
-from mipbake.prefilter.scores import display_slope, displayed
 from mipbake.prefilter.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint

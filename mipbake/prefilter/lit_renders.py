@@ -1,0 +1,150 @@
+"""Pixels of surfaces turned every way under a studio's lights, as a display shows them, and what stacks are off by.
+
+Single lights say most of the brightest pairs. What people look at is lit from everywhere and tonemapped. Errors from
+pixel to pixel are half of what is measured. The other half is brightness by the angle of view: eyes blur what is fine,
+but see at once what is darker as a whole.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.metrics.images import srgb_encode
+from mipbake.metrics.pairs import cosine_directions
+from mipbake.prefilter.held_out import Image, Problem, look_up, sample_offsets
+from mipbake.prefilter.pixel_filter import slanted_axes
+from mipbake.render.environment import Lighting
+from mipbake.shading import shade_lit
+
+Array = NDArray[np.float64]
+
+EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
+_ANGLES = 8  # groups of pixels by their angle of view, each of whose brightness is compared
+_DARKER = 0.02  # of a group's brightness that is as good as right
+_BRIGHTNESS = 0.5  # share of brightness in what is measured
+_LEAST = 1e-7  # squared value as displayed that is as good as none
+
+
+@dataclass(frozen=True, eq=False)
+class LitError:
+    """What (P, 3) displayed pixels are off by.
+
+    Args:
+        square: mean over pixels and colours. groups: (A, n) indices of pixels seen at about one angle.
+        brightness: (A,) by how much each group is brighter in the mean; scale: (A,) squares that it is added to.
+    """
+
+    square: float
+    groups: NDArray[np.int64]
+    brightness: Array
+    scale: Array
+
+    @property
+    def logarithm(self) -> float:
+        """Of squared errors: of pixels, and of the brightness of groups."""
+        groups = float(np.log(np.square(self.brightness) + self.scale).mean())
+        return (1 - _BRIGHTNESS) * math.log(self.square) + _BRIGHTNESS * groups
+
+    def slopes(self, off: Image) -> Image:
+        """(P, 3) derivative of `logarithm` by what is displayed, of the (P, 3) that it was made of."""
+        out = off * np.float32((1 - _BRIGHTNESS) * 2 / (self.square * off.size))
+        each = _BRIGHTNESS * 2 * self.brightness / (np.square(self.brightness) + self.scale)
+        out[self.groups] += (each / (self.groups.size * 3)).astype(np.float32)[:, None, None]
+        return np.asarray(out)
+
+    def curvature(self, rows: Image | Array) -> Array:
+        """(J, J) Gauss-Newton curvature of the brightness of groups.
+
+        Args:
+            rows: (P, J) derivatives by parameters of each pixel's sum over colours, as displayed.
+        """
+        along = rows[self.groups].mean(1, dtype=np.float64) / 3
+        counts = 2 * _BRIGHTNESS / len(along) / (np.square(self.brightness) + self.scale)
+        return np.asarray(along.T @ (along * counts[:, None]))
+
+    @property
+    def pixel_weight(self) -> float:
+        """What the square of one value counts in the curvature."""
+        return (1 - _BRIGHTNESS) * 2 / self.square
+
+
+def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:
+    """Of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
+    cosine = np.einsum("nj,nj->n", frame[:, 2], view)
+    angles = min(_ANGLES, len(off))
+    groups = np.argsort(cosine, kind="stable")[: len(off) // angles * angles].reshape(angles, -1)
+    brightness, right = (each[groups].mean((1, 2), dtype=np.float64) for each in (off, shown))
+    square = max(float(np.square(off).mean()), _LEAST)
+    return LitError(square, groups, brightness, np.maximum(np.square(_DARKER * right), _LEAST))
+
+
+def lit_reference(
+    problem: Problem,
+    lighting: Lighting,
+    uv: Array,
+    lod: float | Array,
+    frame: Image,
+    view: Image,
+    samples: int,
+    rng: np.random.Generator,
+) -> Image:
+    """(P, 3) reference under all lights at (P, 2) uv, each pixel with a frame and a view of its own.
+
+    Pixels are square on the screen: on the surface they reach less far across the view than along it.
+
+    Args:
+        lod: level of detail of all pixels, or (P, 1) of each, by their longer side.
+    """
+
+    def shaded(where: Array, turns: int) -> Image:
+        texels = look_up(problem.stored, where.reshape(-1, 2), problem)
+        return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
+
+    offset, weight = sample_offsets(problem, (samples, len(uv)), lod, rng)
+    size = np.array(problem.stored.shape[1::-1])
+    axes = slanted_axes(np.einsum("nij,nj->ni", frame, view))
+    offset = np.einsum("spi,pij->spj", offset * size, axes) / size
+    radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
+    if (weight < 0).any():
+        return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
+    return np.asarray(radiance.mean(0))
+
+
+def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:
+    """(P, 3) of (P, C) texels under all lights at EXPOSURE, each with its frame (3, 3) and view (3,)."""
+    return np.asarray(shade_lit(model, texels, frame, view, lighting.direction, lighting.radiance * EXPOSURE))
+
+
+def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
+    """(N, 3, 3) tangent frames in a room and (N, 3) views from it: spheres seen from about their own height."""
+    angle = 2 * math.pi * rng.random(count)
+    height = rng.uniform(-0.2, 0.6, count)
+    flat = np.sqrt(1 - height * height)
+    view = np.stack([flat * np.cos(angle), height, flat * np.sin(angle)], -1)
+    local = cosine_directions(rng, count)  # where on the sphere's disc: normals are cosine-distributed around the view
+    side = np.stack([-view[:, 2], np.zeros(count), view[:, 0]], -1)
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    up = np.cross(side, view)
+    normal = local[:, :1] * side + local[:, 1:2] * up + local[:, 2:] * view
+    tangent = np.stack([normal[:, 2], np.zeros(count), -normal[:, 0]], -1)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)
+    frame = np.stack([tangent, np.cross(normal, tangent), normal], 1)
+    return frame.astype(np.float32), view.astype(np.float32)
+
+
+def displayed(radiance: Image) -> Image:
+    """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
+    lit = np.maximum(radiance, 0)
+    return np.asarray(srgb_encode(lit / (1 + lit)), np.float32)
+
+
+def display_slope(radiance: Image) -> Image:
+    """The derivative of `displayed`, element by element."""
+    x = np.maximum(radiance, 0)
+    y = x / (1 + x)
+    encoded = np.where(y <= 0.0031308, 12.92, 1.055 / 2.4 * np.maximum(y, 1e-6) ** (1 / 2.4 - 1))
+    return np.asarray(encoded / np.square(1 + x), np.float32)
