@@ -137,7 +137,7 @@ def whole(asked: Asked) -> list[Plan]:
 def crop(asked: Asked) -> list[Plan]:
     """The limit: the middle of every set with its optimum, which would take hours on whole ones.
 
-    `refine` has the time that two minutes for a 512 x 512 set leave for so many texels.
+    `refine` has the time that two minutes for a 512 x 512 set leave for so many texels; sets are expected to have them.
     """
     named = [name for name in asked.methods if not name.startswith("auto")]  # refine, which begins with it, is there
     side = asked.effort.crop

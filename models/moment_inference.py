@@ -28,8 +28,6 @@ from mipbake.prefilter.pixel_filter import Wrap, filter_named, level_sizes, resa
 _FROM_TOP = 3
 """Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""
 
-_ROWS = 64  # of a level, decoded at a time
-
 
 def bake(
     network: MomentNetwork,
@@ -143,5 +141,6 @@ def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wr
     """(H, W, 8) stored channels of a level's latents."""
     ready = with_detail(sharpened(latent, level, wrap), latent)
     index = torch.full((1,), float(level))
-    parts = in_order(lambda rows: network.decode(rows, index, kernel).numpy(), torch.split(ready, _ROWS))
+    rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as much at a time as of level 0
+    parts = in_order(lambda some: network.decode(some, index, kernel).numpy(), rows)
     return np.concatenate(list(parts))

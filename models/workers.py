@@ -6,6 +6,7 @@ gives Python's lock away while it computes, so whole tiles in threads of their o
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,26 +18,60 @@ import torch
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")
 
+_MOST = 16  # workers: each holds tens of megabytes
 _AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up
+
+
+class _Alone:
+    """Who is inside of `one_torch_thread`, and how many threads torch had before anybody was.
+
+    The number is the process's own for threads that are yet to start, and each thread's, too. So those who overlap
+    share one number to go back to: what the second one finds is what the first one has set.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._own = threading.Lock(), threading.local()
+        self._inside, self._before = 0, 1
+
+    def enter(self) -> None:
+        depth = getattr(self._own, "depth", 0)
+        self._own.depth = depth + 1
+        if depth:
+            return
+        with self._lock:
+            if not self._inside:
+                self._before = torch.get_num_threads()
+            self._inside += 1
+            torch.set_num_threads(1)
+
+    def leave(self) -> None:
+        self._own.depth -= 1
+        if self._own.depth:
+            return
+        with self._lock:
+            self._inside -= 1
+            torch.set_num_threads(self._before)
+
+
+_alone = _Alone()
 
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Inside, calls of torch use one thread each, whichever Python thread they come from; the former number after."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    """Inside, calls of torch use one thread each, here and in threads that start meanwhile; the former number after."""
+    _alone.enter()
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        _alone.leave()
 
 
 def in_order(work: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[_Made]:
-    """work(item) of every item, in their order, as many at a time as torch has threads; all without gradients.
+    """work(item) of every item, in their order, as many at a time as torch has threads, 16 at most; without gradients.
 
     The results do not depend on that number. An error in one ends all with it.
     """
-    workers = torch.get_num_threads()
+    workers = min(torch.get_num_threads(), _MOST)
 
     def quietly(item: _Item) -> _Made:
         with torch.inference_mode():  # which each thread enters for itself

@@ -95,11 +95,12 @@ def test_tiles_do_not_show(height: int, width: int, pixel_filter: str) -> None:
 def test_threads_do_not_show() -> None:
     network, stored = trained_like(), bumpy(300, 170)
     one = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
+    before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
         three = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
     finally:
-        torch.set_num_threads(1)
+        torch.set_num_threads(before)
     for left, right in zip(one, three, strict=True):
         np.testing.assert_array_equal(left, right)
 

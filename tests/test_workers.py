@@ -69,3 +69,32 @@ def test_one_torch_thread(workers: int) -> None:
     with one_torch_thread():
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == workers
+
+
+def test_those_who_overlap_go_back_to_the_number_before_both(workers: int) -> None:
+    inside, left, found = threading.Event(), threading.Event(), []
+
+    def second() -> None:
+        with one_torch_thread():
+            inside.set()
+            left.wait(10)
+        found.append(torch.get_num_threads())
+
+    with one_torch_thread():
+        other = threading.Thread(target=second)
+        other.start()
+        assert inside.wait(10)
+    left.set()
+    other.join()
+    third = threading.Thread(target=lambda: found.append(torch.get_num_threads()))
+    third.start()
+    third.join()
+    assert found == [workers, workers]
+
+
+def test_within_itself_it_changes_nothing(workers: int) -> None:
+    with one_torch_thread():
+        with one_torch_thread():
+            pass
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == workers

@@ -41,7 +41,8 @@ MIPBAKE_INLINE W widen(T x) {
     return static_cast<W>(x);
 }
 
-// e^x and ln x of the wide type, as accurate as results of type T need; and e^x in T. packet_series.h spends less on float.
+// e^x and ln x of the wide type, as accurate as results of type T need; and e^x in T. packet_series.h spends less on
+// float.
 template <class T>
 MIPBAKE_INLINE double exponential_for(double x) {
     return exponential(x);

@@ -155,8 +155,8 @@ def _aims(whole: Results, crop: Results | None) -> Iterator[Aim]:
         for name in (name for name in crop.learned if crop.methods[name]["method"] == "refine"):
             for pairs in PAIR_SETS:
                 gap = closed_gap(crop, name, pairs)
-                found = f"{gap:.0%}" if math.isfinite(gap) else "the optimum is not ahead"
-                yield Aim(f"{name}: at least 90 % of the gap to the optimum, {PLACES[pairs]}", found, gap >= 0.9)
+                what = f"{name}: at least 90 % of the gap to the optimum, {PLACES[pairs]}"
+                yield Aim(what, _share(gap) or "the optimum is not ahead", gap >= 0.9)
 
 
 def _seen(whole: Results) -> Iterator[Aim]:
@@ -181,6 +181,11 @@ def closed_gap(results: Results, name: str, pairs: str, rivals: Sequence[str] = 
     return float(own / top) if top > _LEAST_GAP else float("nan")
 
 
+def _share(gap: float) -> str:
+    """Of a gap; empty where there is none."""
+    return f"{gap:.0%}" if math.isfinite(gap) else ""
+
+
 def gaps(results: Results) -> str:
     """Closed gap by pair set and lod: (method - best) / (optimum - best) of the means over sets."""
     rows = {}
@@ -191,8 +196,8 @@ def gaps(results: Results) -> str:
         ]
         for name in results.learned:
             own = results.gains(name, pairs, FOUR).mean(0)
-            cells = [f"{o / t:.0%}" if t > _LEAST_GAP else "" for o, t in zip(own, top, strict=True)]
-            rows[f"{pairs}: closed gap, {name}"] = [*cells, f"{closed_gap(results, name, pairs):.0%}"]
+            cells = [_share(o / t) if t > _LEAST_GAP else "" for o, t in zip(own, top, strict=True)]
+            rows[f"{pairs}: closed gap, {name}"] = [*cells, _share(closed_gap(results, name, pairs))]
     return table("", [*lod_heads(results), "mean"], rows)
 
 

@@ -160,7 +160,7 @@ def settle(
     Args:
         texels: of a probe's index, a level and a share, the (N, C) lookups.
         levels: how many there are.
-        rivals, lit, plain: as Blend has them. slack: logarithm of squares by which lit may be exceeded.
+        rivals, lit, plain: as Blend has them. slack: by how much lit may be exceeded.
     """
     shares = [1.0] * levels
 

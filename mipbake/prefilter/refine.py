@@ -45,7 +45,7 @@ REFINE_SECONDS = 120.0
 
 _COARSE = 128  # texels a side up to which levels are refined together, and without being asked
 _TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
-_LIT_SLACK = 0.1  # logarithm of squares by which the tonemapped error may grow
+_LIT_SLACK = 0.1  # by which the logarithm of the error under the studio's lights may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
 _BAKING = 0.75  # of the time, at most, for candidates; those of large sets that take longer are left out

@@ -12,7 +12,7 @@ linear in stored channels, so blends cost a shading each and no images.
 
 SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped: dim
 renders and casts of colour count there. So every level of detail is also measured under a studio's lights, on surfaces
-turned every way to the viewer, by the tonemapped error (mipbake.metrics.tonemapped).
+turned every way to the viewer, as a display shows them (lit_renders.py).
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Score:
         log_errors: (S, G) natural logarithms of the error relative to the signal, of S pair sets and G groups.
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to that of the signal;
             values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over groups).
-        lit: tonemapped error under the studio's lights. lit_log: logarithm of its squares (LitError).
+        lit: tonemapped error under the studio's lights. lit_log: LitError.logarithm, half of it brightness by angle.
         plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
             asked for.
         sure: (3 S,) what each of `means` counts, from 0 to 1; None for what its own scatter says (`trust`).
