@@ -42,7 +42,8 @@ the reference (`mipbake bake --method optimum`): what a stack of one lobe a texe
 that limit: the descent ends after 40 rounds where it has not settled before, and what it keeps is judged on other
 pairs than those of this table, while the oracle, the best closed form for every set and level, is picked on them.
 {shortfall} The closed gap is how much of the way from the best of four to the optimum a method goes, of the means over
-sets; negative where it is behind.
+sets; negative where it is behind, above 100 % where it is ahead. `refine` has the time that two minutes for a set of
+512 x 512 texels leave for so many.
 """
 
 
