@@ -8,7 +8,7 @@ file each. It is not a MIP stack: nothing is prefiltered, and there is one level
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,23 @@ from numpy.typing import NDArray
 from mipbake import __version__, material
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
-from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, MapLayout, extra_layout
-from mipbake.io.map_files import Maps, check_same_sources, described, is_result_folder, read_map, save_maps, write_maps
+from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, PARAMETRISATIONS, extra_layout
+from mipbake.io.map_files import (
+    CONVENTIONS,
+    MapFile,
+    check_same_sources,
+    described,
+    is_result_folder,
+    read_files,
+    save_maps,
+    write_files,
+)
 from mipbake.io.publish import check_target
 from mipbake.material import MODELS, model_named
+from mipbake.packing import unpacked
 from mipbake.texture_set import TextureSet
 
-MATERIAL_SCHEMA_VERSION = 1
+MATERIAL_SCHEMA_VERSION = 2
 
 ANALYTIC = "analytic"
 """The rule of `mipbake.material.convert`, texel by texel."""
@@ -85,10 +95,11 @@ class Material:
             if not np.isfinite(image).all():
                 raise UsageError(f"{what} holds values that are not finite: expected none")
 
-    def maps(self) -> Maps:
-        """Every map that is written, as one level: (H, W, channels of the map)."""
-        shading = [(layout, [self.stored[..., layout.channels]]) for layout in LAYOUTS[self.model]]
-        return shading + [(extra_layout(role, image.shape[-1]), [image]) for role, image in self.extra.items()]
+    def files(self, container: Container) -> list[MapFile]:
+        """Every map as a file of one level."""
+        maps = [(layout, self.stored[..., layout.channels]) for layout in LAYOUTS[self.model]]
+        maps += [(extra_layout(role, image.shape[-1]), image) for role, image in self.extra.items()]
+        return [MapFile(container, layout.alone, [image]) for layout, image in maps]
 
     def save(
         self,
@@ -115,12 +126,13 @@ class Material:
         """
         target, container = Path(path), image_container(self.model, format)
         check_material_output(target, self.provenance.sources)
-        write = write_maps(self.maps(), container, self.wrap, progress)
-        files = save_maps(target, MATERIAL_MANIFEST, self._manifest(container), write, is_material_folder)
+        maps = self.files(container)
+        write = write_files(maps, self.wrap, json.dumps({"model": self.model, "rule": self.provenance.rule}), progress)
+        files = save_maps(target, MATERIAL_MANIFEST, self._manifest(maps), write, is_material_folder)
         progress(1.0)
         return files
 
-    def _manifest(self, container: Container) -> dict[str, Any]:
+    def _manifest(self, files: Sequence[MapFile]) -> dict[str, Any]:
         height, width = self.stored.shape[:2]
         return {
             "schema": MATERIAL_SCHEMA,
@@ -130,7 +142,10 @@ class Material:
             "width": width,
             "height": height,
             "wrap": {"u": self.wrap[0], "v": self.wrap[1]},
-            **described(self.model, self.maps(), container),
+            "parametrisation": PARAMETRISATIONS[self.model],
+            "format": files[0].container.name,
+            "conventions": {**CONVENTIONS, "normal_convention": "OpenGL"},
+            "maps": described(files),
             "provenance": {**asdict(self.provenance), "sources": dict(self.provenance.sources)},
         }
 
@@ -176,7 +191,7 @@ def image_container(model: str, format: str) -> Container:
         if not container.encodings.issuperset(layout.encodings):
             raise UsageError(
                 f"format {format} cannot hold the map {layout.name} of the model {model}: its logarithms do not fit in "
-                f"{container.precision}, use format {DEFAULT_FORMAT} or another model"
+                f"{container.texels} bits, use format {DEFAULT_FORMAT} or another model"
             )
     return container
 
@@ -225,25 +240,17 @@ def open_material(path: str | Path) -> Material:
             raise ValueError(f"{title!r} is no name of a material")
         model = model_named(manifest["model"]).name
         container = image_container(model, manifest["format"])
-        layouts = {layout.name: layout for layout in LAYOUTS[model]}
-        images = {}
-        for name, entry in manifest["maps"].items():
-            if not name.isidentifier():  # a role becomes a file name: it must not lead elsewhere
-                raise ValueError(f"{name!r} is no name of a map")
-            (images[name],) = read_map(container, folder, _layout(layouts, name, entry), entry)
+        found = read_files({container.texels: container}.__getitem__, folder, manifest["maps"])
+        images = {name: level for name, (level,) in unpacked([(f.layout, f.levels) for f in found], model).items()}
         provenance = manifest["provenance"]
         made = Conversion(**{**provenance, "warnings": tuple(provenance["warnings"])})
         wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
-        stored = np.concatenate([images.pop(name) for name in layouts], -1)
+        stored = np.concatenate([images.pop(layout.name) for layout in LAYOUTS[model]], -1)
         if not {*wrap} <= {"wrap", "clamp"}:
             raise ValueError(f"wrap is {wrap}: expected wrap or clamp along u and v")
         return Material(title, model, stored, images, wrap, made)
     except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
         raise InputError(f"{file} does not describe a material ({error}): convert it again") from error
-
-
-def _layout(layouts: Mapping[str, MapLayout], name: str, entry: Mapping[str, Any]) -> MapLayout:
-    return layouts.get(name) or extra_layout(name, len(entry["channels"]))
 
 
 TARGETS = tuple(MODELS)

@@ -15,23 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.containers import DEFAULT_FORMAT, Container, format_named
-from mipbake.io.layout import LAYOUTS, MANIFEST, SCHEMA, MapLayout, extra_layout
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.layout import LAYOUTS, MANIFEST, PARAMETRISATIONS, SCHEMA, MapLayout, extra_layout
 from mipbake.io.map_files import (
+    CONVENTIONS,
     Levels,
+    MapFile,
     check_same_sources,
     described,
     is_result_folder,
-    read_map,
+    normal_convention,
+    read_files,
     save_maps,
-    write_maps,
+    write_files,
 )
 from mipbake.io.publish import check_target
 from mipbake.material import MODELS
+from mipbake.output import Output, check_outputs, outputs_from, planned
+from mipbake.packing import PackedFile, unpacked
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,7 @@ class Provenance:
         source_hash: one hash of everything that level 0 was made from.
         warnings: what a user should know, in sentences.
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
+        adjustments: what was changed after the bake, in sentences.
     """
 
     method: str
@@ -60,6 +66,7 @@ class Provenance:
     source_hash: str = ""
     warnings: tuple[str, ...] = ()
     promise: Promise | None = None
+    adjustments: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +77,12 @@ class MipStack:
         name: the texture set's name.
         model: a name in `mipbake.material.MODELS`.
         levels: (H_L, W_L, C) float32 stored channels, finest first; level L measures max(1, W >> L) by max(1, H >> L),
-            down to 1 x 1.
+            down to 1 x 1 or fewer.
         extra: levels of the maps that do not shade, by role, in chains of their own size: (H_L, W_L, 1 to 4) float32.
         wrap: addressing along u and v, each "wrap" or "clamp".
         provenance: how it was made.
+        source_files: which channels of which maps lay together in the files that it was made from; empty where that is
+            unknown.
 
     Raises:
         UsageError: on construction, when model, sizes or channels are not as described, or a value is not finite.
@@ -85,6 +94,7 @@ class MipStack:
     extra: Mapping[str, Levels]
     wrap: tuple[str, str]
     provenance: Provenance
+    source_files: tuple[PackedFile, ...] = ()
 
     def __post_init__(self) -> None:
         """Checks the shapes."""
@@ -111,8 +121,10 @@ class MipStack:
     def save(
         self,
         path: str | Path,
-        format: str = DEFAULT_FORMAT,
+        format: str | Sequence[Output] = DEFAULT_FORMAT,
         progress: Callable[[float], None] = lambda _share: None,
+        levels: int | None = None,
+        beside: Mapping[str, bytes] | None = None,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -121,8 +133,11 @@ class MipStack:
 
         Args:
             path: the folder; its last part need not be the stack's name.
-            format: a name in `mipbake.io.containers.FORMATS`. Values are rounded to what it stores.
+            format: formats by name, separated by commas, each with texels where they are not the default
+                ("exr,ktx2:uastc"); their files are packed as those of the source. Or outputs, which say more.
             progress: told the finished share, from 0 to 1.
+            levels: how many are written; None for all.
+            beside: name to content of other files of the stack, such as a GLB.
 
         Returns:
             The files, stack.json first.
@@ -131,12 +146,46 @@ class MipStack:
             UsageError: an unknown format, or one that cannot hold this stack.
             OutputError: the folder cannot be written, or holds the stack of other source files.
         """
-        target, container = Path(path), container_for(self.model, format)
+        target = Path(path)
+        outputs = outputs_from(format) if isinstance(format, str) else tuple(format)
+        check_outputs(outputs, self.model)
         check_output(target, self.provenance.sources)
-        write = write_maps(self.maps(), container, self.wrap, progress)
-        files = save_maps(target, MANIFEST, _manifest(self, container), write, is_stack_folder)
+        plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
+        write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
+
+        def write(folder: Path) -> None:
+            write_all(folder)
+            for name, data in (beside or {}).items():
+                (folder / name).write_bytes(data)
+
+        manifest = _manifest(self, plans)
+        manifest["outputs"] += [{"format": Path(name).suffix[1:], "files": [name], "maps": {}} for name in beside or {}]
+        saved = save_maps(target, MANIFEST, manifest, write, is_stack_folder)
         progress(1.0)
-        return files
+        return saved
+
+    def files(self, output: Output, levels: int | None = None, beside: bool = False) -> list[MapFile]:
+        """What `save` writes for an output: every file with its container, its channels and so many levels.
+
+        `beside` other outputs, files that this one's texels cannot hold are left to them.
+        """
+        return planned(output, self.name, self.maps(), self.source_files, self.wrap, levels, beside)
+
+    def about(self) -> str:
+        """How the stack was made, as JSON for the files themselves."""
+        made = self.provenance
+        return json.dumps(
+            {
+                "set": self.name,
+                "model": self.model,
+                "method": made.method,
+                "pixel_filter": made.pixel_filter,
+                "weights": made.weights,
+                "source_hash": made.source_hash,
+                "version": made.tool_version,
+                "wrap": list(self.wrap),
+            }
+        )
 
 
 def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
@@ -154,18 +203,6 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
     check_same_sources(target / MANIFEST, "stack", sources)
 
 
-def container_for(model: str, format: str) -> Container:
-    """The container of that name; UsageError when there is none, or when it cannot hold stacks of the model."""
-    container = format_named(format)
-    for layout in LAYOUTS[model]:
-        if not container.encodings.issuperset(layout.encodings):
-            raise UsageError(
-                f"format {format} cannot hold the map {layout.name} of the model {model}: its logarithms do not fit in "
-                f"{container.precision}, use format {DEFAULT_FORMAT} or another target"
-            )
-    return container
-
-
 def is_stack_folder(path: Path) -> bool:
     """Whether a folder holds a stack and nothing else."""
     return is_result_folder(path, MANIFEST, SCHEMA)
@@ -180,32 +217,63 @@ def open_stack(path: str | Path) -> MipStack:
         InputError: no stack there, a map that is missing or broken, or a schema of a later version.
     """
     folder = Path(path)
-    manifest = _read_manifest(folder)
+    manifest = read_manifest(folder)
     try:
-        container = format_named(manifest["format"])
         model = manifest["model"]
         if model not in MODELS:
             raise InputError(f"{folder / MANIFEST} names the model {model!r}: expected one of {', '.join(MODELS)}")
         wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
-        layouts = {layout.name: layout for layout in LAYOUTS[model]}
-        chains: dict[str, Levels] = {}
-        for name, entry in manifest["maps"].items():
-            if not name.isidentifier():  # a role becomes a file name: it must not lead elsewhere
-                raise ValueError(f"{name!r} is no name of a map")
-            layout = layouts.get(name) or extra_layout(name, len(entry["channels"]))
-            chains[name] = read_map(container, folder, layout, entry)
-        provenance = manifest["provenance"]
-        read = {"warnings": tuple(provenance["warnings"]), "promise": promise_from(provenance.get("promise"))}
-        provenance = Provenance(**{**provenance, **read})
-        filter_named(provenance.pixel_filter)
-        levels = [np.concatenate(parts, -1) for parts in zip(*(chains[n] for n in layouts), strict=True)]
-        extra = {name: chain for name, chain in chains.items() if name not in layouts}
-        return MipStack(str(manifest["name"]), model, levels, extra, wrap, provenance)
+        output = best_output(manifest)
+        found = read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
+        chains = unpacked([(file.layout, file.levels) for file in found], model)
+        names = [layout.name for layout in LAYOUTS[model]]
+        provenance = _read_provenance(manifest["provenance"])
+        levels = [np.concatenate(parts, -1) for parts in zip(*(chains.pop(name) for name in names), strict=True)]
+        return MipStack(str(manifest["name"]), model, levels, chains, wrap, provenance)
     except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
         raise InputError(f"{folder / MANIFEST} does not describe a stack ({error}): bake it again") from error
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
+def read_output(path: str | Path, index: int) -> list[MapFile]:
+    """The files of one output of a saved stack, in the order in which they were asked for, as they are in the folder.
+
+    Raises:
+        InputError: as `open_stack`. IndexError: the stack has fewer outputs.
+    """
+    folder = Path(path)
+    output = read_manifest(folder)["outputs"][index]
+    return read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
+
+
+def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The output of a manifest that is the closest to what was baked: floating-point numbers before integers before
+    compressed texels. KeyError or TypeError where there is none.
+    """
+    ranks = ("float", "half", "rgba16f", "16", "8", "rgba8")
+
+    def rank(output: Mapping[str, Any]) -> int:
+        texels = [entry["texels"] for entry in output["maps"].values()]
+        return max((ranks.index(t) if t in ranks else len(ranks)) for t in texels)
+
+    outputs: list[Mapping[str, Any]] = [output for output in manifest["outputs"] if output["maps"]]
+    if not outputs:
+        raise ValueError("it holds no files of maps, only a whole document: bake it in another format, too")
+    return min(outputs, key=rank)
+
+
+def _read_provenance(content: Mapping[str, Any]) -> Provenance:
+    read = {
+        "warnings": tuple(content["warnings"]),
+        "promise": promise_from(content.get("promise")),
+        "adjustments": tuple(content.get("adjustments", ())),
+    }
+    provenance = Provenance(**{**content, **read})
+    filter_named(provenance.pixel_filter)
+    return provenance
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """stack.json of a stack's folder; InputError where there is none, or one of another version."""
     path = folder / MANIFEST
     if not folder.is_dir():
         raise InputError(f"no such folder: {folder}, expected a folder that holds {MANIFEST}")
@@ -231,7 +299,7 @@ def _check_chain(what: str, chain: Sequence[NDArray[np.float32]], channels: int 
     if not chain or any(level.ndim != 3 or level.dtype != np.float32 or not level.size for level in chain):
         raise UsageError(f"{what} is not a chain of levels: expected float32 arrays (height, width, channels)")
     channels = chain[0].shape[-1] if channels is None else channels
-    expected = [(*size, channels) for size in level_sizes(*chain[0].shape[:2])]
+    expected = [(*size, channels) for size in level_sizes(*chain[0].shape[:2])[: len(chain)]]
     if [level.shape for level in chain] != expected or not 1 <= channels <= max(m.channels for m in MODELS.values()):
         raise UsageError(f"{what} has levels of {[level.shape for level in chain]}: expected {expected}")
     for index, level in enumerate(chain):
@@ -240,27 +308,32 @@ def _check_chain(what: str, chain: Sequence[NDArray[np.float32]], channels: int 
             raise UsageError(f"{what} has {bad} values that are not finite at level {index}: expected none")
 
 
-def _manifest(stack: MipStack, container: Container) -> dict[str, Any]:
+def _manifest(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
     """Everything a reader must know to sample the maps."""
     height, width = stack.size
-    maps = described(stack.model, stack.maps(), container)
     return {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
         "name": stack.name,
         "model": stack.model,
-        "parametrisation": maps["parametrisation"],
-        "format": maps["format"],
-        "precision": maps["precision"],
+        "parametrisation": PARAMETRISATIONS[stack.model],
         "width": width,
         "height": height,
         "wrap": {"u": stack.wrap[0], "v": stack.wrap[1]},
         "conventions": {
-            **maps["conventions"],
-            "levels": "level L measures max(1, width >> L) x max(1, height >> L), complete to 1 x 1",
+            **CONVENTIONS,
+            "levels": "level L measures max(1, width >> L) x max(1, height >> L)",
             "sampling": "filter trilinearly in the stored channels (colours decoded to linear first), renormalise "
             "vectors, shade once per pixel; do not filter or sharpen the levels again, and use no MIP bias",
         },
         "provenance": {**asdict(stack.provenance), "sources": dict(stack.provenance.sources)},
-        "maps": maps["maps"],
+        "outputs": [
+            {
+                "format": output.container.name,
+                "packing": output.packing,
+                "normal_convention": normal_convention(files),
+                "maps": described(files),
+            }
+            for output, files in plans
+        ],
     }

@@ -22,13 +22,14 @@ from mipbake.io.decode import (
     constant_map,
     decode_map,
     resized,
+    scaled,
     unit_directions,
     upsample,
     widened,
 )
 from mipbake.io.discover import find, settle_convention
 from mipbake.io.normal import is_constant, normalised, tiles
-from mipbake.io.options import COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
+from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
 from mipbake.material import convert
@@ -52,6 +53,7 @@ class TextureSet:
         notes: what was found and assumed, in sentences.
         warnings: what the user should look at, in sentences.
         ignored: files of the folder that fill no role, and why.
+        alpha_cutoff: what renderers test opacity against; None where it is blended.
     """
 
     name: str
@@ -64,6 +66,7 @@ class TextureSet:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     ignored: tuple[IgnoredFile, ...] = ()
+    alpha_cutoff: float | None = None
 
     @property
     def anisotropic(self) -> bool:
@@ -172,14 +175,20 @@ def load(
     maps: dict[str, TextureMap] = {}
     for role in found.sources:
         texture = decoded[role].map
+        if role.startswith(CARRIED) and texture.source.channels == "A" and texture.pixels.min() >= 1:
+            continue  # an alpha channel that says nothing
         if role == "normal" and found.convention.name == "directx":
             texture.pixels[..., 1] *= -1
+        if role in options.factors:
+            texture = replace(texture, pixels=scaled(texture.pixels, role, options.factors[role]))
         maps[role] = resized(texture, found.width, found.height, options.wrap) if role in SHADING_ROLES else texture
     lost = decoded["normal"].lost_variance
     if lost is not None:
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
     notes = [*found.notes, *(n for m in maps.values() for n in m.source.notes)]
+    if options.alpha_cutoff is not None and "opacity" not in maps:
+        warnings.append("there is no opacity that the alpha cutoff could be of: it is left out")
     return TextureSet(
         found.name,
         maps,
@@ -191,6 +200,7 @@ def load(
         tuple(notes),
         tuple(warnings),
         found.ignored,
+        options.alpha_cutoff,
     )
 
 
@@ -231,7 +241,9 @@ def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
         (role, m.source.sha256, m.source.channels, m.source.encoding, m.source.inverted, m.source.constant)
         for role, m in maps.items()
     ]
-    options = (found.convention.name, found.options.normal_length, found.options.wrap)
+    asked = found.options
+    factors = sorted(asked.factors.items())
+    options = (found.convention.name, asked.normal_length, asked.wrap, factors, asked.alpha_cutoff)
     return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
 
 

@@ -122,10 +122,10 @@ def test_broken_materials_are_said_to_be(folder: Path, tmp_path: Path) -> None:
     text = manifest.read_text(encoding="utf-8")
     for change, part in (
         ({"schema": "of something else"}, "not the description of a material"),
-        ({"schema_version": 99}, "schema version 99, expected 1"),
+        ({"schema_version": 99}, "schema version 99, expected 2"),
         ({"model": "phong"}, "unknown material model 'phong'"),
         ({"maps": {}}, "does not describe a material"),
-        ({"maps": {"../x": {}}}, "no name of a map"),
+        ({"maps": {"../x": {}}}, "no name of a file"),
         ({"name": "../x"}, "no name of a material"),
         ({"name": "/x"}, "no name of a material"),
         ({"name": ".."}, "no name of a material"),

@@ -10,7 +10,7 @@ import pytest
 from mipbake.errors import InputError, UsageError
 from mipbake.io.discover import discover
 from mipbake.io.names import classify, interpretations
-from mipbake.io.options import ROLES, LoadOptions
+from mipbake.io.options import CARRIED, ROLES, LoadOptions
 
 from .input_files import encoded, height_field, pixels_for, plain_set, write_image, write_set
 
@@ -121,7 +121,11 @@ def test_every_file_of_a_provider_fills_its_roles(provider: str, tmp_path: Path)
     found = discover(tmp_path)
     expected = {role: (name, *how) for name, (_, roles) in files.items() for role, how in roles.items()}
     actual = {r: (s.path.name, s.channels, s.inverted) for r, s in found.sources.items() if s.path is not None}
+    carried = {r: actual.pop(r) for r in list(actual) if r.startswith(CARRIED)}
     assert actual == expected
+    for name, letter, _ in carried.values():  # beside channels that have a role, and none of those
+        taken = "".join(letters for other, letters, _ in actual.values() if other == name)
+        assert taken and letter not in taken
     assert {i.path.name for i in found.ignored} == {name for name, (_, roles) in files.items() if not roles}
     assert all(i.reason for i in found.ignored)
 
@@ -320,6 +324,8 @@ def test_options_fill_roles(tmp_path: Path) -> None:
         "metallic": ((1.0,), ""),
         "height": ("elsewhere.png", "Y"),
         "opacity": ("b.png", "A"),
+        "carried_1": ("b.png", "R"),
+        "carried_2": ("b.png", "B"),
     }
     assert [(i.path.name, "another" in i.reason) for i in found.ignored] == [("c_normal.png", True)]
 

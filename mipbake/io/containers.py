@@ -1,4 +1,4 @@
-"""The containers that a MIP stack can be written in: one file each, one list."""
+"""The list of containers that maps are written to and read from; a new one is one file and one line here."""
 
 from __future__ import annotations
 
@@ -10,63 +10,98 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.io.layout import MapLayout
+from mipbake.io.gpu_files import GpuFile
+from mipbake.io.layout import FileLayout
 from mipbake.io.mip_exr import MipExr
 from mipbake.io.mip_png import MipPng
+from mipbake.io.mip_tx import MipTx
 
 DEFAULT_FORMAT = "exr"
 
 
 class Container(Protocol):
-    """A way to write the levels of one map. Implementations are stateless."""
+    """A way to write the levels of a file of a map, or of channels of several. Implementations are stateless."""
 
     @property
     def name(self) -> str:
         """What users call it."""
 
     @property
+    def texels(self) -> str:
+        """What users call the texels."""
+
+    @property
     def summary(self) -> str:
         """One line for help texts."""
-
-    @property
-    def precision(self) -> str:
-        """What a texel's channel is stored as, for stack.json."""
-
-    @property
-    def srgb(self) -> bool:
-        """Whether colours are stored sRGB-encoded."""
 
     @property
     def encodings(self) -> frozenset[str]:
         """The encodings of `mipbake.io.layout` that it can hold."""
 
-    def files(self, layout: MapLayout, levels: int) -> list[str]:
-        """Names of the files that a map of that many levels takes."""
+    @property
+    def exact(self) -> bool:
+        """Whether quantised texels come back as they were, or compressed."""
 
-    def quantise(self, values: NDArray[np.float64], layout: MapLayout) -> NDArray[np.generic]:
-        """(H, W, C) file values to what a texel stores, correctly rounded; UsageError for a value beyond its range."""
+    @property
+    def complete(self) -> bool:
+        """Whether files always hold every level down to 1 x 1."""
+
+    def precision(self, layout: FileLayout) -> str:
+        """What a texel of a file is stored as, for stack.json."""
+
+    def srgb(self, layout: FileLayout) -> bool:
+        """Whether the colours of a file are stored sRGB-encoded."""
+
+    def files(self, layout: FileLayout, levels: int) -> list[str]:
+        """Names of the files that so many levels take."""
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """(H, W, C) file values to texels, correctly rounded; UsageError for a value beyond their range."""
 
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """Inverse of quantise, to file values."""
 
     def write(
-        self, folder: Path, layout: MapLayout, levels: Sequence[NDArray[np.generic]], wrap: tuple[str, str]
+        self,
+        folder: Path,
+        layout: FileLayout,
+        levels: Sequence[NDArray[np.generic]],
+        wrap: tuple[str, str],
+        about: str,
     ) -> None:
-        """Writes quantised levels, each (H_L, W_L, C), finest first. OutputError when that fails."""
+        """Writes quantised levels, each (H_L, W_L, C), finest first, and `about`, JSON that tells how they were made,
+        where there is a place for it. OutputError when that fails; containers that compress compare what was written.
+        """
 
-    def read(self, folder: Path, layout: MapLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """Reads what write wrote: a level of (H_L, W_L, C) for each (height, width). InputError when that fails."""
 
 
-FORMATS: Mapping[str, Container] = {c.name: c for c in (MipExr(), MipPng())}
+_ALL: tuple[Container, ...] = (
+    *(MipExr(texels) for texels in ("half", "float")),
+    *(MipTx(texels) for texels in ("half", "float", "16", "8")),
+    *(GpuFile("ktx2", texels) for texels in ("bc", "uastc", "rgba8", "rgba16f")),
+    *(GpuFile("dds", texels) for texels in ("bc", "bc1", "rgba8", "rgba16f")),
+    *(MipPng(texels) for texels in ("8", "16")),
+)
 
+FORMATS: Mapping[str, Mapping[str, Container]] = {
+    name: {each.texels: each for each in _ALL if each.name == name} for name in dict.fromkeys(c.name for c in _ALL)
+}
+"""Containers by name and texels, the default texels first."""
 
 IMAGE_FORMATS: Mapping[str, Container] = {c.name: c for c in (MipExr(mipmapped=False), MipPng(numbered=False))}
-"""The same for maps of one level, whose files have no number in their names."""
+"""Containers for maps of one level, whose files have no number in their names."""
 
 
 def format_named(name: str) -> Container:
-    """The container of that name; UsageError with the list of names when there is none."""
-    if name not in FORMATS:
-        raise UsageError(f"unknown format {name!r}: expected one of {', '.join(FORMATS)}")
-    return FORMATS[name]
+    """The container that `FORMAT` or `FORMAT:TEXELS` names; UsageError with the list when there is none."""
+    format, colon, texels = name.partition(":")
+    if format not in FORMATS:
+        raise UsageError(f"unknown format {format!r}: expected one of {', '.join(FORMATS)}")
+    known = FORMATS[format]
+    if not colon:
+        return next(iter(known.values()))
+    if texels not in known:
+        raise UsageError(f"format {format} has no texels {texels!r}: expected one of {', '.join(known)}")
+    return known[texels]

@@ -73,6 +73,18 @@ def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
     return TextureMap(np.ascontiguousarray(np.broadcast_to(value, (height, width, len(value)))), source)
 
 
+def scaled(pixels: Pixels, role: str, factor: float) -> Pixels:
+    """Values of a role times a factor, within the role's range; of normals x and y are scaled, then they are unit."""
+    if role == "normal":
+        return normalised(pixels * np.array([factor, factor, 1], np.float32))
+    least, most = _RANGES.get(role, (-np.inf, np.inf))
+    if role == "anisotropy":
+        out = pixels * np.array([1, 1, factor], np.float32)
+        out[..., 2] = np.minimum(out[..., 2], 1)
+        return out
+    return np.asarray(np.clip(pixels * np.float32(factor), least, most), np.float32)
+
+
 def resized(texture: TextureMap, width: int, height: int, wrap: tuple[str, str]) -> TextureMap:
     """A map at a size no smaller than its own; vectors are made unit again."""
     if texture.pixels.shape[:2] == (height, width):
@@ -137,11 +149,12 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
 def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
     """KHR_materials_anisotropy: direction in red and green, strength in blue; grey is a strength along +X.
 
-    Many tools store a grey map as three equal channels, which would otherwise be taken for directions.
+    Many tools store a grey map as three equal channels, which would otherwise be taken for directions: unless the user
+    says which channels are which.
     """
     values = unit_range(stored)
     out = np.empty((*values.shape[:2], 3), np.float32)
-    if values.shape[-1] == 1 or _is_grey(values):
+    if values.shape[-1] == 1 or (not source.channels_named and _is_grey(values)):
         out[..., 0], out[..., 1] = 1, 0
         label = source.path.name if source.path else source.role
         source = replace(source, notes=(*source.notes, f"{label}: is grey, taken as the strength along +X"))

@@ -27,7 +27,7 @@ from mipbake.io.normal import (
     is_constant,
     tiles,
 )
-from mipbake.io.options import COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
+from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
 from mipbake.io.read import Header, read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
 
@@ -94,6 +94,7 @@ def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discove
 def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:
     """`discover` without looking at pixels: a convention that no name tells stays assumed, with confidence 0."""
     name, folder, files = list_files(path)
+    name = options.name or name
     candidates, ignored = classified(files, options.maps)
     log = Log()
     chosen = choose(candidates, folder, options, log)
@@ -107,12 +108,13 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
             sources[role] = _constant(role, value)
             shown = ", ".join(f"{v:g}" for v in value)
             log.notes.append(f"no {spoken(role)} map: the constant {shown} is used")
+    carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
     used = {s.path for s in sources.values()}
     ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(candidates)]
     width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
     return Discovery(
         name,
-        {r: sources[r] for r in ROLES if r in sources},
+        {r: sources[r] for r in ROLES if r in sources} | carried,
         width,
         height,
         _named_convention(sources["normal"], options, log),
@@ -156,6 +158,29 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
         channels_named=bool(c.meaning.channels),
         convention=c.meaning.convention,
     )
+
+
+def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:
+    """Channels that no role takes, beside others that are taken: of packed files, and the alpha of normal maps."""
+    carried: dict[str, MapSource] = {}
+    for path, header in headers.items():
+        here = [s for s in sources.values() if s.path == path]
+        colours = header.channels - (header.alpha >= 0)
+        packed = colours >= 3 and all(s.channels_named for s in here)
+        letters = ("RGB" if packed else "") + ("A" if header.alpha >= 0 and colours >= 3 else "")
+        if not (packed or any(s.role == "normal" for s in here)):
+            continue
+        for letter in letters:
+            if any(letter in s.channels for s in here):
+                continue
+            name = f"{CARRIED}{len(carried) + 1}"
+            carried[name] = replace(
+                here[0], role=name, channels=letter, encoding=DATA, inverted=False, reason="beside other channels"
+            )
+            log.notes.append(
+                f"{path.name}: channel {letter} has no role, it is kept as {name} where files are packed as these are"
+            )
+    return carried
 
 
 def _natural_channels(role: str, header: Header) -> str:

@@ -6,7 +6,7 @@ number itself in a float file. An *encoding* says, channel by channel, how it fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,9 +25,13 @@ MATERIAL_MANIFEST = "material.json"
 
 MATERIAL_SCHEMA = "mipbake-material"
 
-COLOUR, UNIT, SIGNED, LOG = "colour", "unit", "signed", "log"
+COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG = "colour", "unit", "inverted", "signed", "flipped", "log"
 """Encodings. `colour`: linear Rec.709, which integer containers store sRGB-encoded; `unit`: the value itself;
-`signed`: (x + 1) / 2 of a value from -1 to 1; `log`: the value itself, a logarithm that only float containers hold."""
+`inverted`: 1 - x, gloss of a roughness; `signed`: (x + 1) / 2 of a value from -1 to 1; `flipped`: (1 - x) / 2, green of
+a DirectX normal map; `log`: the value itself, a logarithm that only float containers hold."""
+
+ENCODINGS = frozenset({COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG})
+"""All of them."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +53,57 @@ class MapLayout:
     shades: bool = True
 
     @property
+    def alone(self) -> FileLayout:
+        """A file of this map and nothing else."""
+        channels = zip(self.encodings, self.meanings, strict=True)
+        return FileLayout(self.name, tuple(FileChannel(self.name, i, *c) for i, c in enumerate(channels)), self.shades)
+
+
+@dataclass(frozen=True)
+class FileChannel:
+    """One channel of a file.
+
+    Args:
+        map: name of the map that it belongs to; empty for a constant that fills the place.
+        index: of the channel in that map.
+        encoding: how the file holds it.
+        meaning: what it holds, in words.
+    """
+
+    map: str
+    index: int
+    encoding: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class FileLayout:
+    """A file of a stack: channels of one map or of several.
+
+    Args:
+        name: the stem of its files.
+        channels: in the order of the file, one to four.
+        shades: whether the material model reads any of it.
+    """
+
+    name: str
+    channels: tuple[FileChannel, ...]
+    shades: bool = True
+
+    @property
+    def encodings(self) -> tuple[str, ...]:
+        """Encoding of each channel."""
+        return tuple(c.encoding for c in self.channels)
+
+    @property
     def channel_names(self) -> tuple[str, ...]:
-        """Names of the channels in a file, in the order of the stored channels."""
-        return ("Y",) if len(self.encodings) == 1 else ("R", "G", "B", "A")[: len(self.encodings)]
+        """Names of the channels in a file."""
+        return ("Y",) if len(self.channels) == 1 else ("R", "G", "B", "A")[: len(self.channels)]
 
     @property
     def is_colour(self) -> bool:
-        """Whether the map is a colour image, which integer containers store sRGB-encoded."""
-        return self.encodings[0] == COLOUR
+        """Whether the file is a colour image, which integer containers store sRGB-encoded, but for an alpha channel."""
+        return self.channels[0].encoding == COLOUR
 
 
 def _rgb(what: str) -> tuple[str, ...]:
@@ -102,6 +149,15 @@ LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
 }
 """The maps of each material model; together they hold every stored channel once."""
 
+
+def channels_of(model: str, name: str) -> slice:
+    """The stored channels of a map of a material model; KeyError where it has none of that name."""
+    for layout in LAYOUTS[model]:
+        if layout.name == name:
+            return layout.channels
+    raise KeyError(name)
+
+
 PARAMETRISATIONS: Mapping[str, str] = {
     "gltf": "glTF 2.0 metallic-roughness (its appendix B)",
     "gltf-anisotropic": "glTF 2.0 metallic-roughness with KHR_materials_anisotropy",
@@ -120,25 +176,35 @@ def extra_layout(role: str, channels: int) -> MapLayout:
     return MapLayout(role, slice(0, channels), (encoding,) * channels, meanings[:channels], shades=False)
 
 
-def to_file(texels: NDArray[np.float32], layout: MapLayout, srgb: bool) -> NDArray[np.float64]:
-    """(..., C) stored channels of one map to file values; `srgb` where the container stores colours sRGB-encoded."""
+def to_file(texels: NDArray[np.floating], encodings: Sequence[str], srgb: bool) -> NDArray[np.float64]:
+    """(..., C) values of channels to file values; `srgb` where the container stores colours sRGB-encoded."""
     values = texels.astype(np.float64)
-    for channel, encoding in enumerate(layout.encodings):
+    for channel, encoding in enumerate(encodings):
+        value = values[..., channel]
         if encoding == SIGNED:
-            values[..., channel] = (values[..., channel] + 1) / 2
+            values[..., channel] = (value + 1) / 2
+        elif encoding == FLIPPED:
+            values[..., channel] = (1 - value) / 2
+        elif encoding == INVERTED:
+            values[..., channel] = 1 - value
         elif encoding == COLOUR and srgb:
-            values[..., channel] = srgb_encode(values[..., channel])
+            values[..., channel] = srgb_encode(value)
     return values
 
 
-def from_file(values: NDArray[np.floating], layout: MapLayout, srgb: bool) -> NDArray[np.float32]:
-    """Inverse of to_file: (..., C) file values to float32 stored channels."""
+def from_file(values: NDArray[np.floating], encodings: Sequence[str], srgb: bool) -> NDArray[np.float32]:
+    """Inverse of to_file: (..., C) file values to float32 values of channels."""
     texels = values.astype(np.float64)
-    for channel, encoding in enumerate(layout.encodings):
+    for channel, encoding in enumerate(encodings):
+        value = texels[..., channel]
         if encoding == SIGNED:
-            texels[..., channel] = texels[..., channel] * 2 - 1
+            texels[..., channel] = value * 2 - 1
+        elif encoding == FLIPPED:
+            texels[..., channel] = 1 - value * 2
+        elif encoding == INVERTED:
+            texels[..., channel] = 1 - value
         elif encoding == COLOUR and srgb:
-            texels[..., channel] = srgb_to_linear(texels[..., channel])
+            texels[..., channel] = srgb_to_linear(value)
     return texels.astype(np.float32)
 
 

@@ -1,25 +1,41 @@
-"""Maps into a folder and back: what stacks and converted materials share."""
+"""Files of maps into a folder and back: what stacks and converted materials share."""
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
 from mipbake.io.containers import Container
-from mipbake.io.layout import COLOUR, PARAMETRISATIONS, SIGNED, MapLayout, from_file, to_file
+from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.io.publish import IsOurs, published
 
 _BLOCK = 1 << 18  # texels encoded at a time
 
-Levels = list[NDArray[np.float32]]
-Maps = Sequence[tuple[MapLayout, Levels]]
-"""Maps with their levels, (H_L, W_L, channels of the map) each."""
+Levels: TypeAlias = list[NDArray[np.float32]]
+
+CONVENTIONS = {
+    "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, v = (i + 1/2) / height",
+    "tangent_space": "right-handed: +X along +u, +Y up in the image, +Z out of the surface",
+}
+"""What a manifest says of every map."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapFile:
+    """A file to be written: how, what its channels are, and its levels, (H_L, W_L, channels) each, finest first."""
+
+    container: Container
+    layout: FileLayout
+    levels: Levels
 
 
 def save_maps(
@@ -33,8 +49,8 @@ def save_maps(
 
     Args:
         target: the folder; it appears when it is complete, in the place of an earlier one that `is_ours`.
-        manifest: with `maps` as `described` gives it.
-        write: from `write_maps`.
+        manifest: with `maps` or `outputs` as `described` gives them.
+        write: from `write_files`.
 
     Raises:
         OutputError: the folder cannot be written, or holds anything else.
@@ -42,65 +58,110 @@ def save_maps(
     with published(target, is_ours) as folder:
         write(folder)
         (folder / manifest_name).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-    return [target / manifest_name, *(target / name for entry in manifest["maps"].values() for name in entry["files"])]
+    return [target / manifest_name, *(target / name for name in listed_files(manifest))]
 
 
-def write_maps(
-    maps: Maps,
-    container: Container,
-    wrap: tuple[str, str],
-    progress: Callable[[float], None],
+def write_files(
+    files: Sequence[MapFile], wrap: tuple[str, str], about: str, progress: Callable[[float], None]
 ) -> Callable[[Path], None]:
-    """Quantises maps, and gives what writes them into a folder and reads every level back to compare.
+    """What writes files into a folder, side by side, and reads every level back to compare.
+
+    Args:
+        about: how they were made, as JSON, for containers that have a place for it.
 
     Raises:
-        UsageError: at once, for a value that the container cannot hold.
+        UsageError: when called, for a value that a container cannot hold.
         OutputError: when called, for what cannot be written or does not read back.
     """
-    quantised = [(layout, [_quantised(level, layout, container) for level in chain]) for layout, chain in maps]
+
+    def write_one(folder: Path, file: MapFile) -> None:
+        quantised = quantised_levels(file)
+        file.container.write(folder, file.layout, quantised, wrap, about)
+        _verify(folder, file, quantised)
 
     def write(folder: Path) -> None:
-        for index, (layout, chain) in enumerate(quantised):
-            container.write(folder, layout, chain, wrap)
-            _verify(container, folder, layout, chain)
-            progress((index + 1) / (len(quantised) + 1))
+        # Libraries let go of the interpreter while they encode; more files at once than cores only hold more memory.
+        with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
+            waiting = [pool.submit(write_one, folder, file) for file in files]
+            try:
+                for count, done in enumerate(as_completed(waiting)):
+                    done.result()
+                    progress((count + 1) / (len(files) + 1))
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
 
     return write
 
 
-def read_map(container: Container, folder: Path, layout: MapLayout, entry: Mapping[str, Any]) -> Levels:
-    """The levels of a map that a manifest's `entry` describes. InputError when a file is missing or broken."""
-    sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
-    texels = container.read(folder, layout, sizes)
-    return [from_file(container.dequantise(t), layout, container.srgb) for t in texels]
+def read_files(container: Callable[[str], Container], folder: Path, entries: Mapping[str, Any]) -> list[MapFile]:
+    """Every file that entries of a manifest describe. InputError when one is missing or broken.
+
+    Args:
+        container: of texels of a name.
+        entries: file name to what `described` says of it; KeyError, TypeError or ValueError where it says it not.
+    """
+    files = []
+    for name, entry in entries.items():
+        if Path(name).name != name or name in ("", ".", ".."):
+            raise ValueError(f"{name!r} is no name of a file")
+        channels = tuple(
+            FileChannel(str(c["map"]), int(c["index"]), str(c["kind"]), str(c["meaning"])) for c in entry["channels"]
+        )
+        for channel in channels:
+            if channel.map and not channel.map.isidentifier():
+                raise ValueError(f"{channel.map!r} is no name of a map")
+        layout = FileLayout(name, channels, bool(entry["shades"]))
+        stored = container(str(entry["texels"]))
+        sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
+        texels = stored.read(folder, layout, sizes)
+        levels = [from_file(stored.dequantise(t), layout.encodings, stored.srgb(layout)) for t in texels]
+        files.append(MapFile(stored, layout, levels))
+    return files
 
 
-def described(model: str, maps: Maps, container: Container) -> dict[str, Any]:
-    """What a manifest says of the maps of a material model: everything that a reader must know to sample them."""
+def described(files: Sequence[MapFile]) -> dict[str, Any]:
+    """What a manifest says of files, by name: everything that a reader must know to sample them."""
     entries = {}
-    for layout, chain in maps:
+    for file in files:
+        layout, container = file.layout, file.container
+        srgb = container.srgb(layout)
         entries[layout.name] = {
-            "files": container.files(layout, len(chain)),
+            "files": container.files(layout, len(file.levels)),
             "shades": layout.shades,
-            "colour_space": ("sRGB" if container.srgb else "linear Rec.709") if layout.is_colour else "data",
+            "texels": container.texels,
+            "precision": container.precision(layout),
+            "colour_space": ("sRGB" if srgb else "linear Rec.709") if layout.is_colour else "data",
             "channels": [
-                {"name": name, "meaning": meaning, "encoding": _encoding(encoding, container)}
-                for name, meaning, encoding in zip(layout.channel_names, layout.meanings, layout.encodings, strict=True)
+                {
+                    "name": name,
+                    "map": channel.map,
+                    "index": channel.index,
+                    "meaning": channel.meaning,
+                    "kind": channel.encoding,
+                    "encoding": _formula(channel.encoding, srgb),
+                }
+                for name, channel in zip(layout.channel_names, layout.channels, strict=True)
             ],
-            "levels": [{"width": level.shape[1], "height": level.shape[0]} for level in chain],
+            "levels": [{"width": level.shape[1], "height": level.shape[0]} for level in file.levels],
         }
-    return {
-        "parametrisation": PARAMETRISATIONS[model],
-        "format": container.name,
-        "precision": container.precision,
-        "conventions": {
-            "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, "
-            "v = (i + 1/2) / height",
-            "normal_convention": "OpenGL",
-            "tangent_space": "right-handed: +X along +u, +Y up in the image, +Z out of the surface",
-        },
-        "maps": entries,
-    }
+    return entries
+
+
+def normal_convention(files: Sequence[MapFile]) -> str:
+    """What a manifest says of green in normal maps."""
+    flipped = any(channel.encoding == FLIPPED for file in files for channel in file.layout.channels)
+    return "DirectX" if flipped else "OpenGL"
+
+
+def listed_files(manifest: Mapping[str, Any]) -> list[str]:
+    """Names of the files that a manifest lists, of one output or of several."""
+    outputs = manifest.get("outputs", [manifest])
+    return [
+        name
+        for output in outputs
+        for name in (*output.get("files", ()), *(n for entry in output["maps"].values() for n in entry["files"]))
+    ]
 
 
 def is_result_folder(path: Path, manifest_name: str, schema: str) -> bool:
@@ -109,7 +170,7 @@ def is_result_folder(path: Path, manifest_name: str, schema: str) -> bool:
         manifest = json.loads((path / manifest_name).read_text(encoding="utf-8"))
         if manifest["schema"] != schema:
             return False
-        known = {manifest_name, *(name for entry in manifest["maps"].values() for name in entry["files"])}
+        known = {manifest_name, *listed_files(manifest)}
         return all(p.name in known and p.is_file() for p in path.iterdir())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
@@ -144,25 +205,37 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
-def _encoding(encoding: str, container: Container) -> str:
+def _formula(encoding: str, srgb: bool) -> str:
+    """What a file holds of a value x."""
     if encoding == COLOUR:
-        return "sRGB" if container.srgb else "linear"
-    return "(x + 1) / 2" if encoding == SIGNED else "linear"
+        return "sRGB" if srgb else "linear"
+    return {SIGNED: "(x + 1) / 2", FLIPPED: "(1 - x) / 2", INVERTED: "1 - x"}.get(encoding, "linear")
 
 
-def _quantised(level: NDArray[np.float32], layout: MapLayout, container: Container) -> NDArray[np.generic]:
-    """What a container stores of one level of a map; in blocks of rows, because the way there takes float64."""
+def quantised_levels(file: MapFile) -> list[NDArray[np.generic]]:
+    """What a container stores of every level of a file; UsageError for a value that it cannot hold."""
+    return [_quantised(level, file) for level in file.levels]
+
+
+def _quantised(level: NDArray[np.float32], file: MapFile) -> NDArray[np.generic]:
+    """What a container stores of one level of a file; in blocks of rows, because the way there takes float64."""
     rows = max(1, _BLOCK // level.shape[1])
+    srgb = file.container.srgb(file.layout)
     blocks = (level[start : start + rows] for start in range(0, len(level), rows))
-    return np.concatenate([container.quantise(to_file(block, layout, container.srgb), layout) for block in blocks])
+    return np.concatenate(
+        [file.container.quantise(to_file(block, file.layout.encodings, srgb), file.layout) for block in blocks]
+    )
 
 
-def _verify(container: Container, folder: Path, layout: MapLayout, chain: Sequence[NDArray[np.generic]]) -> None:
-    """Reads a map back and compares: writers are known to report success for files that are incomplete."""
+def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) -> None:
+    """Reads a file back and compares: writers are known to report success for files that are incomplete."""
+    name = file.layout.name
     try:
-        found = container.read(folder, layout, [(level.shape[0], level.shape[1]) for level in chain])
+        found = file.container.read(folder, file.layout, [(level.shape[0], level.shape[1]) for level in levels])
     except InputError as error:
-        raise OutputError(f"the map {layout.name} did not read back after writing ({error}): check the disk") from error
-    for index, (level, back) in enumerate(zip(chain, found, strict=True)):
+        raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
+    if not file.container.exact:  # it has compared what it compressed itself
+        return
+    for index, (level, back) in enumerate(zip(levels, found, strict=True)):
         if not np.array_equal(level, back):
-            raise OutputError(f"level {index} of the map {layout.name} changed while it was written: check the disk")
+            raise OutputError(f"level {index} of the map {name} changed while it was written: check the disk")

@@ -117,7 +117,7 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
 _NEEDS_SEPARATOR = frozenset({"d", "n", "r", "m", "h", "e", "bc", "id", *_PACKED_WORDS.split()})
 
 _TRAILING = re.compile(
-    r"\d{1,2}k|\d{2,5}x\d{2,5}|128|256|512|1024|2048|4096|8192|16384|lod\d|v\d{1,3}|(8|16|32)bit|10\d\d"
+    r"\d{1,2}k|\d{2,5}x\d{2,5}|128|256|512|1024|2048|4096|8192|16384|lod\d|[uv]\d{1,3}|(8|16|32)bit|1\d{3}"
     r"|srgb|linear|lin|raw|jpe?g|png|exr|tiff?|tga|hdr|webp|bmp",
     re.IGNORECASE,
 )

@@ -19,8 +19,14 @@ PLAIN_ROLES = ("occlusion", "height", "emissive", "opacity")
 """Roles that do not shade: kept at their own size and with their own values."""
 
 ROLES = SHADING_ROLES + PLAIN_ROLES
+CARRIED = "carried_"
+"""Names of maps that have no role begin so: channels beside others in a packed file, kept for the way out."""
+
 SCALAR_ROLES = ("roughness", "metallic", "occlusion", "height", "opacity")
 COLOUR_ROLES = ("base_color", "emissive")
+
+FACTORED_ROLES = ("roughness", "metallic", "normal", "anisotropy", "occlusion", "opacity")
+"""Roles whose values a factor can scale."""
 
 NORMAL_CONVENTIONS = ("opengl", "directx")
 NORMAL_LENGTHS = ("ignore", "roughness")
@@ -46,6 +52,10 @@ class LoadOptions:
             roughness by the spread that the missing length stands for.
         roughness_is_gloss: True inverts the roughness map, False does not. None: the file's name decides.
         wrap: addressing along u and v, each "wrap" or "clamp".
+        name: of the set, safe as a folder name. None: that of the folder.
+        factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
+            occlusion, anisotropy (its strength). That of normal scales x and y, before the vectors are made unit.
+        alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
     """
 
     maps: Mapping[str, MapChoice] = field(default_factory=dict)
@@ -54,6 +64,9 @@ class LoadOptions:
     normal_length: str = "ignore"
     roughness_is_gloss: bool | None = None
     wrap: tuple[str, str] = ("wrap", "wrap")
+    name: str | None = None
+    factors: Mapping[str, float] = field(default_factory=dict)
+    alpha_cutoff: float | None = None
 
     def __post_init__(self) -> None:
         """UsageError when a value is none of those listed."""
@@ -65,6 +78,13 @@ class LoadOptions:
             raise UsageError(f"wrap is {self.wrap!r}: expected two modes, one for u and one for v")
         for mode in self.wrap:
             _check_member("wrap", mode, WRAP_MODES)
+        for role, factor in self.factors.items():
+            if role not in FACTORED_ROLES:
+                raise UsageError(f"{role} takes no factor: expected one of {', '.join(FACTORED_ROLES)}")
+            if not (math.isfinite(factor) and factor >= 0):
+                raise UsageError(f"the factor of {role} is {factor}: expected a number from 0 up")
+        if self.alpha_cutoff is not None and not 0 < self.alpha_cutoff <= 1:
+            raise UsageError(f"alpha_cutoff is {self.alpha_cutoff}: expected a number above 0, up to 1")
 
 
 def _check_member(option: str, value: object, allowed: tuple[object, ...]) -> None:

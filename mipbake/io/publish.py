@@ -7,6 +7,7 @@ import errno
 import os
 import secrets
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -96,6 +97,31 @@ def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
                     parent.rmdir()
 
 
+def replaced_file(path: Path, data: bytes) -> None:
+    """Writes a file so that it is either there, whole, or as it was before. OutputError where that fails."""
+    partial = _partial_name(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {_reason(error)}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder for files that a library must have, removed when the block ends. OutputError where that fails."""
+    try:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write temporary files: {_reason(error)} (the environment variable TMPDIR names it)"
+        ) from error
+
+
 def _partial_name(target: Path) -> Path:
     return target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
 
@@ -124,6 +150,10 @@ def _listed(folder: Path) -> bool:
 def _reason(error: OSError) -> str:
     if error.errno == errno.ENOSPC:
         return "the disk is full, make room or choose another folder"
+    if error.errno == errno.EDQUOT:
+        return "the quota for files is used up, make room or choose another folder"
+    if error.errno == errno.EFBIG:
+        return "the file is larger than its file system or a limit of the session allows, choose another folder"
     if error.errno == errno.ENAMETOOLONG:
         return "the name is too long, choose a shorter one"
     return f"{error.strerror or error}, check the folder's permissions or choose another"

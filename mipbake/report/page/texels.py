@@ -167,7 +167,7 @@ def _range(layout: MapLayout, levels: Sequence[NDArray[np.float32]]) -> tuple[fl
 
 def _as_colours(level: NDArray[np.float64], layout: MapLayout, limits: tuple[float, float]) -> NDArray[np.float64]:
     """(h, w, C) stored channels as (h, w, 3) numbers from 0 to 1, as the map's 8-bit file would look."""
-    values = to_file(level.astype(np.float32), layout, srgb=True)
+    values = to_file(level, layout.encodings, srgb=True)
     low, high = limits
     values = (values - low) / max(high - low, 1e-6)
     channels = values.shape[-1]

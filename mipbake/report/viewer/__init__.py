@@ -230,5 +230,5 @@ def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: 
 
 def _as_in_files(level: NDArray[np.float32], model: str) -> NDArray[np.float64]:
     """(H, W, C) stored channels to the numbers from 0 to 1 that an 8-bit file holds, colours sRGB-encoded."""
-    parts = [to_file(level[..., layout.channels], layout, srgb=True) for layout in LAYOUTS[model]]
+    parts = [to_file(level[..., layout.channels], layout.encodings, srgb=True) for layout in LAYOUTS[model]]
     return np.clip(np.concatenate(parts, -1), 0, 1)

@@ -1,0 +1,132 @@
+"""Texels to the bytes that graphics cards sample and back: plain, half-float and block-compressed.
+
+Blocks are 4 x 4 texels; a level whose sides are no multiples of 4 is continued by its last row and column, which nobody
+samples. The encoders are those of other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal (UASTC).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+from mipbake.io import bc7, dds, uastc
+from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.io.publish import temporary_folder
+
+Texels = NDArray[np.generic]
+Bytes = NDArray[np.uint8]
+
+
+def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
+    """(H, W, C) texels of every level to their bytes.
+
+    Args:
+        levels: uint8, or float16 for half-float formats; C no more than the channels of the format. A missing alpha
+            is 1; one channel fills all colours where the format has no format of one channel.
+    """
+    if made.side == 1:
+        return tuple(np.ascontiguousarray(widened(level, made.channels)).tobytes() for level in levels)
+    padded = [_padded(np.asarray(level, np.uint8)) for level in levels]
+    if made.name.startswith("BC7"):
+        return bc7.compressed([widened(level, 4) for level in padded])
+    if made.name.startswith("UASTC"):
+        return uastc.compressed([widened(np.asarray(level, np.uint8), 4) for level in levels], made)
+    return tuple(_quicktex(np.asarray(widened(level, made.channels), np.uint8), made) for level in padded)
+
+
+def from_blocks(texture: GpuTexture) -> list[Texels]:
+    """(H, W, C) texels of every level, uint8 or float16, C the channels of the format.
+
+    Raises:
+        InputError: blocks that no encoder writes. OutputError: no place for temporary files.
+    """
+    made = texture.format
+    sizes = [level_size(texture.width, texture.height, index) for index in range(len(texture.levels))]
+    pairs = list(zip(texture.levels, sizes, strict=True))
+    if made.side == 1:
+        kind = np.dtype(np.float16 if made.is_float else np.uint8)
+        return [np.frombuffer(data, kind).reshape(height, width, -1) for data, (width, height) in pairs]
+    if made.name.startswith(("BC4", "BC5")):
+        return [_red_green(data, made, width, height) for data, (width, height) in pairs]
+    found = uastc.decompressed(texture) if made.name.startswith("UASTC") else _by_image_library(texture)
+    return [level[..., : made.channels] for level in found]
+
+
+def widened(level: Texels, channels: int) -> Texels:
+    """With as many channels: one fills all colours, a second colour is followed by 0, alpha is 1."""
+    count = level.shape[2]
+    if count >= channels:
+        return level
+    one = np.asarray(255 if level.dtype == np.uint8 else 1, level.dtype)
+    colours = np.repeat(level, 3, -1) if count == 1 else level
+    if colours.shape[2] == 2:
+        colours = np.concatenate([colours, np.zeros_like(colours[..., :1])], -1)
+    alpha = np.full((*level.shape[:2], 1), one)
+    return np.concatenate([colours, alpha], -1)[..., :channels]
+
+
+def _padded(level: Bytes) -> Bytes:
+    height, width = level.shape[:2]
+    return np.pad(level, ((0, -height % 4), (0, -width % 4), (0, 0)), mode="edge")
+
+
+def _quicktex(level: Bytes, made: GpuFormat) -> bytes:
+    import quicktex
+    from quicktex.s3tc import bc1, bc4, bc5
+
+    height, width = level.shape[:2]
+    texels = np.ascontiguousarray(np.pad(level[..., :4], ((0, 0), (0, 0), (0, 4 - min(4, level.shape[2])))))
+    raw = quicktex.RawTexture.frombytes(texels.tobytes(), width, height)
+    encoders = {"BC1": bc1.BC1Encoder, "BC4": lambda: bc4.BC4Encoder(0), "BC5": lambda: bc5.BC5Encoder(0, 1)}
+    return bytes(encoders[made.name[:3]]().encode(raw).tobytes())
+
+
+def _red_green(data: bytes, made: GpuFormat, width: int, height: int) -> Bytes:
+    """A level of BC4 or BC5."""
+    blocks = np.frombuffer(data, np.uint8).reshape(-1, made.block)
+    parts = [_bc4_values(blocks[:, start : start + 8]) for start in range(0, made.block, 8)]
+    texels = np.stack(parts, -1)  # (blocks, 4, 4, C)
+    rows, columns = -(-height // 4), -(-width // 4)
+    image = texels.reshape(rows, columns, 4, 4, -1).swapaxes(1, 2).reshape(4 * rows, 4 * columns, -1)
+    return np.ascontiguousarray(image[:height, :width])
+
+
+def _bc4_values(blocks: Bytes) -> Bytes:
+    """(N, 8) blocks of BC4 to (N, 4, 4): two ends, and 3 bits a texel between them."""
+    first, second = (blocks[:, i].astype(np.int32) for i in (0, 1))
+    steps = np.arange(1, 7)
+    wide = (first[:, None] * (7 - steps) + second[:, None] * steps) / 7
+    narrow = (first[:, None] * (5 - steps[:4]) + second[:, None] * steps[:4]) / 5
+    ends = np.broadcast_to([0.0, 255.0], (len(blocks), 2))
+    between = np.where((first > second)[:, None], wide, np.concatenate([narrow, ends], 1))
+    table = np.concatenate([first[:, None], second[:, None], between], 1)
+    bits = np.unpackbits(blocks[:, 2:], axis=1, bitorder="little").reshape(len(blocks), 16, 3)
+    index = bits @ np.array([1, 2, 4], np.uint8)
+    values = np.take_along_axis(table, index.astype(np.int64), 1)
+    return np.floor(values + 0.5).astype(np.uint8).reshape(-1, 4, 4)
+
+
+def _by_image_library(texture: GpuTexture) -> list[Texels]:
+    """Levels of BC1 and BC7 as OpenImageIO's reader of DDS files decodes them."""
+    import OpenImageIO
+
+    with temporary_folder() as folder:
+        path = folder / "levels.dds"
+        path.write_bytes(dds.encoded(texture))
+        source = OpenImageIO.ImageInput.open(str(path))
+        if source is None:
+            raise InputError(f"texels of {texture.format.name} cannot be decoded ({OpenImageIO.geterror().strip()})")
+        try:
+            levels: list[Texels] = []
+            for index in range(len(texture.levels)):
+                width, height = level_size(texture.width, texture.height, index)
+                pixels = source.read_image(0, index, 0, 4, "uint8")
+                if pixels is None:
+                    raise InputError(f"level {index} of {texture.format.name} cannot be decoded: its blocks are broken")
+                levels.append(np.asarray(pixels, np.uint8).reshape(height, width, -1))
+            return levels
+        finally:
+            source.close()

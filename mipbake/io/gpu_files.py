@@ -1,0 +1,141 @@
+"""`ktx2` and `dds`: one file a map with every level, as graphics cards sample it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import __version__
+from mipbake.errors import InputError, OutputError
+from mipbake.io import dds, ktx2
+from mipbake.io.blocks import from_blocks, to_blocks, widened
+from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+from mipbake.io.layout import ENCODINGS, LOG, FileLayout
+from mipbake.io.oiio_levels import ABOUT
+from mipbake.io.quantise import dequantised, quantised
+
+_BC = ("BC4_UNORM_BLOCK", "BC5_UNORM_BLOCK", "BC7_UNORM_BLOCK", "BC7_UNORM_BLOCK")
+_FORMATS = {
+    "rgba8": ("R8G8B8A8_UNORM",) * 4,
+    "rgba16f": ("R16G16B16A16_SFLOAT",) * 4,
+    "bc": _BC,
+    "bc1": (*_BC[:2], "BC1_RGB_UNORM_BLOCK", _BC[3]),
+    "uastc": (
+        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RG_UNORM_BLOCK"),
+        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RGBA_UNORM_BLOCK"),
+    ),
+}
+"""The format of a file with one, two, three and four channels, by the name that users give."""
+
+
+class GpuFile:
+    """A KTX 2 or DDS file a map.
+
+    Args:
+        name: "ktx2" or "dds".
+        texels: "bc": BC4, BC5 and BC7 by the number of channels; "bc1": BC1 in place of BC7 where there is no alpha
+            channel; "uastc"; "rgba8"; "rgba16f", half floats with colours linear Rec.709. Colours are sRGB-encoded in
+            all others. One channel fills red, green and blue where a format has more.
+    """
+
+    complete = False
+
+    def __init__(self, name: str, texels: str) -> None:
+        self.name, self.texels = name, texels
+        self.summary = {
+            "ktx2": "one KTX 2 file a map, supercompressed with Zstandard",
+            "dds": "one DDS file a map, with the header of Direct3D 10",
+        }[name]
+        self.exact = texels in ("rgba8", "rgba16f")
+        self.encodings = ENCODINGS if texels == "rgba16f" else ENCODINGS - {LOG}
+
+    def gpu_format(self, layout: FileLayout) -> GpuFormat:
+        """What the texels of a file are stored as."""
+        name = _FORMATS[self.texels][len(layout.channels) - 1]
+        if self.srgb(layout):
+            name = name.replace("UNORM", "SRGB")
+        return GPU_FORMATS[name]
+
+    def precision(self, layout: FileLayout) -> str:
+        """See Container."""
+        return self.gpu_format(layout).name
+
+    def srgb(self, layout: FileLayout) -> bool:
+        """See Container. Formats of one and two channels have no sRGB form."""
+        return layout.is_colour and len(layout.channels) >= 3 and self.texels != "rgba16f"
+
+    def files(self, layout: FileLayout, levels: int) -> list[str]:
+        """See Container."""
+        del levels
+        return [f"{layout.name}.{self.name}"]
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """See Container."""
+        return quantised(values, "half" if self.texels == "rgba16f" else "8", f"the map {layout.name}")
+
+    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
+        """See Container."""
+        return dequantised(texels)
+
+    def write(
+        self,
+        folder: Path,
+        layout: FileLayout,
+        levels: Sequence[NDArray[np.generic]],
+        wrap: tuple[str, str],
+        about: str,
+    ) -> None:
+        """See Container."""
+        del wrap  # neither container has a place for it; `about` tells
+        texture = self.texture(layout, levels, about)
+        path = folder / self.files(layout, len(levels))[0]
+        data = ktx2.encoded(texture, supercompress=True) if self.name == "ktx2" else dds.encoded(texture)
+        path.write_bytes(data)
+        found = self._opened(path)
+        if (found.format, found.width, found.height, found.levels) != (
+            *(texture.format, texture.width, texture.height, texture.levels),
+        ):
+            raise OutputError(f"{path} changed while it was written: check the disk")
+
+    def texture(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]], about: str) -> GpuTexture:
+        """The encoded texture of a map, from quantised levels."""
+        made = self.gpu_format(layout)
+        height, width = levels[0].shape[:2]
+        swizzle = {"KTXswizzle": b"rrr1\0"} if len(layout.channels) == 1 else {}
+        values = {
+            "KTXorientation": b"rd\0",
+            "KTXwriter": f"mipbake {__version__}\0".encode(),
+            ABOUT: about.encode() + b"\0",
+            **(swizzle if made.channels == 1 else {}),
+        }
+        return GpuTexture(made, width, height, to_blocks(levels, made), values)
+
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        path = folder / self.files(layout, len(sizes))[0]
+        texture = self._opened(path)
+        expected = self.gpu_format(layout)
+        found = [level_size(texture.width, texture.height, index)[::-1] for index in range(len(texture.levels))]
+        if texture.format != expected or found != list(sizes):
+            raise InputError(
+                f"{path} has {len(found)} levels of {texture.format.name}, the first {texture.width} x "
+                f"{texture.height}, expected {len(sizes)} of {expected.name}, the first {sizes[0][1]} x {sizes[0][0]}: "
+                "bake it again"
+            )
+        return [level[..., : len(layout.channels)] for level in from_blocks(texture)]
+
+    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
+        """What would be read back if quantised levels were written."""
+        if self.exact:
+            return [widened(level, len(layout.channels)) for level in levels]
+        return [level[..., : len(layout.channels)] for level in from_blocks(self.texture(layout, levels, ""))]
+
+    def _opened(self, path: Path) -> GpuTexture:
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot read {path} ({error.strerror}): bake it again") from error
+        return ktx2.decoded(data, str(path)) if self.name == "ktx2" else dds.decoded(data, str(path))

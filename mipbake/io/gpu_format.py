@@ -1,0 +1,132 @@
+"""Texel formats that graphics cards sample, with what Vulkan, Direct3D and Khronos's descriptors call them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_RGBSDA, _BC1, _BC4, _BC5, _BC7, _UASTC = 1, 128, 131, 132, 134, 166  # colour models of Khronos's data formats 1.3
+_UASTC_RGB, _UASTC_RGBA, _UASTC_RG = 0, 3, 6
+_RED, _GREEN, _BLUE, _ALPHA = 0, 1, 2, 15
+_LINEAR_ALPHA, _SIGNED, _FLOAT = 0x10, 0x40, 0x80
+_ONE, _MINUS_ONE = 0x3F800000, 0xBF800000  # as float32
+_BLOCK_UPPER = 0xFFFFFFFF
+
+
+_UASTC_CHANNELS = {_UASTC_RG: 2, _UASTC_RGB: 3, _UASTC_RGBA: 4}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Bits of a texel block and the channel that they hold, as a Khronos descriptor has them."""
+
+    offset: int
+    length: int
+    channel: int
+    lower: int
+    upper: int
+
+
+@dataclass(frozen=True)
+class GpuFormat:
+    """What the bytes of a level are.
+
+    Args:
+        name: that Vulkan has, without its prefix.
+        vulkan, dxgi: VkFormat and DXGI_FORMAT; 0 where there is none, since it is transcoded before it is sampled.
+        unit: bytes in which endianness matters.
+        model: colour model of the descriptor. samples: of it.
+        side: texels of a block's side. block: bytes of a block.
+        srgb: whether colours are sRGB-encoded.
+    """
+
+    name: str
+    vulkan: int
+    dxgi: int
+    unit: int
+    model: int
+    side: int
+    block: int
+    srgb: bool
+    samples: tuple[Sample, ...]
+
+    @property
+    def is_float(self) -> bool:
+        """Whether texels are half-float numbers; else they are 8-bit integers, before they are compressed."""
+        return self.unit == 2
+
+    @property
+    def channels(self) -> int:
+        """Channels that texels have, before they are compressed and after."""
+        if self.side == 1:
+            return len(self.samples)
+        return {_BC1: 3, _BC4: 1, _BC5: 2, _BC7: 4}.get(self.model) or _UASTC_CHANNELS[self.samples[0].channel]
+
+    def level_size(self, width: int, height: int) -> int:
+        """Bytes of a level."""
+        return math.ceil(width / self.side) * math.ceil(height / self.side) * self.block
+
+
+def _unorm(channels: int, srgb: bool) -> tuple[Sample, ...]:
+    ids = (_RED, _GREEN, _BLUE, _ALPHA | (_LINEAR_ALPHA if srgb else 0))[:channels]
+    return tuple(Sample(8 * i, 8, channel, 0, 255) for i, channel in enumerate(ids))
+
+
+def _half(channels: int) -> tuple[Sample, ...]:
+    ids = (_RED, _GREEN, _BLUE, _ALPHA)[:channels]
+    return tuple(Sample(16 * i, 16, c | _SIGNED | _FLOAT, _MINUS_ONE, _ONE) for i, c in enumerate(ids))
+
+
+def _blocks(bits: int, *channels: int) -> tuple[Sample, ...]:
+    each = bits // len(channels)
+    return tuple(Sample(each * i, each, channel, 0, _BLOCK_UPPER) for i, channel in enumerate(channels))
+
+
+_ALL = (
+    GpuFormat("R8_UNORM", 9, 61, 1, _RGBSDA, 1, 1, False, _unorm(1, False)),
+    GpuFormat("R8G8_UNORM", 16, 49, 1, _RGBSDA, 1, 2, False, _unorm(2, False)),
+    GpuFormat("R8G8B8A8_UNORM", 37, 28, 1, _RGBSDA, 1, 4, False, _unorm(4, False)),
+    GpuFormat("R8G8B8A8_SRGB", 43, 29, 1, _RGBSDA, 1, 4, True, _unorm(4, True)),
+    GpuFormat("R16_SFLOAT", 76, 54, 2, _RGBSDA, 1, 2, False, _half(1)),
+    GpuFormat("R16G16_SFLOAT", 83, 34, 2, _RGBSDA, 1, 4, False, _half(2)),
+    GpuFormat("R16G16B16A16_SFLOAT", 97, 10, 2, _RGBSDA, 1, 8, False, _half(4)),
+    GpuFormat("BC1_RGB_UNORM_BLOCK", 131, 71, 1, _BC1, 4, 8, False, _blocks(64, 0)),
+    GpuFormat("BC1_RGB_SRGB_BLOCK", 132, 72, 1, _BC1, 4, 8, True, _blocks(64, 0)),
+    GpuFormat("BC4_UNORM_BLOCK", 139, 80, 1, _BC4, 4, 8, False, _blocks(64, 0)),
+    GpuFormat("BC5_UNORM_BLOCK", 141, 83, 1, _BC5, 4, 16, False, _blocks(128, _RED, _GREEN)),
+    GpuFormat("BC7_UNORM_BLOCK", 145, 98, 1, _BC7, 4, 16, False, _blocks(128, 0)),
+    GpuFormat("BC7_SRGB_BLOCK", 146, 99, 1, _BC7, 4, 16, True, _blocks(128, 0)),
+    GpuFormat("UASTC_RG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RG)),
+    GpuFormat("UASTC_RGB_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RGB)),
+    GpuFormat("UASTC_RGBA_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RGBA)),
+    GpuFormat("UASTC_RGB_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RGB)),
+    GpuFormat("UASTC_RGBA_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RGBA)),
+)
+
+GPU_FORMATS: Mapping[str, GpuFormat] = {each.name: each for each in _ALL}
+"""By name."""
+
+
+@dataclass(frozen=True)
+class GpuTexture:
+    """A two-dimensional texture: its format, the size of level 0, the bytes of every level, finest first, and what the
+    container says beside them."""
+
+    format: GpuFormat
+    width: int
+    height: int
+    levels: tuple[bytes, ...]
+    values: Mapping[str, bytes]
+
+    def __post_init__(self) -> None:
+        """ValueError where a level has not the bytes that its size and format take."""
+        for index, level in enumerate(self.levels):
+            expected = self.format.level_size(*level_size(self.width, self.height, index))
+            if len(level) != expected:
+                raise ValueError(f"level {index} has {len(level)} bytes, {self.format.name} of its size has {expected}")
+
+
+def level_size(width: int, height: int, level: int) -> tuple[int, int]:
+    """(width, height) of a level."""
+    return max(1, width >> level), max(1, height >> level)

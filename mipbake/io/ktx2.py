@@ -1,0 +1,167 @@
+"""KTX 2.0 files: header, data format descriptor, key-value data and levels, written and read.
+
+The structure is that of the KTX File Format Specification 2.0; descriptors follow the Khronos Data Format Specification
+1.3. Levels come as the bytes that a GPU takes; how texels become those is the business of those who encode them.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+
+from mipbake.errors import InputError
+from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+
+IDENTIFIER = bytes.fromhex("AB4B5458203230BB0D0A1A0A")
+_HEADER = struct.Struct("<9I")  # vkFormat to supercompressionScheme
+_INDEX = struct.Struct("<4I2Q")  # offset and length of descriptor, key-value data, supercompression global data
+_LEVEL = struct.Struct("<3Q")  # offset, length, length when inflated
+_START = len(IDENTIFIER) + _HEADER.size + _INDEX.size
+
+NONE, ZSTANDARD = 0, 2
+"""supercompressionScheme of levels: as they are, or a Zstandard stream each."""
+
+MOST = 65536
+"""Texels along a side; no graphics card has more, and a header that tells of more is broken."""
+
+_ZSTANDARD_LEVEL = 15  # 18 is a third slower for 1 % less
+
+_UNSPECIFIED, _BT709 = 0, 1
+_LINEAR, _SRGB = 1, 2
+_DESCRIPTOR_VERSION = 2
+
+
+def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
+    """The file. Levels are Zstandard streams with `supercompress`."""
+    made, levels = texture.format, list(texture.levels)
+    stored = levels
+    if supercompress:
+        import zstandard
+
+        packer = zstandard.ZstdCompressor(_ZSTANDARD_LEVEL)
+        stored = [packer.compress(level) for level in levels]
+    descriptor = _descriptor(made, supercompress)
+    values = _values(texture.values)
+    descriptor_at = _START + _LEVEL.size * len(levels)
+    values_at = descriptor_at + len(descriptor)
+    # Levels lie from the coarsest to the finest, so that a stream can be shown before it ends.
+    alignment = 1 if supercompress else math.lcm(made.block, 4)
+    place, places, body = values_at + len(values), [0] * len(levels), bytearray()
+    for index in reversed(range(len(levels))):
+        padding = -place % alignment
+        body += bytes(padding) + stored[index]
+        places[index] = place + padding
+        place += padding + len(stored[index])
+    scheme = ZSTANDARD if supercompress else NONE
+    header = _HEADER.pack(
+        made.vulkan, made.unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme
+    )  # fmt: skip
+    index_ = _INDEX.pack(descriptor_at, len(descriptor), values_at if values else 0, len(values), 0, 0)
+    table = b"".join(
+        _LEVEL.pack(at, len(packed), len(level)) for at, packed, level in zip(places, stored, levels, strict=True)
+    )
+    return IDENTIFIER + header + index_ + table + descriptor + values + bytes(body)
+
+
+def _descriptor(made: GpuFormat, supercompressed: bool) -> bytes:
+    """One basic descriptor block. Levels of a stream have no size that could be told: 0 in place of bytesPlane."""
+    samples = b"".join(
+        struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
+    )
+    size = 24 + len(samples)
+    # KHR_texture_basisu wants the primaries of what is no colour unspecified.
+    primaries = _BT709 if made.srgb or made.vulkan else _UNSPECIFIED
+    transfer = _SRGB if made.srgb else _LINEAR
+    basic = struct.pack("<IHH4B", 0, _DESCRIPTOR_VERSION, size, made.model, primaries, transfer, 0)
+    basic += bytes([made.side - 1, made.side - 1, 0, 0])
+    basic += bytes([0 if supercompressed else made.block, 0, 0, 0, 0, 0, 0, 0])
+    return struct.pack("<I", 4 + size) + basic + samples
+
+
+def _values(values: Mapping[str, bytes]) -> bytes:
+    out = bytearray()
+    for key in sorted(values):
+        entry = key.encode() + b"\0" + values[key]
+        out += struct.pack("<I", len(entry)) + entry + bytes(-len(entry) % 4)
+    return bytes(out)
+
+
+def decoded(data: bytes, name: str) -> GpuTexture:
+    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
+    try:
+        return _decoded(data, name)
+    except struct.error as error:
+        raise InputError(f"{name} ends within its header: it is no complete KTX 2 file") from error
+
+
+def _decoded(data: bytes, name: str) -> GpuTexture:
+    if data[: len(IDENTIFIER)] != IDENTIFIER:
+        raise InputError(f"{name} is no KTX 2 file: it does not begin like one")
+    vk_format, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
+    descriptor_at, _, values_at, values_length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
+    (channel,) = struct.unpack_from("<B", data, descriptor_at + 31)
+    made = next((f for f in GPU_FORMATS.values() if _is(f, vk_format, model, transfer, channel)), None)
+    if made is None:
+        raise InputError(
+            f"{name} has the Vulkan format {vk_format} with colour model {model}: expected one of "
+            f"{', '.join(GPU_FORMATS)}"
+        )
+    if depth or layers or faces != 1 or not width or not height:
+        raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")
+    if max(width, height) > MOST:
+        raise InputError(f"{name} tells of {width} x {height} texels: expected {MOST} along a side at most")
+    if scheme not in (NONE, ZSTANDARD):
+        raise InputError(f"{name} has the supercompression scheme {scheme}: expected 0 (none) or 2 (Zstandard)")
+    most = max(width, height).bit_length()
+    if not 1 <= count <= most:
+        raise InputError(f"{name} tells of {count} levels: {width} x {height} texels have 1 to {most}")
+    levels = []
+    for index in range(count):
+        at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
+        stored = data[at : at + length]
+        expected = made.level_size(*level_size(width, height, index))
+        if len(stored) != length or inflated != expected or (scheme == NONE and length != expected):
+            raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
+        levels.append(_inflated(stored, expected, name, index) if scheme == ZSTANDARD else stored)
+    return GpuTexture(
+        made, width, height, tuple(levels), _read_values(data[values_at : values_at + values_length], name)
+    )
+
+
+def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int) -> bool:
+    """Whether a file is of a format; those without a number of Vulkan's are told by their descriptor."""
+    if vk_format or made.vulkan:
+        return made.vulkan == vk_format
+    return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel & 15)
+
+
+def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
+    """A level of `size` bytes, and no more of the stream than that: a short one can inflate to gigabytes."""
+    import zstandard
+
+    try:
+        told = zstandard.frame_content_size(stored)
+        if told not in (-1, size):  # -1: the stream does not tell
+            raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
+        with zstandard.ZstdDecompressor().stream_reader(stored) as stream:
+            level = bytes(stream.read(size + 1))
+    except zstandard.ZstdError as error:
+        raise InputError(f"level {index} of {name} is no Zstandard stream ({error})") from error
+    if len(level) != size:
+        found = f"more than {size}" if len(level) > size else str(len(level))
+        raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")
+    return level
+
+
+def _read_values(data: bytes, name: str) -> dict[str, bytes]:
+    found, at = {}, 0
+    while at + 4 <= len(data):
+        (length,) = struct.unpack_from("<I", data, at)
+        key, end, value = data[at + 4 : at + 4 + length].partition(b"\0")
+        if not end or at + 4 + length > len(data):
+            raise InputError(f"{name} has key-value data that ends within an entry")
+        found[key.decode("utf-8", "replace")] = value
+        at += 4 + length + -length % 4
+    return found

@@ -1,0 +1,108 @@
+"""`tx`: one tiled, MIP-mapped TIFF a map, as renderers with OpenImageIO's texture system read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError
+from mipbake.io.layout import ENCODINGS as ALL
+from mipbake.io.layout import LOG, FileLayout
+from mipbake.io.oiio_levels import finish, put, reader, specification, take, writer
+from mipbake.io.quantise import dequantised, quantised
+
+_TILE = 64
+_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
+
+
+class MipTx:
+    """Tiles of 64 x 64, levels rounded down, ZIP-compressed.
+
+    Args:
+        texels: "half" or "float", with colours linear Rec.709; "8" or "16" bits, with colours sRGB-encoded.
+    """
+
+    name = "tx"
+    summary = "one tiled, MIP-mapped TIFF a map, as Arnold and other renderers read them"
+    exact = True
+    complete = False
+
+    def __init__(self, texels: str = "half") -> None:
+        self.texels = texels
+        self.encodings = ALL if texels in ("half", "float") else ALL - {LOG}
+
+    def precision(self, layout: FileLayout) -> str:
+        """See Container."""
+        del layout
+        return _TYPES[self.texels]
+
+    def srgb(self, layout: FileLayout) -> bool:
+        """See Container."""
+        return layout.is_colour and self.texels in ("8", "16")
+
+    def files(self, layout: FileLayout, levels: int) -> list[str]:
+        """See Container."""
+        del levels
+        return [f"{layout.name}.tx"]
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """See Container."""
+        return quantised(values, self.texels, f"the map {layout.name}")
+
+    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
+        """See Container."""
+        return dequantised(texels)
+
+    def write(
+        self,
+        folder: Path,
+        layout: FileLayout,
+        levels: Sequence[NDArray[np.generic]],
+        wrap: tuple[str, str],
+        about: str,
+    ) -> None:
+        """See Container."""
+        path = folder / f"{layout.name}.tx"
+        out = writer(path)
+        for index, level in enumerate(levels):
+            spec = specification(layout, level, _TYPES[self.texels], wrap)
+            spec.tile_width = spec.tile_height = _TILE
+            spec.attribute("textureformat", "Plain Texture")
+            spec.attribute("compression", "zip")
+            spec.attribute("oiio:ColorSpace", self._colour_space(layout))
+            # TIFF has no place for attributes of one's own.
+            spec.attribute("ImageDescription", about)
+            spec.attribute("Software", "mipbake")
+            if self.texels == "half":
+                spec.attribute("tiff:half", 1)
+            # The library says that TIFF has no levels, and takes subimages for them where `textureformat` is set.
+            put(out, path, spec, "AppendSubimage" if index else "Create", index, level)
+        finish(out, path)
+
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        path = folder / f"{layout.name}.tx"
+        source = reader(path)
+        try:
+            levels = []
+            for index, size in enumerate(sizes):
+                if not source.seek_subimage(0, index):
+                    raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake it again")
+                if source.spec().nchannels != len(layout.channels):
+                    raise InputError(
+                        f"{path} has {source.spec().nchannels} channels, expected {len(layout.channels)}: bake it again"
+                    )
+                levels.append(take(source, path, index, size, None, _TYPES[self.texels], (0, index)))
+            if source.seek_subimage(0, len(sizes)):
+                raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake it again")
+            return levels
+        finally:
+            source.close()
+
+    def _colour_space(self, layout: FileLayout) -> str:
+        if not layout.is_colour:
+            return "Raw"
+        return "sRGB" if self.srgb(layout) else "lin_rec709"

@@ -1,0 +1,117 @@
+"""Writing and reading the levels of a file through OpenImageIO, with the library's silences made errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError, OutputError
+from mipbake.io.layout import FileLayout
+from mipbake.io.messages import one_line
+
+if TYPE_CHECKING:
+    import OpenImageIO
+
+WRAP_MODES = {"wrap": "periodic", "clamp": "clamp"}
+"""What renderers call addressing, in the attribute `wrapmodes`."""
+
+ABOUT = "mipbake"
+"""Attribute, key or chunk that holds how a file was made, as JSON."""
+
+
+def specification(
+    layout: FileLayout, level: NDArray[np.generic], stored: str, wrap: tuple[str, str]
+) -> OpenImageIO.ImageSpec:
+    """What all formats have in common, of one level."""
+    import OpenImageIO
+
+    height, width, channels = level.shape
+    spec = OpenImageIO.ImageSpec(width, height, channels, stored)
+    spec.channelnames = layout.channel_names
+    # The fourth channel is data like the others: colours must not be multiplied or divided by it.
+    spec.alpha_channel = -1
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("wrapmodes", ",".join(WRAP_MODES[mode] for mode in wrap))
+    # Otherwise the time of writing is stored, and no two bakes would be the same file.
+    spec.attribute("DateTime", "1970:01:01 00:00:00")
+    return spec
+
+
+def writer(path: Path) -> OpenImageIO.ImageOutput:
+    """A writer for a file of that name; OutputError when there is none."""
+    import OpenImageIO
+
+    out = OpenImageIO.ImageOutput.create(str(path))
+    if out is None:
+        raise OutputError(f"cannot write {path}: {one_line(OpenImageIO.geterror())}")
+    return out
+
+
+def put(
+    out: OpenImageIO.ImageOutput,
+    path: Path,
+    spec: OpenImageIO.ImageSpec,
+    mode: str,
+    index: int,
+    level: NDArray[np.generic],
+) -> None:
+    """Writes one level; OutputError when that fails."""
+    if not (out.open(str(path), spec, mode) and out.write_image(np.ascontiguousarray(level))):
+        raise OutputError(f"cannot write level {index} of {path}: {one_line(out.geterror())}")
+
+
+def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
+    """Closes a writer; the file is complete only when the last reference to it is gone, too."""
+    if not out.close():
+        raise OutputError(f"cannot write {path}: {one_line(out.geterror())}")
+
+
+def reader(path: Path) -> OpenImageIO.ImageInput:
+    """A reader of a file; InputError when it is not there or no image."""
+    import OpenImageIO
+
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    source = OpenImageIO.ImageInput.open(str(path), config)
+    if source is None:
+        raise InputError(f"cannot read {path}: {one_line(OpenImageIO.geterror())}")
+    return source
+
+
+def take(
+    source: OpenImageIO.ImageInput,
+    path: Path,
+    index: int,
+    size: tuple[int, int],
+    names: tuple[str, ...] | None,
+    stored: str,
+    place: tuple[int, int] = (0, 0),
+) -> NDArray[np.generic]:
+    """One level, (height, width, C), read from the subimage and level of the file that `place` names.
+
+    Args:
+        index: of the level, for sentences.
+        names: of the channels, in the order in which they are given; None takes them as they lie.
+        stored: type of the texels.
+
+    Raises:
+        InputError: it has another size or other channels, or cannot be read.
+    """
+    spec = source.spec()
+    found = list(spec.channelnames)
+    height, width = size
+    if (spec.height, spec.width) != size or (names is not None and set(found) != set(names)):
+        expected = f" with {', '.join(names)}" if names else ""
+        raise InputError(
+            f"level {index} of {path} is {spec.width} x {spec.height} with channels {', '.join(found)}, "
+            f"expected {width} x {height}{expected}: bake or convert it again"
+        )
+    pixels = source.read_image(*place, 0, len(found), stored)
+    if pixels is None or source.has_error:
+        raise InputError(f"cannot read level {index} of {path}: {one_line(source.geterror())}")
+    texels: NDArray[np.generic] = np.asarray(pixels).reshape(height, width, len(found))
+    # OpenEXR sorts channels by name.
+    return texels if names is None or names == tuple(found) else texels[..., [found.index(n) for n in names]]

@@ -1,0 +1,70 @@
+"""UASTC blocks by Basis Universal: what glTF files hold, and graphics cards get transcoded to a format of theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+from mipbake.io import ktx2
+from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.io.oiio_levels import reader
+from mipbake.io.publish import temporary_folder
+
+_QUALITY, _EFFORT = 100, 3
+"""The best quality; more effort takes twice the time for 0.1 dB."""
+
+
+def check_encoder() -> None:
+    """UsageError where the encoder is not installed."""
+    _library()
+
+
+def compressed(levels: Sequence[NDArray[np.generic]], made: GpuFormat) -> tuple[bytes, ...]:
+    """(H, W, 4) uint8 levels of a whole chain to their blocks."""
+    encoder = _library()
+    given = [(np.ascontiguousarray(level).tobytes(), level.shape[1], level.shape[0]) for level in levels]
+    data = encoder.encode_raw_mips_to_ktx2(
+        given,
+        has_alpha=made.channels == 4,
+        codec="uastc",
+        quality=_QUALITY,
+        effort=_EFFORT,
+        srgb=made.srgb,
+        linear=not made.srgb,
+        threads=1,  # maps are encoded side by side already
+        check_for_alpha=False,
+        force_alpha=made.channels == 4,
+    )
+    return ktx2.decoded(data, "the encoder's file").levels
+
+
+def decompressed(texture: GpuTexture) -> list[NDArray[np.generic]]:
+    """(H, W, 4) uint8 texels of every level."""
+    decoder, data = _library(), ktx2.encoded(texture, supercompress=False)
+    levels: list[NDArray[np.generic]] = []
+    with temporary_folder() as folder:
+        path = folder / "level.png"
+        for index in range(len(texture.levels)):
+            path.write_bytes(decoder.decode_ktx2_to_bytes(data, format="png", level=index)[0])
+            source = reader(path)
+            pixels = np.asarray(source.read_image("uint8"), np.uint8)
+            source.close()
+            width, height = level_size(texture.width, texture.height, index)
+            pixels = pixels[:height, :width]  # whole blocks come back
+            levels.append(pixels if pixels.shape[2] == 4 else np.concatenate([pixels, pixels[..., :1] * 0 + 255], -1))
+    return levels
+
+
+def _library() -> ModuleType:
+    try:
+        import alktx2
+    except ImportError:
+        raise UsageError(
+            "UASTC needs the encoder of Basis Universal, which is not installed: install mipbake[uastc], or choose "
+            "other texels, such as ktx2:bc"
+        ) from None
+    return alktx2

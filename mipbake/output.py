@@ -1,0 +1,132 @@
+"""What files are asked for: container, texels, packing, normals and names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from mipbake.errors import UsageError
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
+from mipbake.io.layout import ENCODINGS, LAYOUTS, FileLayout, MapLayout, to_file
+from mipbake.io.map_files import Levels, MapFile
+from mipbake.io.quantise import fits
+from mipbake.packing import SEPARATE, SOURCE, Normals, PackedFile, Wrap, pack
+
+
+@dataclass(frozen=True)
+class Output:
+    """One set of files of a stack.
+
+    Args:
+        format: `FORMAT` or `FORMAT:TEXELS`, as `mipbake.io.containers.FORMATS` lists them; the first texels of a format
+            are its default.
+        packing: a name in `mipbake.packing.PACKINGS`.
+        normals: how normal maps are written.
+        naming: pattern of file names: {set} is the set's name, {file} the file's.
+        names: what {file} is for a file of a packing or a map, where that is not its own name.
+        texels: file name to texels, for files that shall have others than `format` says.
+    """
+
+    format: str = DEFAULT_FORMAT
+    packing: str = SOURCE
+    normals: Normals = field(default_factory=Normals)
+    naming: str = "{file}"
+    names: Mapping[str, str] = field(default_factory=dict)
+    texels: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def container(self) -> Container:
+        """Of all files but those that `texels` names."""
+        return format_named(self.format)
+
+
+def outputs_from(
+    formats: str,
+    packing: str = SOURCE,
+    normals: Normals = Normals(),  # noqa: B008
+) -> tuple[Output, ...]:
+    """Outputs for formats separated by commas, such as "exr,ktx2:uastc". UsageError when one is unknown or twice."""
+    found = [Output(part, packing, normals) for part in split_formats(formats)]
+    names = [output.container.name for output in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(f"format {name} is asked for twice: its files would have the same names")
+    return tuple(found)
+
+
+def split_formats(formats: str) -> list[str]:
+    """Formats that are separated by commas; UsageError where one is empty."""
+    parts = [part.strip() for part in formats.split(",")]
+    if not all(parts):
+        raise UsageError(f"the formats {formats!r} have an empty place: expected names separated by commas")
+    return parts
+
+
+def check_outputs(outputs: Sequence[Output], model: str) -> None:
+    """UsageError where an output cannot hold stacks of a material model, or two would write the same files."""
+    for output in outputs:
+        container = output.container
+        for layout in LAYOUTS[model]:
+            if not container.encodings.issuperset(layout.encodings):
+                raise UsageError(
+                    f"format {container.name}:{container.texels} cannot hold the map {layout.name} of the model "
+                    f"{model}: its logarithms do not fit in 8 or 16 bits, use format {DEFAULT_FORMAT} or another target"
+                )
+    formats = [output.container.name for output in outputs]
+    if len(set(formats)) < len(formats):
+        raise UsageError(f"{', '.join(formats)}: expected every format once, files would have the same names")
+
+
+def planned(
+    output: Output,
+    set_name: str,
+    maps: Sequence[tuple[MapLayout, Levels]],
+    source: Sequence[PackedFile],
+    wrap: Wrap,
+    levels: int | None = None,
+    beside: bool = False,
+) -> list[MapFile]:
+    """The files of an output.
+
+    Args:
+        output: what is asked for.
+        set_name: for names of files.
+        maps: of the stack, with their levels.
+        source: files of the source, where they are known.
+        wrap: addressing.
+        levels: so many of each file; None for all. Containers whose files always hold every level get all.
+        beside: whether there are other outputs: then files whose values no texels of the container hold are left to
+            them.
+
+    A file with values outside 0 to 1 (emission, heights) takes half floats where its texels would be integers and the
+    container has them.
+    """
+    files = []
+    packing = SEPARATE if output.packing == SOURCE and not source else output.packing
+    for packed, chain in pack(maps, packing, source, output.normals, wrap):
+        named = replace(packed, name=_name(output, set_name, packed))
+        container = output.container
+        if packed.name in output.texels:
+            container = FORMATS[container.name][output.texels[packed.name]]
+        container = _fitting(container, named, chain)
+        if beside and not packed.shades and container.encodings != ENCODINGS and not _fits(container, named, chain):
+            continue
+        files.append(MapFile(container, named, chain if container.complete else chain[:levels]))
+    return files
+
+
+def _name(output: Output, set_name: str, packed: FileLayout) -> str:
+    return output.naming.format(set=set_name, file=output.names.get(packed.name, packed.name))
+
+
+def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Container:
+    """The container, or the one of half floats for values that integers cannot hold."""
+    if container.encodings == ENCODINGS or _fits(container, layout, levels):
+        return container
+    return FORMATS[container.name].get("rgba16f") or FORMATS[container.name].get("half") or container
+
+
+def _fits(container: Container, layout: FileLayout, levels: Levels) -> bool:
+    """Whether integers can hold the levels of a file."""
+    srgb = container.srgb(layout)
+    return all(fits(to_file(level, layout.encodings, srgb)) for level in levels)

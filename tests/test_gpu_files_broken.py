@@ -1,0 +1,187 @@
+"""KTX 2 and DDS files that are none, are incomplete or count wrongly: told in a sentence that names the file."""
+
+from __future__ import annotations
+
+import errno
+import struct
+import tempfile
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake.errors import InputError, OutputError
+from mipbake.io import dds, ktx2
+from mipbake.io.blocks import from_blocks
+from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.io.publish import replaced_file
+
+from .gpu_textures import texture
+
+GIVEN = texture(GPU_FORMATS["R8G8B8A8_SRGB"], 12, 5)
+
+
+def told(data: bytes, name: str = "a.ktx2") -> str:
+    """What is said of it."""
+    reader = ktx2.decoded if name.endswith("ktx2") else dds.decoded
+    with pytest.raises(InputError) as caught:
+        reader(data, name)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def changed(data: bytes, place: int, value: int, kind: str = "<I") -> bytes:
+    copy = bytearray(data)
+    struct.pack_into(kind, copy, place, value)
+    return bytes(copy)
+
+
+@pytest.mark.parametrize("supercompress", [False, True])
+def test_no_part_of_a_file_is_a_file(supercompress: bool) -> None:
+    whole = ktx2.encoded(GIVEN, supercompress)
+    for end in range(0, len(whole), 3):
+        told(whole[:end])
+    whole = dds.encoded(GIVEN)
+    for end in range(0, len(whole), 3):
+        told(whole[:end], "a.dds")
+
+
+def test_other_files() -> None:
+    for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(300), b"\xabKTX 11\xbb\r\n\x1a\n" + bytes(300), bytes(300)):
+        assert "no KTX 2 file" in told(data)
+        assert "no DDS file" in told(data, "a.dds")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "part"),
+    [
+        (12, 23, "Vulkan format 23"),
+        (20, 0, "no single two-dimensional texture"),
+        (24, 0, "no single two-dimensional texture"),
+        (28, 2, "no single two-dimensional texture"),
+        (32, 2, "no single two-dimensional texture"),
+        (36, 6, "no single two-dimensional texture"),
+        (40, 0, "0 levels: 12 x 5 texels have 1 to 4"),
+        (40, 5, "5 levels"),
+        (40, 2**32 - 1, "levels"),
+        (20, 65540, "65540 x 5 texels"),
+        (24, 2**31, "65536 along a side"),
+        (44, 1, "supercompression scheme 1"),
+        (44, 3, "supercompression scheme 3"),
+        (20, 16, "level 0"),
+        (48, 2**31, "ends within its header"),
+    ],
+)
+def test_fields_of_ktx2(place: int, value: int, part: str) -> None:
+    assert part in told(changed(ktx2.encoded(GIVEN, False), place, value))
+
+
+@pytest.mark.parametrize("supercompress", [False, True])
+@pytest.mark.parametrize("field", [0, 8, 16], ids=["offset", "length", "inflated"])
+def test_index_of_levels(supercompress: bool, field: int) -> None:
+    data = ktx2.encoded(GIVEN, supercompress)
+    for level in range(4):
+        for value in (2**63, 2**64 - 1):
+            assert f"level {level}" in told(changed(data, 80 + 24 * level + field, value, "<Q"))
+
+
+def test_streams_of_levels() -> None:
+    data = bytearray(ktx2.encoded(GIVEN, True))
+    (at,) = struct.unpack_from("<Q", data, 80)
+    data[at : at + 4] = b"none"
+    assert "level 0 of a.ktx2 is no Zstandard stream" in told(bytes(data))
+
+
+@pytest.mark.parametrize("told_size", [False, True])
+def test_streams_that_inflate_to_more_are_not_inflated(told_size: bool) -> None:
+    """A stream of 2 GiB in the place of level 0: no such amount of memory is asked for."""
+    zstandard = pytest.importorskip("zstandard")
+    packer = zstandard.ZstdCompressor(1, write_content_size=told_size)
+    writer = packer.compressobj(2**31 if told_size else -1)
+    block = bytes(2**24)
+    stream = b"".join(writer.compress(block) for _ in range(2**7)) + writer.flush()
+    data = ktx2.encoded(GIVEN, True)
+    data = changed(changed(data, 80, len(data), "<Q"), 88, len(stream), "<Q") + stream
+    tracemalloc.start()
+    sentence = told(data)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert ("2147483648 bytes" if told_size else "more than 240 bytes") in sentence
+    assert most < 2**22
+
+
+def test_key_value_data() -> None:
+    data = ktx2.encoded(GIVEN, False)
+    values_at, length = struct.unpack_from("<2I", data, 56)
+    assert "key-value data" in told(changed(data, values_at, 2**31))  # an entry longer than all of them
+    assert "key-value data" in told(changed(data, 60, length - 8))  # cut within the last
+    without_end = bytearray(data)
+    without_end[values_at + 4 : values_at + 4 + len(b"KTXorientation\0rd\0")] = b"x" * len(b"KTXorientation\0rd\0")
+    assert "key-value data" in told(bytes(without_end))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "part"),
+    [
+        (12, 0, "no single two-dimensional texture"),
+        (16, 0, "no single two-dimensional texture"),
+        (28, 5, "no single two-dimensional texture"),
+        (84, int.from_bytes(b"DXT1", "little"), "older DDS header"),
+        (128, 95, "DXGI format 95"),
+        (128, 0, "DXGI format 0"),
+        (132, 4, "no single two-dimensional texture"),
+        (136, 4, "no single two-dimensional texture"),
+        (140, 6, "no single two-dimensional texture"),
+        (16, 4096, "ends within level 0"),
+    ],
+)
+def test_fields_of_dds(place: int, value: int, part: str) -> None:
+    assert part in told(changed(dds.encoded(GIVEN), place, value), "a.dds")
+
+
+@pytest.mark.parametrize("supercompress", [False, True])
+def test_bytes_at_random_end_in_no_other_error(supercompress: bool) -> None:
+    """Three bytes of what describes the levels, 500 times: it is read, or told in a sentence."""
+    whole = ktx2.encoded(GIVEN, supercompress)
+    other = dds.encoded(GIVEN)
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(500):
+        for data, reader, end in ((whole, ktx2.decoded, 320), (other, dds.decoded, 148)):
+            broken = bytearray(data)
+            for place in rng.integers(0, end, 3):
+                broken[place] = rng.integers(256)
+            try:
+                reader(bytes(broken), "a file")
+            except InputError as error:
+                refused += 1
+                assert "a file" in str(error)
+    assert refused > 200
+
+
+def test_a_level_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match="level 1 has 4 bytes"):
+        GpuTexture(GPU_FORMATS["R8_UNORM"], 4, 2, (bytes(8), bytes(4)), {})
+
+
+@pytest.mark.parametrize("name", ["BC7", "BC1", "UASTC"])
+def test_no_place_for_temporary_files_is_told(tmp_path, monkeypatch, name: str) -> None:
+    made = next(f for key, f in GPU_FORMATS.items() if key.startswith(name))
+    given = texture(made, 8, 8)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with pytest.raises(OutputError, match=r"cannot write temporary files: .*TMPDIR"):
+        from_blocks(given)
+
+
+@pytest.mark.parametrize(
+    ("number", "part"),
+    [(errno.EFBIG, "larger than"), (errno.EDQUOT, "quota"), (errno.ENOSPC, "disk is full"), (errno.EIO, "permissions")],
+)
+def test_reasons_have_sentences_of_their_own(tmp_path, monkeypatch, number: int, part: str) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, "no")
+
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(OutputError, match=part):
+        replaced_file(tmp_path / "a.ktx2", b"")

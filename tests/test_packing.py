@@ -1,0 +1,282 @@
+"""Packing: sources go out as they came in, engines get what they expect, and nothing is lost on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mipbake
+from mipbake.errors import UsageError
+from mipbake.io.layout import LAYOUTS, extra_layout, to_file
+from mipbake.output import Output
+from mipbake.packing import PACKINGS, Normals, PackedFile, Piece, pack, source_files, unpacked
+from mipbake.prefilter.pixel_filter import level_sizes
+
+from . import packed_sets
+from .gpu_textures import openimageio_levels
+from .input_files import encoded, height_field
+from .packed_sets import AO, COLOUR, METAL, NORMALS, OPACITY, OTHER, ROUGH, box_levels, grey
+from .stacks import gltf_level, smooth
+
+SETS = [packed_sets.orm, packed_sets.mask_map, packed_sets.glossy_directx, packed_sets.two_channels]
+
+
+PNG = Output("png")
+
+
+def out(folder, output=PNG, method="linear"):
+    """Stem to the 8-bit texels of every level, and the stack, of a folder that is baked and written."""
+    stack = mipbake.bake(mipbake.load(folder), method, pixel_filter="box")
+    files = stack.save(folder.parent / "out", [output])
+    levels = {}
+    for path in sorted(files[1:]):
+        stem = path.stem.rpartition("_mip")[0]
+        levels.setdefault(stem, []).append(texels_of(path))
+    return levels, stack
+
+
+def texels_of(path: Path) -> np.ndarray:
+    """(H, W) or (H, W, C) as the file has them."""
+    level = openimageio_levels(path, 4)[0]
+    return level[..., 0] if level.shape[2] == 1 else level
+
+
+def rounded(values: np.ndarray) -> np.ndarray:
+    """The nearest codes of 8 bits."""
+    return np.floor(values.astype(np.float64) * 255 + 0.5).astype(np.uint8)
+
+
+@pytest.mark.parametrize("made", SETS)
+@pytest.mark.parametrize("method", ["linear", "lean"])
+def test_level_0_of_a_source_is_the_same_files_again(tmp_path, made, method) -> None:
+    """Names, channels, gloss and green: `linear` with the box leaves level 0 alone, so texels are those of the source.
+
+    Values that the method works on may come back off by one, through float32.
+    """
+    folder = made(tmp_path / "wood")
+    levels, _ = out(folder, method=method)
+    names = {path.stem for path in folder.iterdir()}
+    assert set(levels) - names <= {"metallic"}  # which these sets lack: it is there for shaders that ask for one
+    for name in names:
+        before = texels_of(folder / f"{name}.png")
+        after = levels[name][0]
+        assert after.shape == before.shape
+        if method == "linear":
+            assert np.abs(after.astype(int) - before).max() <= 1, name
+
+
+def test_channels_of_an_orm(tmp_path) -> None:
+    levels, stack = out(packed_sets.orm(tmp_path / "wood"), method="lean")
+    packed = levels["wood_orm"]
+    assert [level.shape for level in packed] == [(16, 16, 3), (8, 8, 3), (4, 4, 3), (2, 2, 3), (1, 1, 3)]
+    for index, level in enumerate(stack.levels):
+        np.testing.assert_array_equal(packed[index][..., 1], rounded(level[..., 4]))
+        np.testing.assert_array_equal(packed[index][..., 2], rounded(level[..., 3]))
+
+
+@pytest.mark.parametrize("made", [packed_sets.orm, packed_sets.mask_map])
+@pytest.mark.parametrize("method", ["linear", "lean", "vmf"])
+def test_occlusion_and_carried_channels_are_plain_averages(tmp_path, made, method) -> None:
+    """Level 0 is the same bytes, further levels averages of four, whatever the method makes of roughness."""
+    levels, _ = out(made(tmp_path / "wood"), method=method)
+    places = {"wood_orm": {0: AO}} if made is packed_sets.orm else {"wood_mask_map": {1: AO, 2: OTHER}}
+    ((name, channels),) = places.items()
+    for channel, source in channels.items():
+        np.testing.assert_array_equal(levels[name][0][..., channel], source)
+        for found, wanted in zip(levels[name], box_levels(source), strict=True):
+            assert np.abs(found[..., channel] - wanted).max() <= 0.5 + 1e-3
+
+
+def test_gloss_stays_gloss_and_directx_stays_directx(tmp_path) -> None:
+    levels, stack = out(packed_sets.glossy_directx(tmp_path / "wood"), method="lean")
+    for index, level in enumerate(stack.levels):
+        gloss, normal = levels["wood_gloss"][index], levels["wood_normal_dx"][index]
+        np.testing.assert_array_equal(gloss, rounded(1 - level[..., 4].astype(float)))
+        np.testing.assert_array_equal(normal[..., 1], rounded((1 - level[..., 6].astype(float)) / 2))
+    np.testing.assert_array_equal(levels["wood_gloss"][0], ROUGH)
+
+
+@pytest.mark.parametrize("packing", ["separate", "orm", "mask-map", "metallic-smoothness"])
+@pytest.mark.parametrize("convention", ["source", "opengl", "directx"])
+@pytest.mark.parametrize("made", [packed_sets.orm, packed_sets.glossy_directx])
+def test_green_of_normals_in_every_packing(tmp_path, made, packing, convention) -> None:
+    levels, _ = out(made(tmp_path / "wood"), Output("png", packing, Normals(convention)))
+    down = made is packed_sets.glossy_directx if convention == "source" else convention == "directx"
+    wanted = encoded(NORMALS, directx=down)
+    assert np.abs(levels["normal"][0].astype(int) - wanted).max() <= 1
+
+
+def test_two_channels_stay_two(tmp_path) -> None:
+    levels, _ = out(packed_sets.two_channels(tmp_path / "wood"))
+    assert levels["wood_normal"][0].shape == (16, 16, 2)
+    levels, _ = out(tmp_path / "wood", Output("png", "separate"))
+    assert levels["normal"][0].shape == (16, 16, 3)
+    levels, _ = out(packed_sets.orm(tmp_path / "orm"), Output("png", "orm", Normals("opengl", 2)))
+    assert levels["normal"][0].shape == (16, 16, 2)
+
+
+def test_opacity_in_the_alpha_of_base_colours(tmp_path) -> None:
+    whole = np.concatenate([COLOUR, OPACITY[..., None]], -1)
+    folder = packed_sets.write(tmp_path / "wood", wood_base_color=whole, wood_roughness=ROUGH)
+    levels, _ = out(folder)
+    np.testing.assert_array_equal(levels["wood_base_color"][0][..., 3], OPACITY)
+    assert np.abs(levels["wood_base_color"][0][..., :3].astype(int) - COLOUR).max() <= 1
+    levels, _ = out(folder, Output("png", "separate"))
+    assert levels["base_color"][0].shape == (16, 16, 3)
+    np.testing.assert_array_equal(levels["opacity"][0], OPACITY)
+
+
+def test_orm(tmp_path) -> None:
+    levels, _ = out(packed_sets.mask_map(tmp_path / "wood"), Output("png", "orm"))
+    assert set(levels) == {"base_color", "normal", "orm"}
+    wanted = np.stack([AO, 255 - ROUGH, METAL], -1).astype(int)  # smoothness in, roughness out
+    assert np.abs(levels["orm"][0] - wanted).max() <= 1
+    np.testing.assert_array_equal(levels["orm"][0][..., 0], AO)
+    levels, _ = out(packed_sets.glossy_directx(tmp_path / "other"), Output("png", "orm"))
+    assert (levels["orm"][0][..., 0] == 255).all() and (levels["orm"][0][..., 2] == 0).all()  # neither is there
+
+
+def test_mask_map(tmp_path) -> None:
+    levels, _ = out(packed_sets.orm(tmp_path / "wood"), Output("png", "mask-map"))
+    wanted = np.stack([METAL, AO, np.full_like(AO, 255), 255 - ROUGH], -1).astype(int)
+    assert set(levels) == {"base_color", "normal", "mask_map"}
+    assert np.abs(levels["mask_map"][0] - wanted).max() <= 1
+
+
+def test_metallic_smoothness(tmp_path) -> None:
+    levels, _ = out(packed_sets.orm(tmp_path / "wood"), Output("png", "metallic-smoothness"))
+    wanted = np.stack([METAL, METAL, METAL, 255 - ROUGH], -1).astype(int)
+    assert set(levels) == {"base_color", "normal", "metallic_smoothness", "occlusion"}
+    assert np.abs(levels["metallic_smoothness"][0] - wanted).max() <= 1
+
+
+def test_separate(tmp_path) -> None:
+    levels, _ = out(packed_sets.mask_map(tmp_path / "wood"), Output("png", "separate"))
+    assert set(levels) == {"base_color", "normal", "roughness", "metallic", "occlusion"}
+    assert np.abs(levels["roughness"][0].astype(int) - (255 - ROUGH)).max() <= 1
+    np.testing.assert_array_equal(levels["occlusion"][0], AO)
+
+
+@pytest.mark.parametrize("side", [8, 32, 12])
+def test_a_file_has_the_size_of_what_shades(tmp_path, side) -> None:
+    """Occlusion of another size is resampled, baked roughness never is; levels of a common size are the same."""
+    occlusion = grey(5, side)
+    folder = packed_sets.write(tmp_path / "wood", wood_occlusion=occlusion, wood_roughness=ROUGH)
+    levels, stack = out(folder, Output("png", "orm"), method="lean")
+    for index, level in enumerate(stack.levels):
+        found = levels["orm"][index]
+        np.testing.assert_array_equal(found[..., 1], rounded(level[..., 4]))
+    assert [level.shape[0] for level in levels["orm"][:4]] == [16, 8, 4, 2]
+    own = {level.shape[:2]: level[..., 0] for level in stack.extra["occlusion"]}
+    for found, size in zip(levels["orm"], level_sizes(16, 16), strict=True):
+        if size in own:
+            np.testing.assert_array_equal(found[..., 0], rounded(own[size]))
+        assert abs(float(found[..., 0].mean()) - float(occlusion.mean())) < 0.04 * 255
+    assert mipbake.open_stack(tmp_path / "out").levels[0].shape == stack.levels[0].shape
+
+
+def test_coverage_survives_a_file_of_another_size(tmp_path) -> None:
+    """Opacity of half the size that is tested against a cutoff: its levels are the file's from level 1 on."""
+    mask = (grey(6, 8) > 180).astype(np.uint8) * 255
+    folder = packed_sets.write(tmp_path / "wood", wood_opacity=mask, wood_roughness=ROUGH)
+    texture_set = mipbake.load(folder, alpha_cutoff=0.5)
+    stack = mipbake.bake(texture_set, "linear")
+    (file,) = (file for file in stack.files(Output("exr:float", "orm")) if file.layout.name == "base_color")
+    for level, own in zip(file.levels[1:], stack.extra["opacity"], strict=True):
+        np.testing.assert_array_equal(level[..., 3:], own)
+
+
+def test_names_that_differ_by_case_only(tmp_path) -> None:
+    """Where upper and lower case are the same, one file would overwrite the other."""
+    folder = packed_sets.write(tmp_path / "wood", wood_base_color=None, wood_normal_gl=None, wood_roughness=None)
+    for stem, pixels in (("A", COLOUR), ("a", encoded(NORMALS)), ("a_2", ROUGH)):
+        packed_sets.write_image(folder / f"{stem}.png", pixels)
+    maps = {"base_color": "A.png", "normal": "a.png", "roughness": "a_2.png"}
+    texture_set = mipbake.load(folder, maps=maps)
+    names = [file.name for file in source_files(texture_set)]
+    assert len({name.lower() for name in names}) == len(names)
+    stack = mipbake.bake(texture_set, "linear", pixel_filter="box")
+    stack.save(tmp_path / "s", "png")
+    found = mipbake.open_stack(tmp_path / "s").levels[0]
+    assert np.abs(found - stack.levels[0]).max() < 0.01
+
+
+def test_unknown_names_are_usage_errors() -> None:
+    maps = [(layout, [gltf_level((4, 4))[..., layout.channels]]) for layout in LAYOUTS["gltf"]]
+    with pytest.raises(UsageError, match=r"unknown packing 'rgb': expected one of source, separate, orm"):
+        pack(maps, "rgb")
+    with pytest.raises(UsageError, match=r"unknown normal convention 'up': expected source, opengl or directx"):
+        pack(maps, "orm", normals=Normals("up"))
+    with pytest.raises(UsageError, match="base_color cannot be inverted"):
+        pack(maps, "source", [PackedFile(m.name, (Piece(m.name, 0, inverted=True),)) for m, _ in maps])
+
+
+def random_source(draw, maps) -> list[PackedFile]:
+    """Maps of a stack in files at random, up to four channels each; green of normals up or down, some inverted."""
+    files: list[list[Piece]] = [[]]
+    for layout, _ in draw(st.permutations(maps)):
+        count = len(layout.encodings)
+        inverted = [layout.encodings[i] == "unit" and draw(st.booleans()) for i in range(count)]
+        if layout.name == "normal":
+            inverted[1] = draw(st.booleans())
+        if len(files[-1]) + count > 4 or draw(st.booleans()):
+            files.append([])
+        files[-1] += [Piece(layout.name, i, inverted[i]) for i in range(count)]
+    return [PackedFile(f"f{number}", tuple(pieces)) for number, pieces in enumerate(files) if pieces]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_what_is_packed_can_be_unpacked(data) -> None:
+    """In every packing, and with the source's channels anywhere: the maps come back, through what files hold."""
+    height, width = data.draw(st.integers(1, 9)), data.draw(st.integers(1, 9))
+    anisotropic = data.draw(st.booleans())
+    model = "gltf-anisotropic" if anisotropic else "gltf"
+    sizes = level_sizes(height, width)
+    levels = [gltf_level(size, i, anisotropic) for i, size in enumerate(sizes)]
+    maps = [(layout, [level[..., layout.channels] for level in levels]) for layout in LAYOUTS[model]]
+    extras = data.draw(st.sets(st.sampled_from(["occlusion", "opacity", "height", "emissive"])))
+    for role in sorted(extras):
+        channels = 3 if role == "emissive" else 1
+        maps.append((extra_layout(role, channels), [smooth(size, channels, i) for i, size in enumerate(sizes)]))
+    packing = data.draw(st.sampled_from(sorted(PACKINGS)))
+    source = random_source(data.draw, maps) if packing == "source" else []
+    convention = data.draw(st.sampled_from(["source", "opengl", "directx"]))
+    normals = Normals(convention, data.draw(st.sampled_from([2, 3])))
+    files = pack(maps, packing, source, normals)
+    assert all(1 <= len(layout.channels) <= 4 for layout, _ in files)
+    for layout, chain in files:
+        values = [to_file(level, layout.encodings, srgb=False) for level in chain]
+        assert all(value.min() > -1e-6 and value.max() < 1 + 1e-6 for value in values)
+    found = unpacked(files, model)
+    assert set(found) == {layout.name for layout, _ in maps}
+    for layout, chain in maps:
+        for back, level in zip(found[layout.name], chain, strict=True):
+            np.testing.assert_allclose(back, level, atol=2e-3 if layout.name == "normal" else 1e-6)
+
+
+def test_directx_is_told_in_the_layout() -> None:
+    """What is packed for DirectX says so, channel by channel, and file values are those of the flipped vector."""
+    normal = height_field(4, 4).astype(np.float32)
+    maps = [(layout, [gltf_level((4, 4))[..., layout.channels]]) for layout in LAYOUTS["gltf"]]
+    maps = [(layout, [normal] if layout.name == "normal" else chain) for layout, chain in maps]
+    (file,) = (f for f in pack(maps, "separate", normals=Normals("directx")) if f[0].name == "normal")
+    layout, (level,) = file
+    values = to_file(level, layout.encodings, srgb=False)
+    np.testing.assert_allclose(values, (normal * [1, -1, 1] + 1) / 2, atol=1e-6)
+
+
+def test_what_is_not_baked_leaves_the_rest_in_its_place(tmp_path) -> None:
+    """Directions and roughness in one file, for a target without anisotropy."""
+    both = np.dstack([encoded(NORMALS), ROUGH])
+    folder = packed_sets.write(tmp_path / "wood", wood_both=both)
+    texture_set = mipbake.load(folder, maps={"anisotropy": "wood_both.png:RGB", "roughness": "wood_both.png:A"})
+    for target in ("gltf-anisotropic", "gltf"):
+        stack = mipbake.bake(texture_set, "linear", target, "box")
+        (file,) = (file for file in stack.files(Output("png")) if file.layout.name == "wood_both")
+        assert len(file.layout.channels) == 4 and file.layout.channels[3].map == "roughness"
+        np.testing.assert_array_equal(rounded(file.levels[0][..., 3]), rounded(stack.levels[0][..., 4]))
