@@ -8,7 +8,10 @@ import numpy as np
 
 from mipbake import __version__
 from mipbake.errors import UsageError
+from mipbake.io.layout import channels_of
 from mipbake.material import MODELS
+from mipbake.opacity import covering, keeping_coverage, opacity_of, shown
+from mipbake.packing import source_files
 from mipbake.prefilter import method_named
 from mipbake.prefilter.base import say
 from mipbake.prefilter.pixel_filter import filter_named, filtered_levels
@@ -71,7 +74,9 @@ def bake(
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
-        that do not shade (ambient occlusion, height, emissive, opacity), whose level 0 is never altered.
+        that do not shade (ambient occlusion, height, emissive, opacity), whose level 0 is never altered. Where there is
+        opacity, what it hides has no part in the levels; where the set has an `alpha_cutoff`, opacity keeps its
+        coverage on every level.
 
     Raises:
         UsageError: an unknown method, target, filter or weights, one that the method does not have, or a budget that
@@ -81,18 +86,26 @@ def bake(
     model = resolve_target(texture_set, target)
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model
-    stored = texture_set.material(source)
+    seen = shown(texture_set)
+    stored, opacity = seen.material(source), opacity_of(texture_set)
     result = prefilter(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
     if not all(np.isfinite(level).all() for level in result.levels):
         raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
+    levels, promise = result.levels, result.promise
+    if opacity is not None and model.startswith("gltf"):
+        # Both models of glTF store base colours first, as the source does. What was promised was measured before.
+        levels = covering(levels, stored, opacity, channels_of(model, "base_color"), kernel, texture_set.wrap)
+        promise = None
     extra = {}
     for index, (role, texture) in enumerate(texture_set.plain_maps.items()):
         extra[role] = filtered_levels(texture.pixels, "box", texture_set.wrap)
+        if role == "opacity" and texture_set.alpha_cutoff is not None:
+            extra[role] = keeping_coverage(extra[role], texture_set.alpha_cutoff)
         progress("other maps", (index + 1) / len(texture_set.plain_maps))
     return MipStack(
         name=texture_set.name,
         model=model,
-        levels=result.levels,
+        levels=levels,
         extra=extra,
         wrap=texture_set.wrap,
         provenance=Provenance(
@@ -105,6 +118,7 @@ def bake(
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
             warnings=texture_set.warnings,
-            promise=result.promise,
+            promise=promise,
         ),
+        source_files=source_files(texture_set),
     )

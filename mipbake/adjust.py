@@ -1,0 +1,120 @@
+"""What artists ask of a finished stack: level 0 as it was, less of an effect, a floor for the roughness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.bake import bake
+from mipbake.errors import UsageError
+from mipbake.io.layout import LAYOUTS, channels_of
+from mipbake.io.normal import normalised
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+Level = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Adjustments:
+    """Changes of a stack; the defaults change nothing.
+
+    Args:
+        keep_level0: level 0 as the source has it (normals made unit), not filtered by the pixel filter.
+        strength: 1 keeps what was baked, 0 gives plainly averaged maps (`linear` with the box), what lies between a
+            mixture.
+        min_roughness: perceptual roughness that no texel falls below.
+    """
+
+    keep_level0: bool = False
+    strength: float = 1.0
+    min_roughness: float = 0.0
+
+    def __post_init__(self) -> None:
+        """UsageError for what is out of range."""
+        for name, value in (("strength", self.strength), ("min_roughness", self.min_roughness)):
+            if not 0 <= value <= 1:
+                raise UsageError(f"{name} is {value:g}: expected a number from 0 to 1")
+
+    @property
+    def any(self) -> bool:
+        """Whether they change anything."""
+        return self != Adjustments()
+
+    @property
+    def spoken(self) -> tuple[str, ...]:
+        """What they do, in sentences for the provenance."""
+        lines = []
+        if self.strength < 1:
+            lines.append(f"blended towards plain averages: strength {self.strength:g}.")
+        if self.keep_level0:
+            lines.append("level 0 is that of the source, normals made unit: the pixel filter is not in it.")
+        if self.min_roughness:
+            lines.append(f"no roughness is below {self.min_roughness:g}.")
+        return tuple(lines)
+
+
+def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> MipStack:
+    """A stack with adjustments, and without the promise that was measured before them.
+
+    Args:
+        stack: as it was baked from the set, for `gltf` or `gltf-anisotropic`.
+        texture_set: the source.
+        asked: what is to change.
+
+    Raises:
+        UsageError: the stack is of a model whose channels cannot be blended.
+    """
+    if not asked.any:
+        return stack
+    if not stack.model.startswith("gltf"):
+        raise UsageError(f"a stack of the model {stack.model} cannot be adjusted: expected gltf or gltf-anisotropic")
+    levels = list(stack.levels)
+    if asked.strength < 1:
+        plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]
+        levels = [_blend(a, b, asked.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
+    if asked.keep_level0:
+        levels[0] = texture_set.material(stack.model)
+    if asked.min_roughness:
+        roughness = channels_of(stack.model, "roughness")
+        for index, level in enumerate(levels):
+            raised = level.copy()
+            raised[..., roughness] = np.maximum(level[..., roughness], np.float32(asked.min_roughness))
+            levels[index] = raised
+    provenance = replace(stack.provenance, promise=None, adjustments=asked.spoken)
+    return replace(stack, levels=levels, provenance=provenance)
+
+
+def _blend(plain: Level, baked: Level, strength: float, model: str) -> Level:
+    """A mixture of stored channels; vectors are unit again."""
+    share = np.float32(strength)
+    mixed = plain + (baked - plain) * share
+    for layout in LAYOUTS[model]:
+        if layout.name == "normal":
+            mixed[..., layout.channels] = normalised(mixed[..., layout.channels])
+        elif layout.name == "anisotropy":
+            first = layout.channels.start
+            mixed[..., first : first + 2] = _directions(
+                plain[..., layout.channels], baked[..., layout.channels], strength
+            )
+    return np.ascontiguousarray(mixed, np.float32)
+
+
+def _directions(plain: Level, baked: Level, strength: float) -> Level:
+    """Directions (..., 2) between two of (..., 3): axes have no sign, so doubled angles are mixed, by the strength of
+    the anisotropy.
+    """
+
+    def doubled(direction: Level) -> NDArray[np.float64]:
+        x, y, s = np.moveaxis(direction.astype(np.float64), -1, 0)
+        return np.asarray(np.stack([x * x - y * y, 2 * x * y], -1) * np.square(s)[..., None], np.float64)
+
+    mixed = doubled(plain) * (1 - strength) + doubled(baked) * strength
+    angle = np.arctan2(mixed[..., 1], mixed[..., 0]) / 2
+    direction = np.stack([np.cos(angle), np.sin(angle)], -1)
+    # An axis points where the baked one does, so that neighbours do not cancel each other when they are filtered.
+    turned = np.sum(direction * baked[..., :2], -1, keepdims=True) < 0
+    out: Level = np.where(turned, -direction, direction).astype(np.float32)
+    return out

@@ -1,0 +1,169 @@
+"""Adjustments of a stack: level 0 as it was, less of an effect, a floor for the roughness."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.adjust import Adjustments, adjusted
+from mipbake.errors import UsageError
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+from .input_files import height_field
+from .stacks import smooth, unit
+
+NORMAL, ROUGHNESS, DIRECTION, STRENGTH = slice(5, 8), slice(4, 5), slice(8, 10), slice(10, 11)
+SHAPES = [(16, 16), (13, 6), (1, 9)]
+
+
+def made_set(shape: tuple[int, int] = (16, 16), anisotropic: bool = False, **others: object) -> TextureSet:
+    """Bumpy, of medium roughness."""
+    maps = dict(others)
+    if anisotropic:
+        direction = unit(smooth(shape, 2, 7) - 0.5)
+        maps["anisotropy"] = np.concatenate([direction, smooth(shape, 1, 8)], -1)
+    return TextureSet.from_arrays(
+        "wood",
+        normal=height_field(*shape, steepness=0.8),
+        roughness=smooth(shape, 1, 1) * 0.6,
+        base_color=smooth(shape, 3, 2),
+        metallic=smooth(shape, 1, 3),
+        **maps,
+    )
+
+
+def baked(texture_set: TextureSet, method: str = "vmf") -> MipStack:
+    return mipbake.bake(texture_set, method)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("anisotropic", [False, True])
+def test_keep_level0(shape, anisotropic) -> None:
+    texture_set = made_set(shape, anisotropic)
+    stack = baked(texture_set)
+    source = texture_set.material(stack.model)
+    assert np.abs(stack.levels[0] - source).max() > 1e-3  # the pixel filter has changed it
+    found = adjusted(stack, texture_set, Adjustments(keep_level0=True))
+    np.testing.assert_array_equal(found.levels[0], source)
+    for level, before in zip(found.levels[1:], stack.levels[1:], strict=True):
+        np.testing.assert_array_equal(level, before)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("method", ["vmf", "lean"])
+def test_strength_0_is_plain_averages(shape, method) -> None:
+    """`linear` with the box, whose level 0 is the source."""
+    texture_set = made_set(shape)
+    stack = baked(texture_set, method)
+    plain = mipbake.bake(texture_set, "linear", stack.model, "box")
+    found = adjusted(stack, texture_set, Adjustments(strength=0))
+    for level, wanted in zip(found.levels, plain.levels, strict=True):
+        np.testing.assert_allclose(level, wanted, atol=1e-6)
+    np.testing.assert_allclose(found.levels[0], texture_set.material(stack.model), atol=1e-6)
+
+
+def test_strength_0_of_anisotropy_is_the_axis_of_plain_averages() -> None:
+    """Axes have no sign."""
+    texture_set = made_set(anisotropic=True)
+    stack = baked(texture_set)
+    plain = mipbake.bake(texture_set, "linear", stack.model, "box")
+    found = adjusted(stack, texture_set, Adjustments(strength=0))
+    for level, wanted in zip(found.levels, plain.levels, strict=True):
+        np.testing.assert_allclose(np.delete(level, [8, 9], -1), np.delete(wanted, [8, 9], -1), atol=1e-6)
+        along = np.abs((level[..., DIRECTION] * wanted[..., DIRECTION]).sum(-1))
+        np.testing.assert_allclose(along, 1, atol=1e-5)
+
+
+def test_strength_1_and_no_adjustments_change_nothing() -> None:
+    texture_set = made_set()
+    stack = baked(texture_set)
+    assert adjusted(stack, texture_set, Adjustments()) is stack
+    assert adjusted(stack, texture_set, Adjustments(False, 1.0, 0.0)) is stack
+    assert Adjustments().spoken == ()
+
+
+@pytest.mark.parametrize("anisotropic", [False, True])
+@pytest.mark.parametrize("strength", [0.25, 0.5, 0.9])
+def test_what_lies_between_is_a_mixture(anisotropic, strength) -> None:
+    texture_set = made_set(anisotropic=anisotropic)
+    stack = baked(texture_set)
+    none = adjusted(stack, texture_set, Adjustments(strength=0))
+    found = adjusted(stack, texture_set, Adjustments(strength=strength))
+    for level, plain, full in zip(found.levels, none.levels, stack.levels, strict=True):
+        mixed = (1 - strength) * plain + strength * full
+        others = [i for i in range(level.shape[-1]) if i not in (5, 6, 7, 8, 9)]
+        np.testing.assert_allclose(level[..., others], mixed[..., others], atol=1e-6)
+        np.testing.assert_allclose(np.linalg.norm(level[..., NORMAL], axis=-1), 1, atol=1e-5)
+        # Between the two, along the arc: as near to each as they are to each other.
+        between = (plain[..., NORMAL] * full[..., NORMAL]).sum(-1)
+        for end in (plain, full):
+            assert ((level[..., NORMAL] * end[..., NORMAL]).sum(-1) >= between - 1e-5).all()
+        if anisotropic:
+            np.testing.assert_allclose(np.linalg.norm(level[..., DIRECTION], axis=-1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("floor", [0.4, 0.55, 1.0])
+@pytest.mark.parametrize("others", [{}, {"keep_level0": True}, {"strength": 0.0}])
+def test_min_roughness(floor, others) -> None:
+    texture_set = made_set()
+    stack = baked(texture_set)
+    before = adjusted(stack, texture_set, Adjustments(**others))
+    found = adjusted(stack, texture_set, Adjustments(min_roughness=floor, **others))
+    assert min(level[..., ROUGHNESS].min() for level in before.levels) < floor
+    for level, lower in zip(found.levels, before.levels, strict=True):
+        np.testing.assert_array_equal(level[..., ROUGHNESS], np.maximum(lower[..., ROUGHNESS], np.float32(floor)))
+        np.testing.assert_array_equal(np.delete(level, 4, -1), np.delete(lower, 4, -1))
+
+
+def test_colours_that_opacity_hides_stay_hidden_at_every_strength() -> None:
+    """Only level 0 as the source has it shows them, since that is what was asked for."""
+    opacity = np.ones((16, 16), np.float32)
+    opacity[:, 5:11] = 0
+    colour = np.where(opacity[..., None] > 0, [0, 0.5, 0.2], [1, 0, 0]).astype(np.float32)
+    texture_set = TextureSet.from_arrays(
+        "leaf", normal=height_field(16, 16), roughness=0.4, base_color=colour, opacity=opacity
+    )
+    stack = baked(texture_set)
+    for strength in (0.0, 0.5, 0.9):
+        for keep in (False, True):
+            found = adjusted(stack, texture_set, Adjustments(keep, strength))
+            assert max(level[..., 0].max() for level in found.levels[1:]) < 1e-6
+            assert (found.levels[0][..., 0].max() == 1) == keep
+
+
+def test_the_provenance_says_what_was_done() -> None:
+    texture_set = made_set()
+    stack = baked(texture_set)
+    found = adjusted(stack, texture_set, Adjustments(True, 0.5, 0.1))
+    first, second, third = found.provenance.adjustments
+    assert "strength 0.5" in first and "level 0" in second and "0.1" in third
+    assert found.provenance.promise is None
+    assert replace(found.provenance, adjustments=()) == replace(stack.provenance, promise=None)
+    assert (found.extra, found.source_files) == (stack.extra, stack.source_files)
+
+
+def test_the_provenance_is_saved(tmp_path) -> None:
+    texture_set = made_set()
+    found = adjusted(baked(texture_set), texture_set, Adjustments(min_roughness=0.2))
+    found.save(tmp_path / "s")
+    assert mipbake.open_stack(tmp_path / "s").provenance.adjustments == ("no roughness is below 0.2.",)
+
+
+@pytest.mark.parametrize("given", [{"strength": 1.1}, {"strength": -0.1}, {"min_roughness": 2}])
+def test_what_is_out_of_range(given) -> None:
+    ((name, value),) = given.items()
+    with pytest.raises(UsageError, match=rf"{name} is {value}: expected a number from 0 to 1"):
+        Adjustments(**given)
+    with pytest.raises(UsageError, match="expected a number"):
+        Adjustments(**{name: float("nan")})
+
+
+def test_other_models_cannot_be_adjusted() -> None:
+    texture_set = made_set()
+    stack = mipbake.bake(texture_set, "lean", "ggx")
+    with pytest.raises(UsageError, match="model ggx cannot be adjusted: expected gltf or gltf-anisotropic"):
+        adjusted(stack, texture_set, Adjustments(keep_level0=True))

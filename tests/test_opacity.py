@@ -1,0 +1,233 @@
+"""Opacity: hidden colours have no part in any level, and what is tested against a cutoff keeps its coverage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mipbake
+from mipbake.material import MODELS
+from mipbake.opacity import keeping_coverage, opacity_of, premultiplied, shown
+from mipbake.prefilter import method_named
+from mipbake.prefilter.pixel_filter import FILTERS, filtered_levels
+from mipbake.texture_set import TextureSet
+
+from .input_files import height_field
+from .stacks import smooth, unit
+
+BOTH = ("wrap", "wrap")
+METHODS = ["linear", "toksvig", "vmf", "lean", "godot", "filament", "unreal"]
+
+
+def masked(opacity: np.ndarray, **others: object) -> TextureSet:
+    """What the mask hides is pure red, rough 0 and tilted; the rest has no red at all."""
+    shape = opacity.shape[:2]
+    seen = opacity[..., None] > 0
+    green = np.concatenate([np.zeros((*shape, 1)), smooth(shape, 2, 3)], -1)
+    normal = np.where(seen, height_field(*shape), [0.8, 0, 0.6])
+    maps = {
+        "base_color": np.where(seen, green, [1, 0, 0]),
+        "normal": normal,
+        "roughness": np.where(seen[..., 0], 0.6, 0.0),
+        "opacity": opacity,
+    }
+    return TextureSet.from_arrays("leaf", **(maps | others))
+
+
+def random_mask(shape: tuple[int, int], seed: int = 0, share: float = 0.4) -> np.ndarray:
+    """0 or 1, in blots."""
+    return (smooth(shape, 1, seed)[..., 0] + np.random.default_rng(seed).normal(0, 0.1, shape) > share).astype(float)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pixel_filter", ["box", "gaussian"])
+def test_hidden_colours_are_in_no_level(method, pixel_filter) -> None:
+    texture_set = masked(random_mask((16, 16)))
+    assert texture_set.maps["base_color"].pixels[..., 0].max() == 1
+    stack = mipbake.bake(texture_set, method, "gltf", pixel_filter)
+    for level in stack.levels:
+        assert level[..., 0].max() < 1e-6
+        assert level[..., 4].min() > 0.55  # nor their roughness
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (9, 14), (1, 8), (5, 1)])
+@pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "wrap")])
+@pytest.mark.parametrize("pixel_filter", FILTERS)
+def test_hidden_colours_are_in_no_level_of_any_filter_and_size(shape, wrap, pixel_filter) -> None:
+    opacity = np.zeros(shape)
+    opacity.flat[::3] = 1
+    stack = mipbake.bake(masked(opacity, wrap=wrap), "linear", "gltf", pixel_filter)
+    for level in stack.levels:
+        assert level[..., 0].max() < 1e-6
+
+
+def test_partly_covered_texels_count_by_their_opacity() -> None:
+    """Two texels of opacity 0.2 and 0.8: their average is 0.2 and 0.8 of their colours."""
+    opacity = np.array([[0.2, 0.8]], np.float32)
+    colour = np.array([[[0.9, 0.1, 0.3], [0.1, 0.5, 0.3]]], np.float32)
+    texture_set = TextureSet.from_arrays(
+        "leaf", normal=[[[0, 0, 1]] * 2], roughness=0.5, base_color=colour, opacity=opacity
+    )
+    stack = mipbake.bake(texture_set, "linear", pixel_filter="box")
+    np.testing.assert_allclose(stack.levels[0][..., :3], colour, atol=1e-6)
+    np.testing.assert_allclose(stack.levels[1][0, 0, :3], 0.2 * colour[0, 0] + 0.8 * colour[0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("pixel_filter", FILTERS)
+def test_a_constant_colour_stays(pixel_filter) -> None:
+    rng = np.random.default_rng(1)
+    opacity = rng.random((16, 12)) * (rng.random((16, 12)) > 0.3)
+    texture_set = TextureSet.from_arrays(
+        "leaf", normal=height_field(16, 12), roughness=0.5, base_color=np.full((16, 12, 3), 0.3), opacity=opacity
+    )
+    stack = mipbake.bake(texture_set, "linear", pixel_filter=pixel_filter)
+    for level in stack.levels:
+        np.testing.assert_allclose(level[..., :3], 0.3, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("opacity", [None, 1.0, np.ones((4, 4))], ids=["none", "number", "map"])
+def test_sets_that_hide_nothing_are_bit_for_bit_as_without_opacity(method, opacity) -> None:
+    maps = {"normal": height_field(16, 16), "roughness": smooth((16, 16), 1), "base_color": smooth((16, 16), 3, 4)}
+    texture_set = TextureSet.from_arrays("wood", **maps, opacity=opacity)
+    found = mipbake.bake(texture_set, method, "gltf")
+    stored = texture_set.material("gltf")
+    wanted = method_named(method, None, None)(stored, "gltf", "gltf", "gaussian", BOTH, lambda _share: None)
+    for level, before in zip(found.levels, wanted.levels, strict=True):
+        np.testing.assert_array_equal(level, before)
+
+
+@pytest.mark.parametrize("target", MODELS)
+def test_what_is_wholly_transparent_still_bakes(target) -> None:
+    texture_set = masked(np.zeros((8, 8)))
+    stack = mipbake.bake(texture_set, "lean", target)
+    assert all(np.isfinite(level).all() for level in stack.levels)
+    assert (stack.extra["opacity"][0] == 0).all()
+
+
+@pytest.mark.parametrize("target", ["ggx", "beckmann"])
+def test_hidden_colours_are_in_no_level_of_other_models(target) -> None:
+    """Their diffuse albedo and their reflectance; these count by area, since there is no base colour to weigh."""
+    stack = mipbake.bake(masked(random_mask((16, 16))), "lean", target)
+    for level in stack.levels:
+        assert level[..., 0].max() < 1e-5
+
+
+def test_blended_opacity_is_plain_averages() -> None:
+    opacity = smooth((16, 16), 1, 5)
+    stack = mipbake.bake(masked(opacity[..., 0]), "linear")
+    for level, wanted in zip(stack.extra["opacity"], filtered_levels(opacity, "box", BOTH), strict=True):
+        np.testing.assert_array_equal(level, wanted)
+
+
+def test_a_cutoff_leaves_level_0_and_scales_the_others() -> None:
+    opacity = smooth((16, 16), 1, 5)
+    texture_set = replace(masked(opacity[..., 0]), alpha_cutoff=0.7)
+    stack = mipbake.bake(texture_set, "linear")
+    np.testing.assert_array_equal(stack.extra["opacity"][0], opacity)
+    for level, plain in zip(stack.extra["opacity"][1:], filtered_levels(opacity, "box", BOTH)[1:], strict=True):
+        free = level[..., 0] < 1
+        ratio = level[..., 0][free] / plain[..., 0][free]
+        assert np.ptp(ratio) < 1e-5  # one factor a level
+
+
+def passing(level: np.ndarray, cutoff: float) -> int:
+    """Texels that a shader keeps."""
+    return int((level >= np.float32(cutoff)).sum())
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 10**6), st.floats(0.02, 0.98), st.floats(0.05, 0.95))
+def test_coverage_is_kept_within_a_texel(height, width, seed, cutoff, density) -> None:
+    """Of masks whose averages are all different: as many texels pass as the share of level 0 is, rounded."""
+    rng = np.random.default_rng(seed)
+    mask = rng.random((height, width, 1)) ** (np.log(cutoff) / np.log(1 - density))
+    levels = filtered_levels(mask.astype(np.float32), "box", BOTH)
+    kept = keeping_coverage(levels, cutoff)
+    share = passing(kept[0], cutoff) / levels[0].size
+    np.testing.assert_array_equal(kept[0], levels[0])
+    for level in kept[1:]:
+        assert level.min() >= 0 and level.max() <= 1
+        assert abs(passing(level, cutoff) - share * level.size) <= 1
+
+
+@pytest.mark.parametrize("cutoff", [0.1, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_coverage_after_rounding_to_8_bits(cutoff, seed) -> None:
+    """Rounding moves what lies closer to the cutoff than half a code, and nothing else."""
+    rng = np.random.default_rng(seed)
+    mask = rng.random((32, 32, 1)).astype(np.float32)
+    kept = keeping_coverage(filtered_levels(mask, "box", BOTH), cutoff)
+    share = passing(kept[0], cutoff) / mask.size
+    for level in kept[1:]:
+        codes = np.floor(level * 255 + 0.5)
+        close = int((np.abs(level - cutoff) <= 0.5 / 255).sum())
+        found = int((codes / 255 >= cutoff).sum())
+        assert abs(found - share * level.size) <= 1 + close
+        assert abs(found - share * level.size) <= max(1, 0.03 * level.size)
+
+
+@pytest.mark.parametrize("cutoff", [0.3, 0.5, 0.8])
+def test_coverage_of_masks_of_0_and_1_is_the_nearest_that_a_factor_reaches(cutoff) -> None:
+    """Their averages are often equal, and texels that are equal pass together."""
+    mask = random_mask((32, 32), 3)[..., None].astype(np.float32)
+    levels = filtered_levels(mask, "box", BOTH)
+    share = float(mask.mean())
+    for level, plain in zip(keeping_coverage(levels, cutoff)[1:], levels[1:], strict=True):
+        reachable = [passing(np.clip(plain * np.float32(cutoff / t), 0, 1), cutoff) for t in np.linspace(1e-3, 2, 997)]
+        best = min(abs(count - share * level.size) for count in reachable)
+        assert abs(passing(level, cutoff) - share * level.size) <= best + 1e-6
+
+
+def test_thin_wires_would_vanish_without() -> None:
+    """One column in eight: averaged once, nothing passes a cutoff of 0.6 any more."""
+    mask = np.zeros((16, 16, 1), np.float32)
+    mask[:, ::8] = 1
+    levels = filtered_levels(mask, "box", BOTH)
+    assert passing(levels[1], 0.6) == 0
+    kept = keeping_coverage(levels, 0.6)
+    assert passing(kept[1], 0.6) == levels[1].size / 4  # each is as wide as two of 16 now: the nearest to an eighth
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_masks_that_hide_all_or_nothing(value) -> None:
+    levels = filtered_levels(np.full((8, 8, 1), value, np.float32), "box", BOTH)
+    for level in keeping_coverage(levels, 0.5):
+        np.testing.assert_array_equal(level, value)
+
+
+@pytest.mark.parametrize("size", [(8, 8), (4, 16), (16, 16), (32, 8), (7, 5)])
+def test_opacity_of_another_size(size) -> None:
+    """It hides the same part of the surface."""
+    half = np.zeros((*size, 1), np.float32)
+    half[:, : size[1] // 2] = 1
+    given = {"normal": unit(smooth((16, 16), 3)), "roughness": 0.5, "wrap": BOTH}
+    found = opacity_of(TextureSet.from_arrays("half", opacity=half, **given))
+    assert found is not None and found.shape == (16, 16)
+    centre = found[:, 3:5]
+    assert (centre == 1).all() and (found[:, 11:13] == 0).all()
+    assert opacity_of(TextureSet.from_arrays("all", opacity=np.ones(size), **given)) is None
+
+
+def test_filling_keeps_what_is_seen_and_normals_are_unit() -> None:
+    opacity = random_mask((8, 8), 2).astype(np.float32)
+    given = TextureSet.from_arrays(
+        "mask", normal=unit(smooth((8, 8), 3) - 0.3), roughness=smooth((8, 8), 1), opacity=opacity, wrap=BOTH
+    )
+    stored, filled = given.material("gltf"), shown(given).material("gltf")
+    np.testing.assert_allclose(filled[opacity > 0], stored[opacity > 0], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(filled[..., 5:], axis=-1), 1, atol=1e-6)
+    hidden = opacity == 0
+    assert hidden.any() and not np.allclose(filled[hidden], stored[hidden], atol=1e-3)
+
+
+def test_premultiplied_levels_stay_within_range() -> None:
+    rng = np.random.default_rng(0)
+    colour, opacity = rng.random((8, 8, 3)).astype(np.float32), rng.random((8, 8)).astype(np.float32)
+    baked = [np.ones_like(level) for level in filtered_levels(colour, "mitchell", BOTH)]
+    for level in premultiplied(colour, opacity, baked, "mitchell", BOTH):
+        assert level.min() >= 0 and level.max() <= 1
