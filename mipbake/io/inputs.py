@@ -1,0 +1,106 @@
+"""What a user names as input: folders, files, lists of them, globs; and what kind of input each is."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from mipbake.errors import InputError
+from mipbake.io.names import interpretations
+from mipbake.io.read import IMAGE_SUFFIXES
+from mipbake.io.tiles import is_pattern, tiles_of
+
+Kind = Literal["folder", "udim", "gltf", "materialx", "file"]
+"""A folder of maps, tiles of several texture sets, a glTF or MaterialX file, a single map."""
+
+LIST_MARK = "@"
+
+
+def expand(sources: Sequence[str]) -> list[Path]:
+    """The inputs that arguments stand for, in their order, each once.
+
+    An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds one a line, relative to its
+    folder, without empty lines and those that start with #. An argument or a line that exists nowhere and holds *, ?
+    or [ is a glob: what it finds, sorted; ** crosses folders.
+
+    Raises:
+        InputError: a list that cannot be read or is empty, or a glob that finds nothing.
+    """
+    found: dict[str, Path] = {}
+    for source in sources:
+        if source.startswith(LIST_MARK) and not os.path.lexists(source):
+            paths = _listed(Path(source[len(LIST_MARK) :]))
+        else:
+            paths = _matches(source)
+        for path in paths:
+            found.setdefault(os.path.abspath(path), path)  # noqa: PTH100  Path.resolve would follow links
+    return list(found.values())
+
+
+def kind(path: str | os.PathLike[str]) -> Kind:
+    """What an input is: by its suffix, or by the names of the files in a folder.
+
+    Raises:
+        InputError: it does not exist, or is a file that is none of them.
+    """
+    path = Path(path)
+    if is_pattern(path):
+        return "udim"
+    if path.is_dir():
+        return "udim" if _holds_tiles(path) else "folder"
+    if not path.is_file():
+        raise InputError(f"{path} does not exist: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
+    suffix = path.suffix.lower()
+    if suffix in (".gltf", ".glb"):
+        return "gltf"
+    if suffix == ".mtlx":
+        return "materialx"
+    if suffix in IMAGE_SUFFIXES:
+        return "file"
+    raise InputError(
+        f"{path} is no input: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map; a list of paths is "
+        f"given as {LIST_MARK}FILE"
+    )
+
+
+def _listed(file: Path) -> list[Path]:
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise InputError(f"the list {file} cannot be read ({error.strerror}): expected a text file of paths") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"the list {file} is not UTF-8 text: expected one path a line") from error
+    entries = [entry for line in lines if (entry := line.strip()) and not entry.startswith("#")]
+    if not entries:
+        raise InputError(f"the list {file} holds no path: expected one a line")
+    return [path for entry in entries for path in _matches(entry, file.parent)]
+
+
+def _matches(entry: str, folder: Path = Path()) -> list[Path]:
+    path = folder / entry
+    if os.path.lexists(path) or not any(c in entry for c in "*?["):
+        return [path]
+    # The folder of a list may hold brackets itself: only the entry is a pattern.
+    root = "" if folder == Path() else glob.escape(str(folder))
+    matches = sorted(glob.glob(os.path.join(root, entry), recursive=True))  # noqa: PTH118, PTH207
+    if not matches:
+        raise InputError(f"{path} matches nothing: check the pattern, or quote a name that holds *, ? or [")
+    return [Path(match) for match in matches]
+
+
+def _holds_tiles(folder: Path) -> bool:
+    """Whether maps of a folder, or of the `textures` folder inside where it has none itself, are tiles."""
+    try:
+        inside = sorted(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"{folder} cannot be listed ({error.strerror}): check its permissions") from error
+    maps = [p for p in inside if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    if not maps:
+        textures = [p for p in inside if p.is_dir() and p.name.lower() == "textures"]
+        return bool(textures) and _holds_tiles(textures[0])
+    tiles = tiles_of(maps)
+    # Numbers in the names of other pictures, years for one, are no tiles.
+    return any(interpretations(file.stem) for files in tiles.values() for file in files)

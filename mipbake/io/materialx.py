@@ -1,0 +1,177 @@
+"""MaterialX documents (1.38, 1.39) whose materials point at textures: which file fills which role, and how.
+
+What a document says holds, whatever the names of its files suggest. The shaders that are read are Autodesk Standard
+Surface, glTF PBR, OpenPBR Surface and UsdPreviewSurface.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mipbake.errors import InputError
+from mipbake.io.mtlx_document import Document, Element, Link, Scope, Value, read_document
+from mipbake.io.mtlx_roles import Sources, read_roles
+from mipbake.io.mtlx_shaders import SHADERS
+from mipbake.io.mtlx_trace import Tracer
+from mipbake.io.options import LoadOptions
+from mipbake.io.sources import Log
+from mipbake.io.tiles import is_pattern, pattern_files, tile_options
+
+_CHANNELS = re.compile(":[RGBA]{1,4}$")
+
+
+@dataclass(frozen=True)
+class MtlxMaterial:
+    """A material that `mipbake.load(files, options)` reads.
+
+    Args:
+        name: safe as a folder name, and the document's only one of that name.
+        document: the file that it is from.
+        shader: its surface shader's kind, "standard_surface" and so on.
+        options: what fills every role, with absolute paths. Every role is set, so that names decide nothing.
+        files: of all its textures, those of all tiles included.
+        udim: whether names in `options.maps` hold <UDIM> or <UVTILE>: `tiles` is to be used then.
+        notes: what was found and assumed, in sentences.
+        warnings: what the user should look at, in sentences.
+    """
+
+    name: str
+    document: Path
+    shader: str
+    options: LoadOptions
+    files: tuple[Path, ...]
+    udim: bool
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def tiles(self) -> Mapping[int, tuple[list[Path], LoadOptions]]:
+        """Tile number to the files and the options that `mipbake.load` takes for it; empty without UDIM.
+
+        Raises:
+            InputError: a tile lacks its normal or its roughness map.
+        """
+        patterns = [p for p in _paths(self.options) if is_pattern(p)]
+        numbers = sorted({tile for pattern in patterns for tile in pattern_files(pattern)})
+        own = {tile: tile_options(self.options, tile) for tile in numbers}
+        return {tile: (_paths(options), options) for tile, options in own.items()}
+
+
+def read_materialx(path: str | os.PathLike[str]) -> list[MtlxMaterial]:
+    """The materials of a document that point at textures, in its order.
+
+    A material that cannot be read is left out, and a warning of the first that can says why.
+
+    Raises:
+        InputError: the document cannot be read, or none of its materials: it names textures that are not there, its
+            shaders are of other kinds, or neither normal nor roughness comes from a file.
+    """
+    document = read_document(Path(path))
+    surfaces = _surfaces(document)
+    if not surfaces:
+        raise InputError(f"{document.path} holds no material: expected a surfacematerial with a surface shader")
+    tracer, taken = Tracer(document), set[str]()
+    materials, errors = [], []
+    for surface in surfaces:
+        try:
+            materials.append(_material(document, tracer, surface, taken))
+        except InputError as error:
+            errors.append(str(error))
+    if not materials:
+        others = f"; {len(errors) - 1} more materials cannot be read either" if len(errors) > 1 else ""
+        raise InputError(errors[0] + others)
+    left_out = tuple(f"left out: {error}" for error in errors)
+    materials[0] = replace(materials[0], warnings=materials[0].warnings + left_out)
+    return materials
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """A material's name, its surface shader, and the node that displaces it."""
+
+    name: str
+    shader: Link | None
+    reason: str = ""
+    displacement: Link | None = None
+
+
+def _surfaces(document: Document) -> list[_Surface]:
+    """Every surfacematerial; where there is none, every shader that is known."""
+    found = []
+    for container in (document.root, *document.root.iterfind("nodegraph")):
+        if container.get("nodedef"):
+            continue
+        scope = document.scope if container is document.root else Scope(container, None, document.scope)
+        for node in container.iterfind("surfacematerial"):
+            shader, reason = _shader_of(document, node, "surfaceshader", scope)
+            displacement, _ = _shader_of(document, node, "displacementshader", scope)
+            found.append(_Surface(node.get("name", ""), shader, reason, displacement))
+    if found:
+        return found
+    alone = [node for node in document.root if node.tag in SHADERS]
+    return [_Surface(node.get("name", ""), Link(node, document.scope)) for node in alone]
+
+
+def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> tuple[Link | None, str]:
+    given = document.given(node, name, scope)
+    if not isinstance(given, Link):
+        return None, f"it has no {name}" if given is None or isinstance(given, Value) else f"it names {given.text}"
+    source = document.source_of(given)
+    return (source, "") if isinstance(source, Link) else (None, f"it names {source.text}")
+
+
+def _material(document: Document, tracer: Tracer, surface: _Surface, taken: set[str]) -> MtlxMaterial:
+    where = f"{document.path}: the material {surface.name}"
+    if surface.shader is None:
+        raise InputError(f"{where} cannot be read ({surface.reason}): expected a surface shader")
+    node, scope = surface.shader.node, surface.shader.scope
+    shader = SHADERS.get(node.tag)
+    if shader is None:
+        raise InputError(f"{where} is made of {node.tag}: expected one of {', '.join(SHADERS)}")
+    log = Log(list(document.notes))
+    height = None
+    if surface.displacement is not None and surface.displacement.node.tag == "displacement":
+        height = tracer.input(surface.displacement.node, "displacement", surface.displacement.scope)
+    filled = read_roles(Sources(tracer, node, scope, shader, height), where, log)
+    options = filled.options
+    paths = _paths(options)
+    files: list[Path] = []
+    for file in paths:
+        if is_pattern(file):
+            files += pattern_files(file).values()
+        elif file.is_file():
+            files.append(file)
+        else:
+            raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
+    name = _unique(surface.name or node.get("name", ""), taken)
+    return MtlxMaterial(
+        name,
+        document.path,
+        node.tag,
+        replace(options, name=name),
+        tuple(dict.fromkeys(files)),
+        any(is_pattern(p) for p in paths),
+        tuple(log.notes),
+        tuple(log.warnings),
+    )
+
+
+def _paths(options: LoadOptions) -> list[Path]:
+    """The files and patterns that maps name, each once."""
+    named = [choice for choice in options.maps.values() if isinstance(choice, str)]
+    return list(dict.fromkeys(Path(_CHANNELS.sub("", choice)) for choice in named))
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    """The name in letters and digits of any script, with a number where it is taken already."""
+    base = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", name)).strip("._-") or "material"
+    safe, count = base, 1
+    while safe.casefold() in taken:  # folders of some systems do not tell capitals apart
+        count += 1
+        safe = f"{base}_{count}"
+    taken.add(safe.casefold())
+    return safe

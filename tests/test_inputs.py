@@ -1,0 +1,120 @@
+"""What arguments stand for, and what kind of input a path is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from mipbake.errors import InputError
+from mipbake.io.inputs import expand, kind
+from mipbake.io.read import IMAGE_SUFFIXES
+
+from .input_files import plain_set
+
+
+def touch(folder: Path, *names: str) -> list[Path]:
+    paths = [folder / name for name in names]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    return paths
+
+
+def test_a_glob_is_what_it_finds_sorted(tmp_path: Path) -> None:
+    b, a, deep = touch(tmp_path, "b.png", "a.png", "inner/c.png")
+    assert expand([f"{tmp_path}/*.png"]) == [a, b]
+    assert expand([f"{tmp_path}/?.png", f"{tmp_path}/**/*.png"]) == [a, b, deep]
+
+
+def test_relative_globs_stay_relative(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    touch(tmp_path, "one.mtlx")
+    monkeypatch.chdir(tmp_path)
+    assert expand(["*.mtlx"]) == [Path("one.mtlx")]
+
+
+def test_a_name_with_brackets_that_exists_is_itself(tmp_path: Path) -> None:
+    bracketed, _ = touch(tmp_path, "wood[1].png", "wood1.png")
+    assert expand([str(bracketed)]) == [bracketed]
+
+
+def test_a_glob_that_finds_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\*\.png matches nothing"):
+        expand([f"{tmp_path}/*.png"])
+
+
+def test_what_does_not_exist_stays_as_it_is(tmp_path: Path) -> None:
+    assert expand([f"{tmp_path}/none", "a.<UDIM>.png"]) == [tmp_path / "none", Path("a.<UDIM>.png")]
+
+
+def test_every_input_comes_once_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    a, b = touch(tmp_path, "a.png", "b.png")
+    monkeypatch.chdir(tmp_path)
+    assert expand([str(b), f"{tmp_path}/*.png", "b.png", "./a.png"]) == [b, a]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_list_names_paths_relative_to_itself(tmp_path: Path, encoding: str) -> None:
+    first, second, third = touch(tmp_path, "sets/grün.png", "sets/x/1.png", "sets/x/2.png")
+    listing = tmp_path / "sets" / "list.txt"
+    listing.write_text(f"# sets\n\ngrün.png  \nx/*.png\n{first}\n", encoding=encoding)
+    assert expand([f"@{listing}"]) == [first, second, third]
+
+
+def test_globs_in_a_list_are_free_of_its_folders_name(tmp_path: Path) -> None:
+    (wanted,) = touch(tmp_path, "[ab]/1.png")
+    touch(tmp_path, "a/1.png")
+    listing = tmp_path / "[ab]" / "list"
+    listing.write_text("*.png\n")
+    assert expand([f"@{listing}"]) == [wanted]
+
+
+def test_a_file_whose_name_starts_like_a_list_is_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    touch(tmp_path, "@wood")
+    monkeypatch.chdir(tmp_path)
+    assert expand(["@wood"]) == [Path("@wood")]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "cannot be read"), (b"\n# nothing\n", "holds no path"), (b"\xff\xfe\x00", "is not UTF-8 text")],
+)
+def test_broken_lists_are_refused(tmp_path: Path, content: bytes | None, message: str) -> None:
+    listing = tmp_path / "list.txt"
+    if content is not None:
+        listing.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        expand([f"@{listing}"])
+
+
+def test_kinds_by_suffix(tmp_path: Path) -> None:
+    kinds = {".gltf": "gltf", ".GLB": "gltf", ".mtlx": "materialx"} | dict.fromkeys(IMAGE_SUFFIXES, "file")
+    for suffix, expected in kinds.items():
+        (path,) = touch(tmp_path, f"thing{suffix}")
+        assert kind(path) == expected
+    (other,) = touch(tmp_path, "thing.txt")
+    with pytest.raises(InputError, match=r"thing\.txt is no input.*@FILE"):
+        kind(other)
+    with pytest.raises(InputError, match="does not exist"):
+        kind(tmp_path / "none")
+
+
+def test_kinds_of_folders(tmp_path: Path) -> None:
+    assert kind(plain_set(tmp_path / "plain")) == "folder"
+    touch(tmp_path, "wide/a_color_1024.png", "wide/a_normal_1024.png", "years/trip_1998.jpg", "years/trip_1999.jpg")
+    assert kind(tmp_path / "wide") == kind(tmp_path / "years") == "folder"
+    touch(tmp_path, "tiles/a_color.1001.png", "tiles/a_color.1002.png", "tiles/read.me")
+    touch(tmp_path, "outer/textures/a_color_u1_v1.png", "outer/textures/a_color_u2_v1.png", "outer/license.txt")
+    assert kind(tmp_path / "tiles") == kind(tmp_path / "outer") == "udim"
+    assert kind("a.<UDIM>.png") == "udim"
+    (tmp_path / "empty").mkdir()
+    assert kind(tmp_path / "empty") == "folder"
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs permissions that bind")
+def test_a_folder_that_cannot_be_listed_is_refused(tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0)
+    with pytest.raises(InputError, match="cannot be listed"):
+        kind(locked)

@@ -1,0 +1,394 @@
+"""MaterialX documents: what each shader says, and what the nodes between a texture and it do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.io.materialx import read_materialx
+from mipbake.io.mtlx_shaders import SHADERS
+
+from .input_files import pixels_for, write_image
+from .mtlx_documents import document, image, link, material, node, only, short, surface, value, write_textures
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with textures beside where the document goes."""
+    return write_textures(tmp_path)
+
+
+# --- documents as libraries ship them
+
+
+def test_top_level_nodes_with_displacement(folder: Path) -> None:
+    """Flat documents of scanned material libraries: image nodes beside the shader, height on the material."""
+    body = (
+        image("Wood_Color", "color3", "color.png", 'colorspace="srgb_texture"', "tiledimage")
+        + image("Wood_Metal", "float", "metal.png", "", "tiledimage")
+        + image("Wood_Rough", "float", "rough.png", "", "tiledimage")
+        + image("Wood_NormalGL", "vector3", "normal.png", "", "tiledimage")
+        + image("Wood_Height", "float", "height.png", "", "tiledimage")
+        + node("normalmap", "Wood_nm", "vector3", link("in", "Wood_NormalGL", "vector3"), value("scale", "1.0"))
+        + node(
+            "displacement", "Wood_disp", "displacementshader", link("displacement", "Wood_Height"), value("scale", "1")
+        )
+        + material(
+            "standard_surface",
+            value("base", "1"),
+            link("base_color", "Wood_Color", "color3"),
+            link("metalness", "Wood_Metal"),
+            link("specular_roughness", "Wood_Rough"),
+            link("normal", "Wood_nm", "vector3"),
+            rest='<input name="displacementshader" type="displacementshader" nodename="Wood_disp"/>',
+        )
+    )
+    found = only(document(folder, body, 'version="1.38" colorspace="lin_rec709"'))
+    assert short(found, folder) == {
+        "base_color": "color.png",
+        "normal": "normal.png",
+        "roughness": "rough.png:R",
+        "metallic": "metal.png:R",
+        "height": "height.png:R",
+    }
+    assert (found.name, found.shader, found.udim) == ("Wood", "standard_surface", False)
+    options = found.options
+    assert (options.name, options.colour_space, options.normal_convention) == ("Wood", "sRGB", "opengl")
+    assert options.roughness_is_gloss is False
+    assert options.factors == {}
+    assert found.warnings == ()
+    assert sorted(f.name for f in found.files) == ["color.png", "height.png", "metal.png", "normal.png", "rough.png"]
+    loaded = mipbake.load(found.files, options)
+    assert set(loaded.maps) == {"base_color", "normal", "roughness", "metallic", "height"}
+    assert loaded.maps["base_color"].source.encoding == "sRGB"
+
+
+def test_packed_outputs_of_a_graph_with_a_prefix(folder: Path) -> None:
+    """Documents converted from glTF: a node graph, a file prefix, one image for occlusion, roughness and metallic."""
+    inner = folder / "textures"
+    inner.mkdir()
+    for stem in ("color", "normal", "orm"):
+        (folder / f"{stem}.png").rename(inner / f"{stem}.png")
+    graph = (
+        '<nodegraph name="NG">'
+        + image("base", "color3", "color.png", 'colorspace="srgb_texture"')
+        + image("nrm", "vector3", "normal.png")
+        + image("orm", "vector3", "orm.png")
+        + node("normalmap", "nm", "vector3", link("in", "nrm", "vector3"), value("scale", "0.5"))
+        + '<output name="out_base" type="color3" nodename="base"/><output name="out_nm" type="vector3" nodename="nm"/>'
+        + '<output name="out_orm" type="vector3" nodename="orm"/></nodegraph>'
+    )
+    shader = material(
+        "gltf_pbr",
+        '<input name="base_color" type="color3" nodegraph="NG" output="out_base"/>',
+        '<input name="normal" type="vector3" nodegraph="NG" output="out_nm"/>',
+        '<input name="occlusion" type="float" nodegraph="NG" output="out_orm" channels="x"/>',
+        '<input name="roughness" type="float" nodegraph="NG" output="out_orm" channels="y"/>',
+        '<input name="metallic" type="float" nodegraph="NG" output="out_orm" channels="z"/>',
+    )
+    found = only(document(folder, graph + shader, 'version="1.38" colorspace="lin_rec709" fileprefix="textures/"'))
+    assert short(found, inner) == {
+        "base_color": "color.png",
+        "normal": "normal.png",
+        "roughness": "orm.png:G",
+        "metallic": "orm.png:B",
+        "occlusion": "orm.png:R",
+    }
+    assert found.options.factors == {"normal": 0.5}
+    assert found.warnings == ()
+    packed = pixels_for("packed", 16) / 255
+    loaded = mipbake.load(found.files, found.options)
+    for channel, role in enumerate(("occlusion", "roughness", "metallic")):
+        assert loaded.maps[role].pixels[..., 0] == pytest.approx(packed[..., channel], abs=1e-6)
+
+
+def test_gltf_nodes_with_factors_and_alpha(folder: Path) -> None:
+    body = (
+        image(
+            "base",
+            "multioutput",
+            "rgba.png",
+            'colorspace="srgb_texture"',
+            "gltf_colorimage",
+            value("color", "1,1,1,0.5", "color4"),
+        )
+        + image("nrm", "vector3", "normal.png", "", "gltf_normalmap")
+        + image("orm", "vector3", "orm.png", "", "gltf_image")
+        + node("separate3", "parts", "multioutput", link("in", "orm", "vector3"))
+        + material(
+            "gltf_pbr",
+            link("base_color", "base", "color3", 'output="outcolor"'),
+            link("alpha", "base", "float", 'output="outa"'),
+            value("alpha_mode", "1", "integer"),
+            value("alpha_cutoff", "0.3"),
+            link("normal", "nrm", "vector3"),
+            link("roughness", "parts", "float", 'output="outy"'),
+            value("metallic", "0"),
+        )
+    )
+    found = only(document(folder, body, 'version="1.39"'))
+    expected = {"base_color": "rgba.png", "normal": "normal.png", "roughness": "orm.png:G", "opacity": "rgba.png:A"}
+    assert short(found, folder) == expected | {"metallic": 0.0}
+    assert found.options.alpha_cutoff == 0.3
+    assert found.options.factors == {"opacity": 0.5}
+
+
+@pytest.mark.parametrize(("mode", "cutoff", "kept"), [("0", None, False), ("1", 0.5, True), ("2", None, True)])
+def test_alpha_modes_of_gltf(folder: Path, mode: str, cutoff: float | None, kept: bool) -> None:
+    body = image("mask", "float", "mask.png") + image("rough", "float", "rough.png")
+    inputs = [link("alpha", "mask"), link("roughness", "rough"), value("alpha_mode", mode, "integer")]
+    found = only(document(folder, body + material("gltf_pbr", *inputs)))
+    assert found.options.alpha_cutoff == cutoff
+    assert ("opacity" in short(found, folder)) is kept
+
+
+def test_open_pbr(folder: Path) -> None:
+    body = (
+        image("base", "color3", "color.png", 'colorspace="srgb_rec709_scene"')
+        + image("rough", "float", "rough.png")
+        + image("metal", "float", "metal.png")
+        + image("nrm", "vector3", "normal.png")
+        + image("mask", "float", "mask.png")
+        + image("glow", "color3", "glow.png", 'colorspace="srgb_texture"')
+        + node("normalmap", "nm", "vector3", link("in", "nrm", "vector3"))
+        + material(
+            "open_pbr_surface",
+            value("base_weight", "0.8"),
+            link("base_color", "base", "color3"),
+            link("base_metalness", "metal"),
+            link("specular_roughness", "rough"),
+            value("specular_roughness_anisotropy", "0.5"),
+            link("geometry_normal", "nm", "vector3"),
+            link("geometry_opacity", "mask"),
+            value("emission_luminance", "1000"),
+            link("emission_color", "glow", "color3"),
+        )
+    )
+    found = only(document(folder, body, 'version="1.39"'))
+    assert set(short(found, folder)) == {"base_color", "normal", "roughness", "metallic", "opacity", "emissive"}
+    assert found.options.colour_space == "sRGB"
+    told = " ".join(found.notes)
+    for part in ("base_weight = 0.8", "anisotropy is the constant 0.5", "emission_luminance = 1000"):
+        assert part in told
+    assert mipbake.load(found.files, found.options).source_model == "gltf"
+
+
+def test_usd_preview_surface(folder: Path) -> None:
+    def texture(name: str, file: str, *inputs: str) -> str:
+        return image(name, "multioutput", file, "", "UsdUVTexture", "".join(inputs))
+
+    body = (
+        texture("base", "color.png", value("sourceColorSpace", "sRGB", "string"), value("wrapS", "clamp", "string"))
+        + texture("orm", "orm.png", value("sourceColorSpace", "raw", "string"), value("wrapS", "clamp", "string"))
+        + texture(
+            "nrm",
+            "normal.png",
+            value("scale", "2, 2, 2, 1", "vector4"),
+            value("bias", "-1, -1, -1, 0", "vector4"),
+            value("wrapS", "clamp", "string"),
+        )
+        + texture("height", "height.png")
+        + material(
+            "UsdPreviewSurface",
+            link("diffuseColor", "base", "color3", 'output="rgb"'),
+            link("normal", "nrm", "vector3", 'output="rgb"'),
+            link("roughness", "orm", "float", 'output="g"'),
+            link("metallic", "orm", "float", 'output="b"'),
+            link("displacement", "height", "float", 'output="r"'),
+            link("opacity", "base", "float", 'output="a"'),
+            value("opacityThreshold", "0.25"),
+        )
+    )
+    write_image(folder / "color.png", pixels_for("packed_alpha", 16))
+    found = only(document(folder, body))
+    expected = {"base_color": "color.png", "normal": "normal.png", "roughness": "orm.png:G", "metallic": "orm.png:B"}
+    assert short(found, folder) == expected | {"opacity": "color.png:A", "height": "height.png:R"}
+    assert found.options.wrap == ("clamp", "wrap")
+    assert found.options.alpha_cutoff == 0.25
+    assert found.options.factors == {}
+    assert mipbake.load(found.files, found.options).wrap == ("clamp", "wrap")
+
+
+@pytest.mark.parametrize("shader", SHADERS)
+def test_what_a_shader_leaves_out_is_its_default(folder: Path, shader: str) -> None:
+    body = image("rough", "float", "rough.png") + material(shader, link(SHADERS[shader].inputs["roughness"], "rough"))
+    found = only(document(folder, body))
+    defaults = {role: value for role, value in SHADERS[shader].defaults.items() if role != "roughness"}
+    assert short(found, folder) == defaults | {"roughness": "rough.png:R"}
+    loaded = mipbake.load(found.files, found.options)
+    assert loaded.convention.decided_by == "flat"
+    assert (loaded.maps["metallic"].pixels == np.float32(defaults["metallic"])).all()
+
+
+def test_several_materials_have_names_of_their_own(folder: Path) -> None:
+    names = ["Wood oak", "Wood_oak", "wood/oak"]
+    rough = link("specular_roughness", "rough")
+    body = image("rough", "float", "rough.png") + "".join(material("standard_surface", rough, name=n) for n in names)
+    assert [m.name for m in read_materialx(document(folder, body))] == ["Wood_oak", "Wood_oak_2", "wood_oak_3"]
+
+
+def test_a_material_that_cannot_be_read_does_not_hide_others(folder: Path) -> None:
+    body = surface() + material("standard_surface", value("specular_roughness", "0.1"), name="Glass")
+    found = only(document(folder, body))
+    assert any("left out" in w and "Glass" in w for w in found.warnings)
+
+
+def test_shaders_without_a_material_are_read(folder: Path) -> None:
+    shader = f'<gltf_pbr name="Bare" type="surfaceshader">{link("roughness", "rough")}</gltf_pbr>'
+    assert only(document(folder, image("rough", "float", "rough.png") + shader)).name == "Bare"
+
+
+# --- ways to connect
+
+
+def test_interface_names_inside_and_outside(folder: Path) -> None:
+    graph = (
+        '<nodegraph name="NG"><input name="tex" type="filename" value="rough.png"/>'
+        '<input name="amount" type="float" nodename="half"/>'
+        '<image name="img" type="float"><input name="file" type="filename" interfacename="tex"/></image>'
+        '<multiply name="mul" type="float"><input name="in1" type="float" nodename="img"/>'
+        '<input name="in2" type="float" interfacename="amount"/></multiply>'
+        '<output name="out" type="float" nodename="mul"/></nodegraph>'
+    )
+    half = node("constant", "half", "float", value("value", "0.5"))
+    shader = material("standard_surface", '<input name="specular_roughness" type="float" nodegraph="NG"/>')
+    found = only(document(folder, graph + half + shader))
+    assert short(found, folder)["roughness"] == "rough.png:R"
+    assert found.options.factors == {"roughness": 0.5}
+
+
+def test_nodes_that_the_document_defines(folder: Path) -> None:
+    custom = (
+        '<nodedef name="ND_gloss" node="gloss_of"><input name="tex" type="filename" value=""/>'
+        '<input name="amount" type="float" value="1"/><output name="out" type="float"/></nodedef>'
+        '<nodegraph name="NG_gloss" nodedef="ND_gloss">'
+        '<image name="img" type="float"><input name="file" type="filename" interfacename="tex"/></image>'
+        '<invert name="inv" type="float"><input name="in" type="float" nodename="img"/>'
+        '<input name="amount" type="float" interfacename="amount"/></invert>'
+        '<output name="out" type="float" nodename="inv"/></nodegraph>'
+        '<gloss_of name="g" type="float"><input name="tex" type="filename" value="rough.png"/></gloss_of>'
+    )
+    found = only(document(folder, custom + material("standard_surface", link("specular_roughness", "g"))))
+    assert short(found, folder)["roughness"] == "rough.png:R"
+    assert found.options.roughness_is_gloss is True
+
+
+def test_outputs_of_the_document_and_namespaces(folder: Path) -> None:
+    body = image("rough", "float", "rough.png") + '<output name="o" type="float" nodename="lib:rough"/>'
+    shader = material("standard_surface", '<input name="specular_roughness" type="float" output="o"/>')
+    assert short(only(document(folder, body + shader)), folder)["roughness"] == "rough.png:R"
+
+
+@pytest.mark.parametrize(
+    ("nodes", "expected", "factor", "gloss"),
+    [
+        ([node("extract", "n", "float", link("in", "orm"), value("index", "1", "integer"))], "orm.png:G", 1, False),
+        (
+            [
+                node("separate3", "s", "multioutput", link("in", "orm")),
+                node("dot", "n", "float", link("in", "s", rest='output="outb"')),
+            ],
+            "orm.png:B",
+            1,
+            False,
+        ),
+        ([node("swizzle", "n", "float", link("in", "orm"), value("channels", "z", "string"))], "orm.png:B", 1, False),
+        ([node("convert", "n", "float", link("in", "rough"))], "rough.png:R", 1, False),
+        ([node("invert", "n", "float", link("in", "rough"))], "rough.png:R", 1, True),
+        ([node("subtract", "n", "float", value("in1", "1"), link("in2", "rough"))], "rough.png:R", 1, True),
+        ([node("multiply", "n", "float", link("in1", "rough"), value("in2", "0.75"))], "rough.png:R", 0.75, False),
+        ([node("divide", "n", "float", link("in1", "rough"), value("in2", "2"))], "rough.png:R", 0.5, False),
+        (
+            [node("remap", "n", "float", link("in", "rough"), value("outlow", "1"), value("outhigh", "0"))],
+            "rough.png:R",
+            1,
+            True,
+        ),
+        ([node("range", "n", "float", link("in", "rough"), value("outhigh", "0.5"))], "rough.png:R", 0.5, False),
+        (
+            [node("mix", "n", "float", value("fg", "0"), link("bg", "rough"), value("mix", "0.25"))],
+            "rough.png:R",
+            0.75,
+            False,
+        ),
+        ([node("clamp", "n", "float", link("in", "rough"))], "rough.png:R", 1, False),
+        (
+            [
+                node("invert", "a", "float", link("in", "rough")),
+                node("multiply", "n", "float", link("in1", "a"), value("in2", "0.5")),
+            ],
+            "rough.png:R",
+            0.5,
+            True,
+        ),
+        (
+            [
+                node("invert", "a", "float", link("in", "rough")),
+                node("invert", "n", "float", link("in", "a")),
+            ],
+            "rough.png:R",
+            1,
+            False,
+        ),
+    ],
+)
+def test_nodes_between(folder: Path, nodes: Sequence[str], expected: str, factor: float, gloss: bool) -> None:
+    body = surface(image("orm", "vector3", "orm.png"), *nodes, specular_roughness="n")
+    found = only(document(folder, body))
+    assert short(found, folder)["roughness"] == expected
+    assert found.options.roughness_is_gloss is gloss
+    assert found.options.factors.get("roughness", 1) == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "expected"),
+    [
+        ([], "opengl"),
+        (
+            [
+                node("separate3", "s", "multioutput", link("in", "nrm")),
+                node("invert", "g", "float", link("in", "s", rest='output="outg"')),
+                node(
+                    "combine3",
+                    "turned",
+                    "vector3",
+                    link("in1", "s", rest='output="outr"'),
+                    link("in2", "g"),
+                    link("in3", "s", rest='output="outb"'),
+                ),
+            ],
+            "directx",
+        ),
+    ],
+)
+def test_an_inverted_green_is_directx(folder: Path, nodes: Sequence[str], expected: str) -> None:
+    last = "turned" if nodes else "nrm"
+    normal = node("normalmap", "nm", "vector3", link("in", last), value("scale", "2, 2", "vector2"))
+    found = only(document(folder, surface(image("nrm", "vector3", "normal.png"), *nodes, normal, normal="nm")))
+    assert found.options.normal_convention == expected
+    assert found.options.factors == {"normal": 2}
+    assert mipbake.load(found.files, found.options).convention.name == expected
+
+
+def test_names_do_not_overrule_the_document(folder: Path) -> None:
+    (folder / "rough.png").rename(folder / "wood_gloss.png")
+    (folder / "metal.png").rename(folder / "wood_orm.png")
+    body = (
+        image("r", "float", "wood_gloss.png")
+        + image("m", "float", "wood_orm.png")
+        + material("standard_surface", link("specular_roughness", "r"), link("metalness", "m"))
+    )
+    found = only(document(folder, body))
+    loaded = mipbake.load(found.files, found.options)
+    assert loaded.maps["roughness"].pixels[..., 0] == pytest.approx(pixels_for("roughness", 16)[..., 0] / 255, abs=1e-6)
+    assert not loaded.maps["roughness"].source.inverted
+
+
+def test_the_alpha_of_a_base_colour_is_no_opacity_unless_it_is_connected(folder: Path) -> None:
+    base = image("base", "color3", "rgba.png", 'colorspace="srgb_texture"')
+    found = only(document(folder, surface(base, base_color="base")))
+    assert "opacity" not in mipbake.load(found.files, found.options).maps
