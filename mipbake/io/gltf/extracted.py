@@ -1,0 +1,156 @@
+"""The image files that bakes of glTF materials read: extracted, or written where a factor has no other place."""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+import urllib.parse
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError, OutputError
+from mipbake.io.colour import SRGB, decode, unit_range
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.images import content_key, image_bytes, image_label
+from mipbake.io.layout import srgb_encode
+from mipbake.io.read import Header, read_header, read_image
+
+_SUFFIXES = ("png", "jpg", "jpeg", "webp")
+
+
+def unique_name(name: object, otherwise: str, taken: set[str]) -> str:
+    """A name in the letters and digits of any script that is not taken, whatever the case; it is taken then.
+
+    Args:
+        name: as a document has it. otherwise: what stands for one that has no letters or digits, or is no text.
+        taken: names, casefolded; the new one is added.
+    """
+    readable = unicodedata.normalize("NFC", name) if isinstance(name, str) else ""
+    safe = re.sub(r"[^\w.-]+", "_", readable)[:80].strip("._-") or otherwise
+    found, count = safe, 2
+    while found.casefold() in taken:
+        found, count = f"{safe}_{count}", count + 1
+    taken.add(found.casefold())
+    return found
+
+
+class Extracted:
+    """Files in a folder, one for each image that is asked for; images of equal bytes are one file.
+
+    Args:
+        document: the images are those of.
+        folder: an existing one, for these files alone.
+    """
+
+    def __init__(self, document: Document, folder: Path) -> None:
+        self.document, self.folder = document, folder
+        self._files: dict[str, Path] = {}
+        self._headers: dict[str, Header] = {}
+        self._names: set[str] = set()
+        self._keys: dict[int, str] = {}
+        self._written: dict[tuple[Any, ...], Path] = {}
+
+    def key(self, image: int) -> str:
+        """Of an image's content; equal for equal bytes."""
+        if image not in self._keys:
+            self._keys[image] = content_key(self.document, image, "a texture")
+        return self._keys[image]
+
+    def file(self, image: int) -> Path:
+        """The file of an image, named after the image or its file. What it holds, the material tells."""
+        key = self.key(image)
+        if key not in self._files:
+            data, suffix = image_bytes(self.document, image)
+            path = self.folder / f"{unique_name(self._stem(image), f'image_{image}', self._names)}{suffix}"
+            try:
+                path.write_bytes(data)
+            except OSError as error:
+                raise OutputError(
+                    f"{path} cannot be written ({error.strerror}): check space and permissions"
+                ) from error
+            self._files[key] = path
+        return self._files[key]
+
+    def header(self, image: int) -> Header:
+        """Of an image's file; InputError, which names the document and the image, where any of it is damaged."""
+        key = self.key(image)
+        if key not in self._headers:
+            self._pixels(image)
+            self._headers[key] = read_header(self.file(image))
+        return self._headers[key]
+
+    def _pixels(self, image: int) -> NDArray[Any]:
+        """As they are stored; InputError, which names the document and the image, where they are damaged."""
+        path = self.file(image)
+        try:
+            return read_image(path).pixels
+        except InputError as error:
+            label = image_label(image, self.document.all("images")[image])
+            # The extracted file is gone when this is read.
+            reason = str(error).replace(str(path), "its data")
+            raise InputError(
+                f"{self.document.path}: {label} is no readable PNG, JPEG or WebP image: export it again ({reason})"
+            ) from error
+
+    def _stem(self, image: int) -> str:
+        """What an image is called: by its name, else by its file."""
+        found = self.document.all("images")[image]
+        name, uri = found.get("name"), found.get("uri")
+        if isinstance(name, str) and name:
+            stem, dot, suffix = name.rpartition(".")
+            return stem if dot and suffix.lower() in _SUFFIXES else name
+        if isinstance(uri, str) and uri[:5].lower() != "data:":
+            return PurePosixPath(urllib.parse.unquote(uri).replace("\\", "/")).stem
+        return ""
+
+    def mean_colour(self, image: int) -> NDArray[np.float64]:
+        """(3,) mean of an image's sRGB-encoded colours, linear."""
+        pixels = self._pixels(image)
+        colours = pixels[..., :3] if pixels.shape[-1] >= 3 else pixels[..., :1]
+        linear = decode(np.broadcast_to(colours, (*colours.shape[:2], 3)), SRGB)
+        return np.asarray(linear.mean((0, 1), np.float64))
+
+    def colour(self, linear: NDArray[np.float64]) -> Path:
+        """A file of one texel with a linear colour (3,) in [0, 1], sRGB-encoded in 16 bits."""
+        return self._write(("colour", *np.round(linear, 6)), srgb_encode(linear)[None, None])
+
+    def directions(self, image: int | None, strength: float, rotation: float) -> Path:
+        """A file of anisotropy directions and strengths with strength and rotation of the material in it, in 16 bits.
+
+        Without an image it is one texel: KHR_materials_anisotropy takes (1, 0.5, 1) where there is no texture.
+        """
+        if image is None:
+            stored = np.array([[[1.0, 0.5, 1.0]]])
+        else:
+            stored = unit_range(self._pixels(image)).astype(np.float64)
+            if stored.shape[-1] < 3:
+                raise InputError(
+                    f"{self.document.path}: image {image} has {stored.shape[-1]} channels, an anisotropyTexture needs "
+                    "3: direction in red and green, strength in blue; export it again"
+                )
+        x, y = (stored[..., i] * 2 - 1 for i in (0, 1))
+        length = np.maximum(np.hypot(x, y), 1e-6)
+        c, s = math.cos(rotation), math.sin(rotation)
+        turned = np.stack([(c * x - s * y) / length, (s * x + c * y) / length], -1)
+        values = np.concatenate([(turned + 1) / 2, stored[..., 2:3] * strength], -1)
+        return self._write(("directions", image, strength, rotation), values)
+
+    def _write(self, key: tuple[Any, ...], values: NDArray[np.float64]) -> Path:
+        """(H, W, 3) in [0, 1] to a PNG of 16 bits; one file for one key."""
+        import OpenImageIO
+
+        if key in self._written:
+            return self._written[key]
+        path = self.folder / f"{unique_name(f'made_{len(self._written)}', 'made', self._names)}.png"
+        texels = np.floor(np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
+        output = OpenImageIO.ImageOutput.create(str(path))
+        spec = OpenImageIO.ImageSpec(texels.shape[1], texels.shape[0], 3, "uint16")
+        if output is None or not output.open(str(path), spec) or not output.write_image(np.ascontiguousarray(texels)):
+            raise OutputError(f"{path} cannot be written: check space and permissions")
+        output.close()
+        self._written[key] = path
+        return path

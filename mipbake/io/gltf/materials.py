@@ -1,0 +1,342 @@
+"""What to bake of a glTF document: its materials as texture sets, those that share everything as one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.errors import InputError
+from mipbake.io.gltf.document import Document, Json, member, number
+from mipbake.io.gltf.extracted import Extracted, unique_name
+from mipbake.io.gltf.slots import (
+    ANISOTROPIC,
+    ANISOTROPY,
+    BASE_COLOUR,
+    METALLIC_ROUGHNESS,
+    NORMAL,
+    OCCLUSION,
+    Slot,
+    slot_of,
+)
+from mipbake.io.options import LoadOptions, MapChoice
+
+_UNLIT, _SPECULAR_GLOSSINESS = "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness"
+
+
+@dataclass(frozen=True)
+class GltfBake:
+    """One bake of a document: a texture set, and the materials that it is for.
+
+    Args:
+        name: safe as a folder name, and no other bake's of the document.
+        materials: indices of the materials that show these textures.
+        options: how `mipbake.load` reads the set out of `files`. An `occlusion` map in it is the red channel of the
+            metallicRoughness image, and has to be that of the baked one.
+        files: the images, each in its own file.
+        slots: the slots that baked maps may fill. baseColorTexture is not among them where the base colour has no
+            texture, or one that lies elsewhere on the surface: it stays as it is.
+        notes: what was found, in sentences.
+        warnings: what the user should look at, in sentences.
+    """
+
+    name: str
+    materials: tuple[int, ...]
+    options: LoadOptions
+    files: tuple[Path, ...]
+    slots: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GltfMaterials:
+    """The bakes of a document, and what is to be said of the materials that are in none."""
+
+    bakes: tuple[GltfBake, ...]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class _Material:
+    """A material that can be baked: its index, its slots that share texels, and the factors that enter."""
+
+    index: int
+    name: str
+    slots: dict[str, Slot]
+    elsewhere: Slot | None
+    """Its base colour where that does not share the texels."""
+    occluded: bool
+    roughness: float
+    metallic: float
+    scale: float
+    colour: tuple[float, ...]
+    opacity: bool
+    cutoff: float | None
+    strength: float
+    rotation: float
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def reference(self) -> Slot:
+        return self.slots.get(NORMAL) or self.slots[METALLIC_ROUGHNESS]
+
+
+class _SkippedError(Exception):
+    """A material is left as it is; the sentence says why, `loud` whether the user should look at it."""
+
+    def __init__(self, sentence: str, loud: bool = False) -> None:
+        super().__init__(sentence)
+        self.loud = loud
+
+
+def read_materials(document: Document, folder: Path) -> GltfMaterials:
+    """The materials of a document that have a normal or a metallicRoughness texture, as texture sets.
+
+    Materials whose textures and factors are the same are one set; where on the surface they show it does not matter.
+    roughnessFactor, metallicFactor, the scale of the normal map and the factors of KHR_materials_anisotropy are in the
+    set (`mipbake.io.gltf.write` makes them 1), baseColorFactor and the strength of the occlusion stay in the material.
+
+    Args:
+        document: from `read_document`.
+        folder: an existing, empty one. The images are written there; the caller deletes it.
+
+    Raises:
+        InputError: no material can be baked; an image is missing, damaged or of a kind that cannot be read.
+    """
+    images = Extracted(document, folder)
+    groups: dict[tuple[Any, ...], list[_Material]] = {}
+    notes: list[str] = []
+    warnings: list[str] = []
+    for index, material in enumerate(document.all("materials")):
+        try:
+            found = _material(document, index, material, images)
+            groups.setdefault(_key(found, images), []).append(found)
+        except _SkippedError as skipped:
+            (warnings if skipped.loud else notes).append(str(skipped))
+    if not groups:
+        reasons = [*warnings, *notes]
+        shown = "; ".join(reasons[:3]) + (f"; and {len(reasons) - 3} more" if len(reasons) > 3 else "")
+        raise InputError(
+            f"{document.path} has no material to bake ({shown or 'it has none at all'}): expected one with a normal or "
+            "a metallicRoughness texture"
+        )
+    names: set[str] = set()
+    bakes = [_bake(document, materials, images, names) for materials in groups.values()]
+    return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings))
+
+
+def _label(index: int, material: Json) -> str:
+    name = material.get("name")
+    return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
+
+
+def _material(document: Document, index: int, material: Json, images: Extracted) -> _Material:
+    """A material's slots and factors; _SkippedError where it is left as it is."""
+    where, path = _label(index, material), document.path
+    extensions = member(material, "extensions", where, path)
+    if _UNLIT in extensions:
+        raise _SkippedError(f"{where} is unlit and is left as it is")
+    if _SPECULAR_GLOSSINESS in extensions and "pbrMetallicRoughness" not in material:
+        raise _SkippedError(
+            f"{where} is given in specular and glossiness ({_SPECULAR_GLOSSINESS}) and is left as it is: convert it to "
+            "metallic-roughness to have it baked",
+            loud=True,
+        )
+    names = (NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
+    slots = {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
+    reference = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
+    if reference is None:
+        raise _SkippedError(f"{where} has neither a normal nor a metallicRoughness texture and is left as it is")
+    pbr = member(material, "pbrMetallicRoughness", where, path)
+    anisotropy = extensions.get(ANISOTROPY, {})
+    scale = number(material.get(NORMAL, {}).get("scale", 1.0), f"scale of normalTexture of {where}", path, -1e6, 1e6)
+    if NORMAL in slots and scale < 0:
+        raise _SkippedError(
+            f"{where}: the scale of its normalTexture is {scale:g}, which inverts its bumps along x and y, and is left "
+            "as it is: invert red and green of the normal map and make the scale positive to have it baked",
+            loud=True,
+        )
+    strength = number(anisotropy.get("anisotropyStrength", 0.0), f"anisotropyStrength of {where}", path, 0, 1)
+    if strength == 0:
+        slots.pop(ANISOTROPIC, None)
+    for name in (METALLIC_ROUGHNESS, ANISOTROPIC):
+        if name in slots and slots[name].mapping != reference.mapping:
+            raise _SkippedError(
+                f"{where}: its {name} and its {reference.name} lie on different texture coordinates or have different "
+                "transforms, so that they share no texels to be filtered together; the material is left as it is",
+                loud=True,
+            )
+    base = slots.get(BASE_COLOUR)
+    elsewhere = slots.pop(BASE_COLOUR) if base is not None and base.mapping != reference.mapping else None
+    colour = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
+    if not isinstance(colour, list) or len(colour) != 4:
+        raise InputError(f"{path}: baseColorFactor of {where} is {colour!r}, expected four numbers: export it again")
+    factors = tuple(number(c, f"baseColorFactor of {where}", path, 0, 1) for c in colour)
+    found = _Material(
+        index,
+        where,
+        slots,
+        elsewhere,
+        _occluded(document, material, slots.get(METALLIC_ROUGHNESS), images, where),
+        number(pbr.get("roughnessFactor", 1.0), f"roughnessFactor of {where}", path, 0, 1),
+        number(pbr.get("metallicFactor", 1.0), f"metallicFactor of {where}", path, 0, 1),
+        scale,
+        factors,
+        False,
+        None,
+        strength,
+        number(anisotropy.get("anisotropyRotation", 0.0), f"anisotropyRotation of {where}", path, -1e6, 1e6)
+        if strength
+        else 0.0,
+    )
+    _read_alpha(document, found, material, images)
+    return found
+
+
+def _occluded(document: Document, material: Json, packed: Slot | None, images: Extracted, where: str) -> bool:
+    """Whether the occlusion is the red channel of the metallicRoughness image."""
+    occlusion = slot_of(document, material, OCCLUSION, where)
+    return occlusion is not None and packed is not None and images.key(occlusion.image) == images.key(packed.image)
+
+
+def _read_alpha(document: Document, found: _Material, material: Json, images: Extracted) -> None:
+    """Whether the alpha of the base colour is seen, and the cutoff in its terms."""
+    mode = material.get("alphaMode", "OPAQUE")
+    if mode not in ("OPAQUE", "MASK", "BLEND"):
+        raise InputError(
+            f"{document.path}: alphaMode of {found.name} is {mode!r}, expected OPAQUE, MASK or BLEND: export it again"
+        )
+    base = found.slots.get(BASE_COLOUR)
+    if mode == "OPAQUE" or base is None or images.header(base.image).alpha < 0:
+        return
+    found.opacity = True
+    if mode == "BLEND":
+        return
+    cutoff = number(material.get("alphaCutoff", 0.5), f"alphaCutoff of {found.name}", document.path, 0, 1e6)
+    factor = found.colour[3]
+    if 0 < cutoff <= factor:
+        found.cutoff = cutoff / factor  # the material tests the product
+    else:
+        side = "opaque" if cutoff == 0 else "transparent"
+        found.notes.append(f"{found.name}: no alpha reaches both sides of its cutoff, so that it is {side} everywhere")
+
+
+def _key(found: _Material, images: Extracted) -> tuple[Any, ...]:
+    """Equal for materials that are baked as one: everything that texels are made from."""
+    textures = tuple((name, images.key(slot.image), slot.wrap) for name, slot in sorted(found.slots.items()))
+    constants = (found.roughness, found.metallic, found.scale if NORMAL in found.slots else 1.0)
+    return textures, constants, found.opacity, found.cutoff, found.strength, found.rotation
+
+
+def _bake(document: Document, materials: Sequence[_Material], images: Extracted, names: set[str]) -> GltfBake:
+    first, notes, warnings = materials[0], [n for m in materials for n in m.notes], _sampler_warnings(materials)
+    maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
+    factors: dict[str, float] = {}
+    files: list[Path] = []
+
+    def channels(image: int, letters: str) -> str:
+        path = images.file(image)
+        files.append(path)
+        header = images.header(image)
+        grey = header.channels - (header.alpha >= 0) < 3
+        return f"{path.name}:{'R' if grey and letters != 'A' else letters}"
+
+    def made(path: Path) -> str:
+        files.append(path)
+        return f"{path.name}:RGB"
+
+    maps["base_color"] = _base_colour(materials, images, channels, made, notes)
+    if NORMAL in first.slots:
+        maps["normal"] = channels(first.slots[NORMAL].image, "RGB")
+        _factor(factors, "normal", first.scale)
+    packed = first.slots.get(METALLIC_ROUGHNESS)
+    for role, letter, value in (("roughness", "G", first.roughness), ("metallic", "B", first.metallic)):
+        maps[role] = value if packed is None else channels(packed.image, letter)
+        if packed is not None:
+            _factor(factors, role, value)
+    if packed is not None and any(m.occluded for m in materials):
+        maps["occlusion"] = channels(packed.image, "R")
+        notes.append("the occlusion is the red channel of the metallicRoughness image and stays there")
+    if first.opacity:
+        maps["opacity"] = channels(first.slots[BASE_COLOUR].image, "A")
+    if first.strength:
+        texture = first.slots.get(ANISOTROPIC)
+        if texture is not None and first.strength == 1 and first.rotation == 0:
+            maps["anisotropy"] = channels(texture.image, "RGB")
+        else:
+            image = None if texture is None else texture.image
+            maps["anisotropy"] = made(images.directions(image, first.strength, first.rotation))
+    if factors:
+        shown = ", ".join(f"{role} {value:g}" for role, value in factors.items())
+        notes.append(f"factors of the material are baked into the textures and become 1 there: {shown}")
+    if len(materials) > 1:
+        notes.append(f"{', '.join(m.name for m in materials)} share these textures, which are baked once")
+    name = unique_name(document.all("materials")[first.index].get("name"), f"material_{first.index}", names)
+    options = LoadOptions(
+        maps=maps,
+        colour_space="sRGB",
+        normal_convention="opengl",
+        wrap=first.reference.wrap,
+        name=name,
+        factors=factors,
+        alpha_cutoff=first.cutoff,
+    )
+    slots = [s for s in (BASE_COLOUR,) if s in first.slots] + [METALLIC_ROUGHNESS, NORMAL, ANISOTROPIC]
+    indices = tuple(m.index for m in materials)
+    return GltfBake(name, indices, options, tuple(dict.fromkeys(files)), tuple(slots), tuple(notes), tuple(warnings))
+
+
+def _base_colour(
+    materials: Sequence[_Material], images: Extracted, channels: Any, made: Any, notes: list[str]
+) -> MapChoice:
+    """The texture, or the mean over the materials of what is seen where there is none among the shared texels."""
+    first = materials[0]
+    if BASE_COLOUR in first.slots:
+        texture: str = channels(first.slots[BASE_COLOUR].image, "RGB")
+        return texture
+    notes += [
+        f"{m.name}: its base colour lies elsewhere on the surface than its {m.reference.name} and is left as it is"
+        for m in materials
+        if m.elsewhere is not None
+    ]
+    colours = [images.mean_colour(m.elsewhere.image) if m.elsewhere else np.array(m.colour[:3]) for m in materials]
+    colour = np.mean(colours, 0)
+    if np.ptp(colour) < 1e-6:
+        return float(np.clip(colour[0], 0, 1))
+    file: str = made(images.colour(colour))
+    return file
+
+
+def _factor(factors: dict[str, float], role: str, value: float) -> None:
+    if not math.isclose(value, 1.0, abs_tol=1e-9):
+        factors[role] = value
+
+
+def _sampler_warnings(materials: Sequence[_Material]) -> list[str]:
+    found = []
+    for material in materials:
+        slots = list(material.slots.values())
+        bare = [s.name for s in slots if s.without_levels]
+        if bare:
+            found.append(
+                f"{material.name}: the samplers of {', '.join(bare)} show level 0 alone (minFilter NEAREST or LINEAR), "
+                "so that the other levels will not be seen: set LINEAR_MIPMAP_LINEAR"
+            )
+        other = [s.name for s in slots if s.wrap != material.reference.wrap]
+        if other:
+            found.append(
+                f"{material.name}: {', '.join(other)} repeat otherwise at the borders than {material.reference.name}, "
+                "which all are filtered by"
+            )
+        mirrored = [s.name for s in slots if s.mirrored]
+        if mirrored:
+            found.append(
+                f"{material.name}: {', '.join(mirrored)} are mirrored at the borders, and are filtered as if clamped"
+            )
+    return found

@@ -1,0 +1,98 @@
+"""What the URIs of a glTF file lead to: data within them, and files beside it (specification, section 2.8)."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import posixpath
+import re
+import urllib.parse
+from pathlib import Path
+
+from mipbake.errors import InputError
+
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # longer than a letter: C: is a drive
+
+
+def is_remote(uri: str) -> bool:
+    """Whether a URI names a scheme other than data, so that it is no file beside the document."""
+    return bool(_SCHEME.match(uri)) and not _is_data(uri)
+
+
+def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
+    """The bytes that a URI stands for.
+
+    Args:
+        uri: as the document has it: a data URI, or a path relative to the document's folder, percent-encoded.
+        document: the file that says so.
+        what: what it should be, for messages ("image 3 (bark)").
+        within: whether the file must lie within the document's folder. Exporters write ../textures, and what is no
+            image is refused as one later; other bytes of files elsewhere must not get into what is written.
+
+    Raises:
+        InputError: damaged data, a missing file, a path out of the document's folder or an address in a network.
+    """
+    if _is_data(uri):
+        return _data(uri, document, what)
+    if is_remote(uri) or any(_leaves(text, within) for text in _spellings(uri)):
+        raise InputError(
+            f"{what} of {document} lies at {_short(uri)}: expected a path relative to the file, within its folder, so "
+            "put the file beside it and name it so"
+        )
+    named = _existing(uri, document)
+    if named is None:
+        raise InputError(
+            f"{what} of {document} is the file {_short(urllib.parse.unquote(uri))}, which does not exist beside it: "
+            "copy it there too, or export as GLB"
+        )
+    try:
+        return named.read_bytes()
+    except OSError as error:
+        raise InputError(f"{named} cannot be read ({error.strerror}): check the file and its permissions") from error
+
+
+def _is_data(uri: str) -> bool:
+    return uri[:5].lower() == "data:"
+
+
+def _spellings(uri: str) -> tuple[str, str]:
+    """A URI decoded, and as it stands: some exporters forget to encode."""
+    return urllib.parse.unquote(uri), uri
+
+
+def _leaves(path: str, within: bool) -> bool:
+    """Whether a path is absolute, or leads out of the folder that it is relative to where it shall lie `within`."""
+    steps = posixpath.normpath(path.replace("\\", "/"))
+    out = within and steps.split("/", 1)[0] == ".."
+    return out or steps.startswith("/") or bool(re.match(r"[A-Za-z]:[\\/]", path))
+
+
+def _existing(uri: str, document: Path) -> Path | None:
+    """The file of the first spelling that is one."""
+    for text in _spellings(uri):
+        path = document.parent / text
+        try:
+            if path.is_file():
+                return path
+        except (OSError, ValueError):  # a name too long, or with a zero byte
+            continue
+    return None
+
+
+def _data(uri: str, document: Path, what: str) -> bytes:
+    header, comma, body = uri[5:].partition(",")
+    if not comma:
+        raise InputError(f"{what} of {document} is a data URI without data: expected data:TYPE;base64,...")
+    if not header.lower().endswith(";base64"):
+        return urllib.parse.unquote_to_bytes(body)
+    try:
+        # Some writers percent-encode the padding.
+        return base64.b64decode(urllib.parse.unquote_to_bytes(body), validate=True)
+    except binascii.Error as error:
+        raise InputError(
+            f"{what} of {document} is a data URI whose base64 is damaged ({error}): export or download it again"
+        ) from error
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 120 else text[:117] + "...")

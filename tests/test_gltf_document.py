@@ -1,0 +1,218 @@
+"""Reading glTF documents: the same bytes wherever they lie, and a sentence for whatever is broken."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mipbake.errors import InputError, OutputError
+from mipbake.io.gltf import container
+from mipbake.io.gltf.document import read_document, view_bytes
+from mipbake.io.gltf.images import image_bytes
+
+from .gltf_files import GltfFile, glb, ktx2, many_materials, png
+
+KINDS = ("glb", "external", "embedded")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_images_and_buffers_are_found_wherever_they_lie(kind: str, tmp_path: Path) -> None:
+    made = many_materials()
+    document = read_document(made.write(tmp_path / "many", kind))
+    assert document.buffers == (made.data,)
+    assert document.json["materials"] == made.json["materials"]
+    for index, image in enumerate(made.json["images"]):
+        view = made.json["bufferViews"][image["bufferView"]]
+        expected = made.data[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
+        assert image_bytes(document, index) == (expected, ".png")
+
+
+def test_content_and_not_the_name_tells_the_container(tmp_path: Path) -> None:
+    binary = many_materials().write(tmp_path / "a", "glb").rename(tmp_path / "a.gltf")
+    text = many_materials().write(tmp_path / "b", "embedded").rename(tmp_path / "b.glb")
+    assert read_document(binary).json["materials"] == read_document(text).json["materials"]
+    text.write_bytes(b"\xef\xbb\xbf\n" + text.read_bytes())
+    assert read_document(text).buffers == read_document(binary).buffers
+
+
+def test_padding_and_further_chunks_of_a_glb(tmp_path: Path) -> None:
+    made = GltfFile()
+    made.view(b"12345")
+    document = {**made.json, "buffers": [{"byteLength": 5}]}
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb(document, b"12345", (b"XTRA", b"more")) + b"behind the end")
+    found = read_document(path)
+    assert found.buffers == (b"12345",)
+    assert found.chunks == ((b"XTRA", b"more"),)
+
+
+def test_names_in_uris_are_percent_decoded_and_taken_literally_where_that_fails(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    for name in ("maps/ä b.png", "100%25.png", "up.png"):
+        (tmp_path / name).write_bytes(png(name))
+    uris = {"maps/%C3%A4%20b.png": "maps/ä b.png", "100%25.png": "100%25.png", "maps/../up.png": "up.png"}
+    document = {"asset": {"version": "2.0"}, "images": [{"uri": uri} for uri in uris]}
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps(document))
+    found = read_document(path)
+    assert [image_bytes(found, i)[0] for i in range(3)] == [png(name) for name in uris.values()]
+
+
+def test_data_uris_without_base64_and_with_encoded_padding(tmp_path: Path) -> None:
+    buffers = [
+        {"byteLength": 2, "uri": "data:,%00a"},
+        {"byteLength": 1, "uri": "data:application/gltf-buffer;base64,Yg%3D%3D"},
+    ]
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": buffers}))
+    assert read_document(path).buffers == (b"\0a", b"b")
+
+
+def test_the_content_of_an_image_decides_its_type(tmp_path: Path) -> None:
+    made = GltfFile()
+    jpeg = b"\xff\xd8\xff\xe0 and so on"
+    made.image(jpeg, "a", "image/png")
+    assert image_bytes(read_document(made.write(tmp_path / "a")), 0) == (jpeg, ".jpg")
+
+
+def test_a_placeholder_has_no_bytes_and_is_refused_only_when_they_are_asked_for(tmp_path: Path) -> None:
+    made = GltfFile()
+    made.json["buffers"] = [{"byteLength": 100}]
+    made.image(png("a"), "a")
+    made.json["bufferViews"].append({"buffer": 1, "byteLength": 50})
+    document = read_document(made.write(tmp_path / "a"))
+    assert document.buffers[1] is None
+    with pytest.raises(InputError, match=r"a.glb: image 9 lies in buffer 1, for which the file brings no bytes"):
+        view_bytes(document, 1, "image 9")
+
+
+def _json(**members: Any) -> bytes:
+    return json.dumps({"asset": {"version": "2.0"}, **members}).encode()
+
+
+def _chunk_of(size: int) -> bytes:
+    data = bytearray(glb({"asset": {"version": "2.0"}}, b"1234"))
+    struct.pack_into("<I", data, 12, size)
+    return bytes(data)
+
+
+BUFFER = [{"byteLength": 4, "uri": "data:;base64,MTIzNA=="}]
+BROKEN: dict[str, tuple[bytes, str]] = {
+    "text": (b"hello", "is no glTF file: expected JSON, or a GLB"),
+    "nothing": (b"", "is empty"),
+    "short": (b"glTF", "is cut short after 4 bytes"),
+    "first version": (struct.pack("<4sII", b"glTF", 1, 12), "a GLB of version 1"),
+    "cut": (glb({"asset": {"version": "2.0"}}, b"1234")[:-3], "is cut short: expected 64 bytes, found 61"),
+    "chunk beyond the end": (_chunk_of(1000), "a chunk at byte 12 that claims 1000 bytes where 44 are left"),
+    "chunk header": (struct.pack("<4sII", b"glTF", 2, 16) + b"1234", "ends within the header of a chunk at byte 12"),
+    "no JSON": (struct.pack("<4sIII4s", b"glTF", 2, 20, 0, b"BIN\0"), "whose first chunk is not JSON"),
+    "JSON": (b'{"asset": ', "holds JSON that is damaged"),
+    "UTF-8": (b'{"asset": "\xff"}', "holds JSON that is damaged"),
+    "deep": (b'{"a":' + b"[" * 100000, "holds JSON that is damaged"),
+    "NaN": (b'{"asset": NaN}', "NaN is no number in JSON"),
+    "no asset": (b"{}", "is JSON without asset.version"),
+    "glTF 1": (b'{"asset": {"version": "1.0"}}', "is of glTF version 1.0: expected 2.0"),
+    "later": (b'{"asset": {"version": "2.1", "minVersion": "2.1"}}', "is of glTF version 2.1, and needs 2.1"),
+    "no array": (_json(images={}), "its images are no array of objects"),
+    "no objects": (_json(materials=[1]), "its materials are no array of objects"),
+    "no length": (_json(buffers=[{}]), "buffer 0 has the byteLength None"),
+    "missing file": (_json(buffers=[{"byteLength": 4, "uri": "not%20here.bin"}]), "is the file 'not here.bin', which"),
+    "a zero byte": (_json(buffers=[{"byteLength": 4, "uri": "a%00b"}]), "which does not exist beside it"),
+    "uri": (_json(buffers=[{"byteLength": 4, "uri": 3}]), "the URI of buffer 0 is 3, expected a text"),
+    "network": (_json(buffers=[{"byteLength": 4, "uri": "https://a.b/c"}]), "lies at 'https://a.b/c': expected a path"),
+    "absolute": (_json(buffers=[{"byteLength": 4, "uri": "/etc/c"}]), "lies at '/etc/c': expected a path relative"),
+    "above": (
+        _json(buffers=[{"byteLength": 4, "uri": "../c"}]),
+        "lies at '../c': expected a path relative to the file, within its folder",
+    ),
+    "above, further down": (_json(buffers=[{"byteLength": 4, "uri": "a/../../c"}]), "within its folder"),
+    "above, encoded": (_json(buffers=[{"byteLength": 4, "uri": "%2e%2e%2Fc"}]), "within its folder"),
+    "above, backwards": (_json(buffers=[{"byteLength": 4, "uri": "a\\\\..\\\\..\\\\c"}]), "within its folder"),
+    "absolute, encoded": (_json(buffers=[{"byteLength": 4, "uri": "%2Fetc%2Fpasswd"}]), "within its folder"),
+    "null extensions": (_json(extensionsUsed=None), "its extensionsUsed are no array of names"),
+    "odd extensions": (_json(extensionsRequired=[3]), "its extensionsRequired are no array of names"),
+    "drive": (_json(buffers=[{"byteLength": 4, "uri": "C:\\c.bin"}]), "expected a path relative"),
+    "base64": (_json(buffers=[{"byteLength": 4, "uri": "data:;base64,MTI@NA=="}]), "whose base64 is damaged"),
+    "no comma": (_json(buffers=[{"byteLength": 4, "uri": "data:;base64"}]), "a data URI without data"),
+    "short buffer": (_json(buffers=[{**BUFFER[0], "byteLength": 5}]), "has 4 bytes where 5 are declared"),
+    "short BIN": (glb({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 9}]}, b"1234"), "9 are declared"),
+    "view beyond": (
+        _json(buffers=BUFFER, bufferViews=[{"buffer": 0, "byteOffset": 2, "byteLength": 3}]),
+        "bufferView 0 runs to byte 5 of buffer 0, which has 4",
+    ),
+    "view of none": (_json(bufferViews=[{"buffer": 0, "byteLength": 3}]), "bufferView 0 names 0 of its 0 buffers"),
+    "view length": (_json(buffers=BUFFER, bufferViews=[{"buffer": 0}]), "byteLength of bufferView 0 is None"),
+    "view offset": (
+        _json(buffers=BUFFER, bufferViews=[{"buffer": 0, "byteLength": 1, "byteOffset": -1}]),
+        "byteOffset of bufferView 0 is -1",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_files_are_told_in_a_sentence(case: str, tmp_path: Path) -> None:
+    data, message = BROKEN[case]
+    path = tmp_path / "a.gltf"
+    path.write_bytes(data)
+    with pytest.raises(InputError) as caught:
+        read_document(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nothing.glb does not exist"):
+        read_document(tmp_path / "nothing.glb")
+    with pytest.raises(InputError, match="is a folder"):
+        read_document(tmp_path)
+
+
+IMAGES: dict[str, tuple[Callable[[GltfFile], object], str]] = {
+    "KTX 2": (
+        lambda made: made.image(ktx2(1), "k", "image/ktx2"),
+        r"image 0 \(k\) is a KTX 2 texture, compressed already, and",
+    ),
+    "DDS": (lambda made: made.image(b"DDS 1234", "d", "image/vnd-ms.dds"), "is a DDS texture, compressed already"),
+    "AVIF": (lambda made: made.image(b"\0\0\0\x20ftypavif", "v", "image/avif"), "is an AVIF image"),
+    "unknown type": (
+        lambda made: made.image(b"BM1234", "b", "image/bmp"),
+        r"no image type that glTF knows \(image/bmp",
+    ),
+    "no PNG": (lambda made: made.image(b"123456", "b"), "that glTF knows, though it is declared as image/png"),
+    "nowhere": (lambda made: made.json["images"].append({}), "image 0 has neither a bufferView nor a URI"),
+    "view": (lambda made: made.json["images"].append({"bufferView": 7}), "image 0 names 7 of its 0 bufferViews"),
+    "missing": (
+        lambda made: made.json["images"].append({"uri": "sub/a%20b.png"}),
+        r"image 0 \(sub/a%20b.png\) of .* is the file 'sub/a b.png', which does not exist beside it",
+    ),
+    "damaged": (
+        lambda made: made.json["images"].append({"uri": "data:image/png;base64,a"}),
+        "image 0 of .* is damaged",
+    ),
+    "none": (lambda made: None, "a texture names 0 of its 0 images"),
+}
+
+
+@pytest.mark.parametrize("case", IMAGES)
+def test_images_that_cannot_be_read(case: str, tmp_path: Path) -> None:
+    change, message = IMAGES[case]
+    made = GltfFile()
+    change(made)
+    document = read_document(made.write(tmp_path / "a"))
+    with pytest.raises(InputError, match=message):
+        image_bytes(document, 0)
+
+
+def test_a_glb_ends_at_4_gib() -> None:
+    class Huge(bytes):
+        def __len__(self) -> int:
+            return 2**32
+
+    with pytest.raises(OutputError, match="a GLB holds at most 4 GiB"):
+        container.packed(b"{}", Huge(b"a"))

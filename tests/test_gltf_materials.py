@@ -1,0 +1,447 @@
+"""What is baked of a glTF document: which materials together, from which channels, with which factors."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake.errors import InputError
+from mipbake.io.colour import srgb_to_linear
+from mipbake.io.discover import find
+from mipbake.io.gltf.document import read_document
+from mipbake.io.gltf.materials import GltfBake, GltfMaterials, read_materials
+from mipbake.io.read import read_image
+from mipbake.texture_set import load
+
+from .gltf_files import (
+    BASE,
+    BRUSHED,
+    COMBED,
+    DIRECTIONS,
+    FENCE,
+    FENCE_NORMAL,
+    FOREIGN,
+    FOREIGN_NORMAL,
+    LEATHER,
+    LEAVES,
+    NORMAL,
+    ORM,
+    RED_LEATHER,
+    SET1_MR,
+    SET1_NORMAL,
+    SHIFTED,
+    TWO_SETS,
+    WORN_LEATHER,
+    GltfFile,
+    ktx2,
+    many_materials,
+    png,
+)
+from .input_files import height_field, write_image
+
+KINDS = ("glb", "external", "embedded")
+STEMS = [image["name"].replace(" ", "_") for image in many_materials().json["images"]]
+UNUSED = {"opacity": None, "occlusion": None, "height": None, "emissive": None}
+PACKED = {
+    "base_color": f"{STEMS[BASE]}.png:RGB",
+    "normal": f"{STEMS[NORMAL]}.png:RGB",
+    "roughness": f"{STEMS[ORM]}.png:G",
+    "metallic": f"{STEMS[ORM]}.png:B",
+    "occlusion": f"{STEMS[ORM]}.png:R",
+}
+
+
+def materials_of(made: GltfFile, folder: Path, kind: str = "glb") -> GltfMaterials:
+    images = folder / "images"
+    images.mkdir(exist_ok=True)
+    return read_materials(read_document(made.write(folder / "a", kind)), images)
+
+
+def only(made: GltfFile, folder: Path) -> GltfBake:
+    found = materials_of(made, folder)
+    assert len(found.bakes) == 1
+    return found.bakes[0]
+
+
+def simple(base: bytes | None = None, size: int = 8, **members: Any) -> GltfFile:
+    """One material with a normal map (texture 0) and, with `base`, a base colour (texture 1)."""
+    made = GltfFile()
+    made.texture(made.image(png("normal", size), "n"))
+    members = {"normalTexture": {"index": 0}, **members}
+    if base is not None:
+        made.texture(made.image(base, "b"))
+        members["pbrMetallicRoughness"] = {
+            "baseColorTexture": {"index": 1},
+            **members.get("pbrMetallicRoughness", {}),
+        }
+    made.material("Simple", **members)
+    return made
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_material_with_something_to_bake_is_in_one_bake(kind: str, tmp_path: Path) -> None:
+    found = materials_of(many_materials(), tmp_path, kind)
+    bakes = {bake.name: bake for bake in found.bakes}
+    assert {name: bake.materials for name, bake in bakes.items()} == {
+        "Leather": (LEATHER, RED_LEATHER),
+        "leather_2": (WORN_LEATHER,),
+        "Fence": (FENCE,),
+        "Two_sets": (TWO_SETS,),
+        "Shifted": (SHIFTED,),
+        "Foreign": (FOREIGN,),
+        "Brushed": (BRUSHED,),
+        "material_13": (COMBED,),
+    }
+    assert {k: v for k, v in bakes["Leather"].options.maps.items() if v is not None} == PACKED
+    assert bakes["Leather"].options.maps == bakes["Shifted"].options.maps == bakes["leather_2"].options.maps
+    assert bakes["Leather"].options.factors == {"normal": 0.5, "roughness": 0.8}
+    assert bakes["leather_2"].options.factors == {"normal": 0.5, "roughness": 0.5}
+    assert bakes["Shifted"].options.factors == {"normal": 0.5, "roughness": 0.8, "metallic": 0.25}
+    assert bakes["Fence"].options.maps == UNUSED | {
+        "base_color": f"{STEMS[LEAVES]}.png:RGB",
+        "opacity": f"{STEMS[LEAVES]}.png:A",
+        "normal": f"{STEMS[FENCE_NORMAL]}.png:RGB",
+        "roughness": 0.6,
+        "metallic": 0.0,
+    }
+    assert bakes["Fence"].options.alpha_cutoff == pytest.approx(0.5)
+    assert bakes["Foreign"].options.maps == UNUSED | {
+        "base_color": 1.0,
+        "normal": f"{STEMS[FOREIGN_NORMAL]}.png:RGB",
+        "roughness": 1.0,
+        "metallic": 1.0,
+    }
+    for name, bake in bakes.items():
+        assert bake.options.name == name
+        assert (bake.options.colour_space, bake.options.normal_convention) == ("sRGB", "opengl")
+        assert bake.slots[-3:] == ("metallicRoughnessTexture", "normalTexture", "anisotropyTexture")
+        assert ("baseColorTexture" in bake.slots) == (name in ("Leather", "leather_2", "Fence", "Shifted"))
+    assert [w.split(":")[0].split(" is")[0] for w in found.warnings] == ["material 6 (Apart)", "material 10 (Glossy)"]
+    assert [n.split(")")[0] for n in found.notes] == ["material 7 (Glow", "material 9 (Unlit", "material 11 (Plain"]
+    assert any("share these textures, which are baked once" in note for note in bakes["Leather"].notes)
+    assert any("normal 0.5, roughness 0.8" in note for note in bakes["Leather"].notes)
+    assert not any(bake.warnings for bake in found.bakes)
+
+
+def test_the_sets_are_found_as_they_are_meant(tmp_path: Path) -> None:
+    """Through the discovery that loads them: paths, channels and what is left over."""
+    made = many_materials()
+    for bake in materials_of(made, tmp_path).bakes:
+        found = find(bake.files, bake.options)
+        assert {source.path for source in found.sources.values()} - {None} == set(bake.files)
+        assert not found.warnings and not found.ignored
+        for role, choice in bake.options.maps.items():
+            if isinstance(choice, str):
+                name, channels = choice.split(":")
+                source = found.sources[role]
+                assert (source.path, source.channels) == (tmp_path / "images" / name, channels)
+                assert not source.inverted
+        assert found.convention.decided_by in ("option", "flat")
+    files = sorted(path.name for path in (tmp_path / "images").iterdir())
+    assert files == sorted([f"{stem}.png" for stem in STEMS] + [f"made_{i}.png" for i in range(3)])
+
+
+def test_channels_arrive_in_their_roles(tmp_path: Path) -> None:
+    bake = materials_of(many_materials(), tmp_path).bakes[0]
+    loaded = load(bake.files, bake.options)
+    orm = read_image(tmp_path / "images" / f"{STEMS[ORM]}.png").pixels / np.float32(255)
+    assert loaded.maps["metallic"].pixels[..., 0] == pytest.approx(orm[..., 2], abs=1e-6)
+    assert loaded.maps["occlusion"].pixels[..., 0] == pytest.approx(orm[..., 0], abs=1e-6)
+    assert "opacity" not in loaded.maps
+
+
+def test_base_colour_that_lies_elsewhere_is_its_mean(tmp_path: Path) -> None:
+    made = many_materials()
+    bake = next(bake for bake in materials_of(made, tmp_path).bakes if bake.name == "Two_sets")
+    assert [bake.options.maps[role] for role in ("normal", "roughness", "metallic")] == [
+        f"{STEMS[SET1_NORMAL]}.png:RGB",
+        f"{STEMS[SET1_MR]}.png:G",
+        f"{STEMS[SET1_MR]}.png:B",
+    ]
+    assert any("is left as it is" in note for note in bake.notes)
+    pixels = load(bake.files, bake.options).maps["base_color"].pixels
+    base = read_image(tmp_path / "images" / f"{STEMS[BASE]}.png").pixels / 255.0
+    assert pixels == pytest.approx(np.broadcast_to(srgb_to_linear(base).mean((0, 1)), pixels.shape), abs=2e-5)
+
+
+def test_factors_of_the_base_colour_stand_for_a_texture_that_is_not_there(tmp_path: Path) -> None:
+    made = simple(pbrMetallicRoughness={"baseColorFactor": [0.2, 0.4, 0.6, 1.0]})
+    made.material("Other", normalTexture={"index": 0}, pbrMetallicRoughness={"baseColorFactor": [0.4, 0.6, 0.0, 0.5]})
+    bake = only(made, tmp_path)
+    assert bake.materials == (0, 1)
+    pixels = load(bake.files, bake.options).maps["base_color"].pixels
+    assert pixels[0, 0] == pytest.approx([0.3, 0.5, 0.3], abs=1e-4)
+
+
+def test_images_of_equal_bytes_are_one_texture(tmp_path: Path) -> None:
+    made = simple()
+    made.texture(made.image(png("normal", 8), "the same again"))
+    made.material("Again", normalTexture={"index": 1, "texCoord": 1})
+    made.texture(made.image(png("normal other", 8), "another"))
+    made.material("Another", normalTexture={"index": 2})
+    found = materials_of(made, tmp_path)
+    assert [bake.materials for bake in found.bakes] == [(0, 1), (2,)]
+    assert [file.name for file in found.bakes[0].files] == ["n.png"]
+
+
+def test_anisotropy_takes_strength_and_rotation_in(tmp_path: Path) -> None:
+    made = many_materials()
+    bakes = {bake.materials[0]: bake for bake in materials_of(made, tmp_path).bakes}
+    assert [bake.materials[0] for bake in bakes.values() if "anisotropy" in bake.options.maps] == [BRUSHED, COMBED]
+    turned = load(bakes[BRUSHED].files, bakes[BRUSHED].options).maps["anisotropy"].pixels
+    stored = read_image(tmp_path / "images" / f"{STEMS[DIRECTIONS]}.png").pixels / 255.0
+    angle = np.arctan2(stored[..., 1] * 2 - 1, stored[..., 0] * 2 - 1) + 0.5
+    # Directions are filtered as vectors where a map is smaller than the others; here only texels that both have.
+    assert turned.shape == (16, 16, 3)
+    alone = simple(extensions={"KHR_materials_anisotropy": {"anisotropyTexture": {"index": 1}}})
+    alone.texture(alone.image(png("directions", 8), "d"))
+    alone.json["materials"][0]["extensions"]["KHR_materials_anisotropy"] |= {
+        "anisotropyStrength": 0.5,
+        "anisotropyRotation": 0.5,
+    }
+    (tmp_path / "alone").mkdir()
+    bake = only(alone, tmp_path / "alone")
+    found = load(bake.files, bake.options).maps["anisotropy"].pixels
+    long = np.hypot(stored[..., 0] * 2 - 1, stored[..., 1] * 2 - 1) > 0.1
+    assert found[..., 0][long] == pytest.approx(np.cos(angle)[long], abs=1e-4)
+    assert found[..., 1][long] == pytest.approx(np.sin(angle)[long], abs=1e-4)
+    assert found[..., 2] == pytest.approx(0.5 * stored[..., 2], abs=1e-4)
+    combed = load(bakes[COMBED].files, bakes[COMBED].options).maps["anisotropy"].pixels
+    assert combed == pytest.approx(np.broadcast_to([1, 0, 0.6], combed.shape), abs=1e-4)
+
+
+def test_directions_that_look_grey_stay_directions(tmp_path: Path) -> None:
+    """Turned by 45 degrees, red and green are 0.854: a strength of 0.854 makes blue the same."""
+    value = (1 + math.sqrt(0.5)) / 2
+    extension = {"anisotropyStrength": value, "anisotropyRotation": math.pi / 4}
+    bake = only(simple(extensions={"KHR_materials_anisotropy": extension}), tmp_path)
+    found = load(bake.files, bake.options).maps["anisotropy"].pixels[0, 0]
+    assert found == pytest.approx([math.sqrt(0.5), math.sqrt(0.5), value], abs=1e-4)
+
+
+def test_a_plain_anisotropy_texture_is_taken_as_it_is(tmp_path: Path) -> None:
+    extension = {"anisotropyStrength": 1.0, "anisotropyTexture": {"index": 1}}
+    made = simple(png("directions", 8), extensions={"KHR_materials_anisotropy": extension})
+    bake = only(made, tmp_path)
+    assert bake.options.maps["anisotropy"] == "b.png:RGB"
+    del extension["anisotropyStrength"]  # 0 where it is not there
+    assert "anisotropy" not in only(made, tmp_path).options.maps
+
+
+@pytest.mark.parametrize(
+    ("members", "alpha", "expected"),
+    [
+        ({}, 4, (None, None)),
+        ({"alphaMode": "BLEND"}, 4, ("b.png:A", None)),
+        ({"alphaMode": "BLEND"}, 3, (None, None)),
+        ({"alphaMode": "MASK"}, 4, ("b.png:A", 0.5)),
+        ({"alphaMode": "MASK", "alphaCutoff": 0.3}, 4, ("b.png:A", 0.3)),
+        ({"alphaMode": "MASK", "alphaCutoff": 1.5}, 4, ("b.png:A", None)),
+        ({"alphaMode": "MASK", "alphaCutoff": 0}, 4, ("b.png:A", None)),
+        ({"alphaMode": "MASK"}, 3, (None, None)),
+    ],
+)
+def test_alpha(members: dict[str, Any], alpha: int, expected: tuple[object, object], tmp_path: Path) -> None:
+    bake = only(simple(png("base", 8, alpha), **members), tmp_path)
+    assert (bake.options.maps["opacity"], bake.options.alpha_cutoff) == expected
+    assert any("of its cutoff" in note for note in bake.notes) == (members.get("alphaCutoff") in (0, 1.5))
+
+
+def test_channels_of_grey_images(tmp_path: Path) -> None:
+    pbr = {"metallicRoughnessTexture": {"index": 1}}
+    made = simple(png("grey", 8, 1), pbrMetallicRoughness=pbr, occlusionTexture={"index": 1})
+    bake = only(made, tmp_path)
+    maps = {role: bake.options.maps[role] for role in ("base_color", "roughness", "metallic", "occlusion")}
+    assert set(maps.values()) == {"b.png:R"}
+    load(bake.files, bake.options)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "wrap", "warning"),
+    [
+        (None, ("wrap", "wrap"), None),
+        ({}, ("wrap", "wrap"), None),
+        ({"wrapS": 33071}, ("clamp", "wrap"), "repeat otherwise"),
+        ({"wrapS": 33071, "wrapT": 33648}, ("clamp", "clamp"), "are mirrored at the borders"),
+        ({"minFilter": 9729}, ("wrap", "wrap"), "show level 0 alone"),
+    ],
+)
+def test_samplers(sampler: dict[str, int] | None, wrap: tuple[str, str], warning: str | None, tmp_path: Path) -> None:
+    made = simple(png("base", 8))
+    if sampler is None:
+        del made.json["textures"][0]["sampler"]
+    else:
+        made.json["samplers"].append(sampler)
+        made.json["textures"][0]["sampler"] = 1
+    bake = only(made, tmp_path)
+    assert bake.options.wrap == wrap
+    assert any(warning in each for each in bake.warnings) if warning else not bake.warnings
+
+
+def test_borders_that_repeat_otherwise_are_baked_apart(tmp_path: Path) -> None:
+    made = simple()
+    made.json["samplers"].append({"wrapS": 33071})
+    made.texture(0, 1)
+    made.material("Clamped", normalTexture={"index": 1})
+    found = materials_of(made, tmp_path).bakes
+    assert [(bake.materials, bake.options.wrap[0]) for bake in found] == [((0,), "wrap"), ((1,), "clamp")]
+
+
+def test_webp_is_read(tmp_path: Path) -> None:
+    made = GltfFile()
+    webp = write_image(tmp_path / "a.webp", np.tile(np.uint8([128, 128, 255]), (8, 8, 1))).read_bytes()
+    image = made.image(webp, "w", "image/webp")
+    made.json["textures"].append({"extensions": {"EXT_texture_webp": {"source": image}}})
+    made.material("W", normalTexture={"index": 0})
+    bake = only(made, tmp_path)
+    assert bake.options.maps["normal"] == "w.webp:RGB"
+    assert load(bake.files, bake.options).width == 8
+
+
+def test_names_are_safe_and_unique(tmp_path: Path) -> None:
+    made = GltfFile()
+    names = ["../Ä b", "a", "A", "a_2", "", None, "x" * 200, "..."]
+    for index, name in enumerate(names):
+        made.texture(made.image(png(f"normal{index * 'x'}", 8), str(index)))
+        made.material("", normalTexture={"index": index})
+        made.json["materials"][-1]["name"] = name
+    found = [bake.name for bake in materials_of(made, tmp_path).bakes]
+    assert found == ["Ä_b", "a", "A_2", "a_2_2", "material_4", "material_5", "x" * 80, "material_7"]
+
+
+def test_metallic_roughness_beside_specular_glossiness_is_baked(tmp_path: Path) -> None:
+    made = simple(png("base", 8), extensions={"KHR_materials_pbrSpecularGlossiness": {}})
+    assert only(made, tmp_path).materials == (0,)
+
+
+def test_anisotropy_that_lies_elsewhere_leaves_the_material(tmp_path: Path) -> None:
+    extension = {"anisotropyStrength": 1.0, "anisotropyTexture": {"index": 0, "texCoord": 1}}
+    made = simple(extensions={"KHR_materials_anisotropy": extension})
+    made.material("Other", normalTexture={"index": 0})
+    found = materials_of(made, tmp_path)
+    assert [bake.materials for bake in found.bakes] == [(1,)]
+    assert "its anisotropyTexture and its normalTexture lie on different" in found.warnings[0]
+
+
+BROKEN: dict[str, tuple[dict[str, Any], str]] = {
+    "texture": ({"normalTexture": {"index": 5}}, r"normalTexture of material 0 \(Simple\) names 5 of its 1 textures"),
+    "no index": ({"normalTexture": {"scale": 1}}, "names None of its 1 textures"),
+    "info": ({"normalTexture": 3}, r"normalTexture of material 0 \(Simple\) is 3, expected an object"),
+    "pbr": ({"pbrMetallicRoughness": []}, r"is \[\], expected an object"),
+    "roughness": ({"pbrMetallicRoughness": {"roughnessFactor": "1"}}, "roughnessFactor of .* is '1', expected a num"),
+    "metallic": ({"pbrMetallicRoughness": {"metallicFactor": 2}}, "metallicFactor of .* is 2, expected .* from 0 to 1"),
+    "colour": ({"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1]}}, "baseColorFactor .*, expected four numbers"),
+    "scale": ({"normalTexture": {"index": 0, "scale": None}}, "scale of normalTexture .* is None, expected a number"),
+    "alpha": ({"alphaMode": "HASH"}, "alphaMode of .* is 'HASH', expected OPAQUE, MASK or BLEND"),
+    "transform": (
+        {"normalTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": 2}}}},
+        "texture coordinates of normalTexture of .* are not as glTF defines them",
+    ),
+    "strength": (
+        {"extensions": {"KHR_materials_anisotropy": {"anisotropyStrength": 3}}},
+        "anisotropyStrength of .* is 3, expected a number from 0 to 1",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_materials_are_told_in_a_sentence(case: str, tmp_path: Path) -> None:
+    members, message = BROKEN[case]
+    with pytest.raises(InputError, match=message):
+        materials_of(simple(**members), tmp_path)
+
+
+def test_broken_textures_are_told_in_a_sentence(tmp_path: Path) -> None:
+    for change, message in (
+        ({"sampler": 4}, "names 4 of its 1 samplers"),
+        ({"source": 4}, "names 4 of its 1 images"),
+        ({"source": None}, "names None of its 1 images"),
+    ):
+        made = simple()
+        made.json["textures"][0] |= change
+        with pytest.raises(InputError, match=message):
+            materials_of(made, tmp_path)
+    made = simple()
+    del made.json["textures"][0]["source"]
+    with pytest.raises(InputError, match=r"texture 0 \(normalTexture of .*\) names no image"):
+        materials_of(made, tmp_path)
+    made = simple()
+    made.json["samplers"][0]["wrapS"] = 1
+    with pytest.raises(InputError, match="sampler 0 has the wrap mode 1, expected 33071, 33648 or 10497"):
+        materials_of(made, tmp_path)
+
+
+def test_images_that_are_compressed_already_are_refused(tmp_path: Path) -> None:
+    made = GltfFile()
+    image = made.image(ktx2(1), "k", "image/ktx2")
+    made.json["textures"].append({"extensions": {"KHR_texture_basisu": {"source": image}}})
+    made.material("K", normalTexture={"index": 0})
+    with pytest.raises(
+        InputError, match=r"image 0 \(k\) is a KTX 2 texture, compressed already, .* bake the file that"
+    ):
+        materials_of(made, tmp_path)
+
+
+def test_damaged_pixels_are_told_with_the_document(tmp_path: Path) -> None:
+    made = simple(png("base", 8))
+    start = made.data.index(png("base", 8))
+    made.data = made.data[: start + 20] + bytes(40) + made.data[start + 60 :]
+    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is no readable PNG"):
+        materials_of(made, tmp_path)
+
+
+def test_pixels_that_are_cut_short_are_told_with_the_document_alone(tmp_path: Path) -> None:
+    """The header is whole. The folder of extracted files is of no use to the reader: it will be gone."""
+    jpeg = write_image(tmp_path / "a.jpg", np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8))
+    made = simple(jpeg.read_bytes()[:-1500])
+    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is no readable PNG, JPEG") as caught:
+        materials_of(made, tmp_path)
+    assert str(tmp_path / "images") not in str(caught.value)
+
+
+def test_images_keep_their_names(tmp_path: Path) -> None:
+    made = GltfFile()
+    names = ["Ä b.PNG", "wood", "WOOD", "../up", "made_0", None, "..."]
+    for index, name in enumerate(names):
+        made.texture(made.image(png(f"normal{index * 'x'}", 8), "x"))
+        made.material("", normalTexture={"index": index})
+        made.json["images"][-1]["name"] = name
+    found = materials_of(made, tmp_path).bakes
+    expected = ["Ä_b", "wood", "WOOD_2", "up", "made_0", "image_5", "image_6"]
+    assert [bake.files[0].stem for bake in found] == expected
+    (tmp_path / "images of").mkdir()
+    path = simple().write(tmp_path / "images of" / "a", "external")
+    path.write_text(path.read_text().replace('"name": "n", ', ""))
+    (bake,) = read_materials(read_document(path), tmp_path / "images of").bakes
+    assert [file.name for file in bake.files] == ["n_of_a.png"]
+
+
+def test_a_negative_scale_leaves_the_material_and_bakes_the_others(tmp_path: Path) -> None:
+    made = simple(normalTexture={"index": 0, "scale": -0.5})
+    made.material("Other", normalTexture={"index": 0})
+    found = materials_of(made, tmp_path)
+    assert [bake.materials for bake in found.bakes] == [(1,)]
+    assert "scale of its normalTexture is -0.5, which inverts its bumps" in found.warnings[0]
+
+
+def test_a_document_without_anything_to_bake_is_refused(tmp_path: Path) -> None:
+    made = GltfFile()
+    with pytest.raises(InputError, match=r"a.glb has no material to bake \(it has none at all\): expected one with"):
+        materials_of(made, tmp_path)
+    for name in "abcd":
+        made.material(name)
+    with pytest.raises(InputError, match=r"\(material 0 \(a\) has neither .*; and 1 more\)"):
+        materials_of(made, tmp_path)
+
+
+def test_slopes_of_a_document_are_those_of_its_pixels(tmp_path: Path) -> None:
+    """Green is up, whatever the pixels look like."""
+    made = simple(size=32)
+    bake = only(made, tmp_path)
+    loaded = load(bake.files, bake.options)
+    assert loaded.convention.name == "opengl"
+    assert np.abs(loaded.maps["normal"].pixels - height_field(32, 32, seed=len("normal"))).max() < 0.02
