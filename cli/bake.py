@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import tempfile
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Optional
 
 import typer
 
 import mipbake
-from mipbake import MipbakeError, UsageError
+from mipbake import UsageError
+from mipbake.adjust import Adjustments
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.cli import options
-from mipbake.cli.folders import check_names, file_hashes
+from mipbake.cli.bake_sets import Asked, bake_all
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, stages
-from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
-from mipbake.io.discover import find
-from mipbake.io.options import LoadOptions
+from mipbake.cli.session import Session
+from mipbake.compare.compression import LIMIT
+from mipbake.glb import GLB
+from mipbake.intake import jobs
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
+from mipbake.io.uastc import check_encoder
+from mipbake.output import Output, check_outputs, outputs_from, split_formats
+from mipbake.packing import PACKINGS, SOURCE, Normals
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
 from mipbake.prefilter.time_budget import BEST
-from mipbake.stack import Provenance, check_output, container_for
+from mipbake.presets import PRESETS, Preset, preset_named
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
-_FORMATS = "; ".join(f"{name}: {container.summary}" for name, container in FORMATS.items())
+_FORMATS = "; ".join(
+    f"{name}: {next(iter(kinds.values())).summary} (texels {', '.join(kinds)})" for name, kinds in FORMATS.items()
+)
 
 
 def _some_of(option: str) -> str:
@@ -37,26 +46,85 @@ def _some_of(option: str) -> str:
 def bake(
     session: Session,
     load: LoadOptions,
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER", help="Texture sets, one a folder.", show_default=False)
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SOURCE",
+            help="Texture sets: folders of maps, UDIM tiles in a folder or as a pattern with <UDIM>, .gltf, .glb and "
+            ".mtlx documents; globs, and @FILE for a list of them.",
+            show_default=False,
+        ),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="OUT", help="Where the stacks go: OUT/<set>/.", show_default=False)
     ],
     method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
     target: Annotated[
-        str,
+        Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(TARGETS),
             help=f"Material model of the stack; {AUTO_TARGET} is gltf-anisotropic for sets with an anisotropy map, "
             "else gltf.",
+            show_default=AUTO_TARGET,
         ),
-    ] = AUTO_TARGET,
+    ] = None,
     pixel_filter: Annotated[
         str,
         typer.Option("--filter", metavar=one_of(FILTERS), help="Pixel filter of the renderer that shows the stack."),
     ] = DEFAULT_FILTER,
-    format: Annotated[str, typer.Option(metavar=one_of(FORMATS), help=f"{_FORMATS}.")] = DEFAULT_FORMAT,
+    preset: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(PRESETS),
+            help="Engine that loads the stack: chooses target, formats, packing, normals and names, unless you do; "
+            "see `mipbake presets`.",
+            show_default=False,
+        ),
+    ] = None,
+    format: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="FORMAT[:TEXELS],...",
+            help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
+            f"material. The first texels are the default; for ktx2 and dds alone they are the smallest that "
+            f"cost no more than {LIMIT:g} dB.",
+            show_default=DEFAULT_FORMAT,
+        ),
+    ] = None,
+    packing: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(PACKINGS),
+            help="Which channels share a file: as in the source, a file a map, or as engines expect it.",
+            show_default=SOURCE,
+        ),
+    ] = None,
+    write_normals: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of((SOURCE, *NORMAL_CONVENTIONS)),
+            help="Whether green points up (opengl) or down (directx) in what is written.",
+            show_default=f"{SOURCE}, which is as in the set",
+        ),
+    ] = None,
+    max_level: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            min=0,
+            metavar="LEVEL",
+            help="The last level that is written; exr files hold all.",
+            show_default="down to 1 x 1",
+        ),
+    ] = None,
+    keep_level0: Annotated[
+        bool, typer.Option("--keep-level0", help="Leave level 0 as the source has it: the pixel filter is not in it.")
+    ] = False,
+    strength: Annotated[
+        float, typer.Option(metavar="0..1", help="1 writes what was baked, 0 plain averages, else a mixture.")
+    ] = 1.0,
+    min_roughness: Annotated[
+        float, typer.Option(metavar="0..1", help="Perceptual roughness that no texel falls below.")
+    ] = 0.0,
     weights: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
@@ -82,86 +150,78 @@ def bake(
     # Everything that is wrong for every set is said before the first is read.
     method_named(method, weights, budget)
     filter_named(pixel_filter)
+    chosen_preset = preset_named(preset) if preset else None
+    if target is None:
+        target = chosen_preset.target if chosen_preset else AUTO_TARGET
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    if target == AUTO_TARGET:
-        format_named(format)
-    else:
-        container_for(target, format)
-    check_names(folders, lambda folder: find(folder, load).name, "bake")
-
-    results = []
-    for folder in folders:
-        try:
-            results.append(_bake_one(session, folder, out, load, method, target, pixel_filter, format, weights, budget))
-        except MipbakeError as error:
-            session.fail(str(error), error.exit_code)
-            results.append({"folder": folder, "ok": False, "exit_code": error.exit_code, "error": str(error)})
-    if len(folders) > 1:
-        session.print(f"{sum(r['ok'] for r in results)} of {len(folders)} sets baked")
+    outputs, glb = _outputs(chosen_preset, format, packing, write_normals)
+    asked = Asked(
+        method,
+        target,
+        pixel_filter,
+        weights,
+        budget,
+        chosen_preset,
+        outputs,
+        glb,
+        format is None and chosen_preset is not None and chosen_preset.documents,
+        Adjustments(keep_level0, strength, min_roughness),
+        None if max_level is None else max_level + 1,
+    )
+    check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
+    if target != AUTO_TARGET and not target.startswith("gltf") and (glb or asked.adjustments.any):
+        what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
+        raise UsageError(f"the target {target} does not go with {what}: expected gltf or gltf-anisotropic")
+    if glb or any(output.container.texels == "uastc" for output in outputs):
+        check_encoder()
+    if chosen_preset:
+        session.print(*_preset_lines(chosen_preset, target, outputs))
+    with tempfile.TemporaryDirectory() as scratch:
+        results = bake_all(session, jobs(sources, load, Path(scratch)), out, asked)
+    sets = [result["ok"] for result in results if "document" not in result]
+    if len(sets) > 1:
+        session.print(f"{sum(sets)} of {len(sets)} sets baked")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
 
 
-def _bake_one(
-    session: Session,
-    folder: Path,
-    out: Path,
-    load: LoadOptions,
-    method: str,
-    target: str,
-    pixel_filter: str,
-    format: str,
-    weights: str | None,
-    budget: str | None,
-) -> dict[str, Any]:
-    """Bakes and writes one set, prints what happened, and returns it for JSON."""
-    found = find(folder, load)
-    place = out / found.name
-    check_output(place, file_hashes(found))
-    with stages(session, place.name) as reading:
-        reading("read", 0.0)
-        texture_set = mipbake.load(folder, load)
-        reading("read", 1.0)
-    check_output(place, file_hashes(texture_set))
-    session.print(f"{folder}: {texture_set.width} x {texture_set.height}", map_table(sources_of(texture_set)))
-    session.print(*remarks(texture_set))
-    with stages(session, place.name) as baking:
-        baking.seconds.update(reading.seconds)
-        stack = mipbake.bake(texture_set, method, target, pixel_filter, baking, weights, budget)
-        files = stack.save(place, format, lambda share: baking("write", share))
-    size = sum(file.stat().st_size for file in files)
-    provenance = stack.provenance
-    learned = f" with {provenance.weights}" if provenance.weights else ""
-    session.print(
-        f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
-        f"{len(stack.levels)} levels",
-        *_promise(provenance),
-        f"time: {baking.summary()}",
-        f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
-    )
-    return {
-        "folder": folder,
-        "ok": True,
-        "exit_code": 0,
-        "out": place,
-        "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
-        "bytes": size,
-        "format": format,
-        "stack": {"model": stack.model, "levels": len(stack.levels), "provenance": provenance},
-        "seconds": baking.seconds,
-        "set": set_report(texture_set),
-    }
+def _outputs(
+    preset: Preset | None, format: str | None, packing: str | None, write_normals: str | None
+) -> tuple[tuple[Output, ...], bool]:
+    """Those of a preset with what the user wants otherwise, or those of the formats; and whether a GLB is wanted."""
+    if packing is not None and packing not in PACKINGS:
+        raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
+    if write_normals not in (None, SOURCE, *NORMAL_CONVENTIONS):
+        raise UsageError(
+            f"--write-normals is {write_normals!r}: expected one of {SOURCE}, {', '.join(NORMAL_CONVENTIONS)}"
+        )
+    outputs = preset.outputs if preset else ()
+    formats = split_formats(DEFAULT_FORMAT if format is None else format)
+    glb = GLB in formats
+    for name in formats:
+        if name.partition(":")[0] not in (*FORMATS, GLB):
+            raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
+    if format is not None and set(formats) == {GLB} and (packing or write_normals):
+        raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
+    if format is not None or not outputs:
+        model = outputs[0] if outputs else Output()
+        others = ",".join(each for each in formats if each != GLB)
+        outputs = tuple(replace(model, format=each.format) for each in outputs_from(others)) if others else ()
+    if packing is not None:
+        outputs = tuple(replace(each, packing=packing) for each in outputs)
+    if write_normals is not None:
+        outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
+    return outputs, glb
 
 
-def _promise(provenance: Provenance) -> list[str]:
-    """What was measured, in plain lines: one for each pair set."""
-    promise = provenance.promise
-    if promise is None:
-        return []
-    lines = [
-        f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
-        for name in promise.levels[0].snr
+def _preset_lines(preset: Preset, target: str, outputs: tuple[Output, ...]) -> list[str]:
+    """What a preset chose, and what to mind."""
+    files = "; ".join(f"{o.format}, packing {o.packing}, normals {_normals(o.normals)}" for o in outputs)
+    return [
+        f"preset {preset.name} for {preset.engine}: target {target}, {files}",
+        *(f"in the engine: {note}" for note in preset.notes),
     ]
-    if promise.left_out:
-        lines.append(f"not measured, for want of time: {', '.join(promise.left_out)}")
-    return lines
+
+
+def _normals(normals: Normals) -> str:
+    return normals.convention + (" of two channels" if normals.channels == 2 else "")

@@ -10,7 +10,7 @@ import typer
 import mipbake
 from mipbake import MipbakeError, UsageError
 from mipbake.cli import options
-from mipbake.cli.folders import check_names, file_hashes
+from mipbake.cli.folders import check_names, file_hashes, names_of
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
@@ -52,7 +52,7 @@ def convert(
     """
     # Everything that is wrong for every set is said before the first is read.
     image_container(model_named(to).name, format)
-    check_names(sources, lambda source: _name(source, load), "convert")
+    check_names(names_of(sources, lambda source: _name(source, load)), "convert")
 
     results = []
     for source in sources:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from mipbake import InputError, UsageError
@@ -11,25 +12,29 @@ from mipbake.io.sources import Discovery
 from mipbake.texture_set import TextureSet
 
 
-def check_names(folders: list[Path], name_of: Callable[[Path], str], what: str) -> None:
-    """UsageError when two folders would be written to one place.
+def check_names(named: Iterable[tuple[str, Path]], what: str) -> None:
+    """UsageError when two sources would be written to one place.
 
     Args:
-        folders: what is to be read.
-        name_of: the name that a folder's result gets; an InputError is left for when its turn comes.
+        named: what each result is called, and where it comes from.
         what: is to be done with them, in a word.
     """
     names: dict[str, Path] = {}
-    for folder in folders:
-        try:
-            name = name_of(folder)
-        except InputError:
-            continue
+    for name, source in named:
         if name in names:
             raise UsageError(
-                f"{names[name]} and {folder} are both called {name}: {what} them into different folders, one at a time"
+                f"{names[name]} and {source} are both called {name}: {what} them into different folders, one at a time"
             )
-        names[name] = folder
+        names[name] = source
+
+
+def names_of(folders: Iterable[Path], name_of: Callable[[Path], str]) -> list[tuple[str, Path]]:
+    """Names and folders; an InputError of `name_of` is left for when a folder's turn comes."""
+    named = []
+    for folder in folders:
+        with contextlib.suppress(InputError):
+            named.append((name_of(folder), folder))
+    return named
 
 
 def file_hashes(found: Discovery | TextureSet) -> dict[str, str]:

@@ -18,7 +18,9 @@ from mipbake._allocator import keep_freed_memory
 from mipbake.cli.bake import bake
 from mipbake.cli.compare import compare
 from mipbake.cli.convert import convert
+from mipbake.cli.info import info
 from mipbake.cli.inspect import inspect
+from mipbake.cli.presets import presets
 from mipbake.cli.session import Session
 from mipbake.cli.validate import validate
 
@@ -39,7 +41,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog=_EPILOG,
 )
-for command in (bake, compare, validate, convert, inspect):
+for command in (bake, compare, validate, convert, inspect, info, presets):
     app.command(epilog=_EPILOG)(command)
 
 # typer's own errors share an ancestor that is not part of its documented interface: older versions take it from click.

@@ -16,10 +16,12 @@ import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import LoadOptions
+from mipbake.packing import PACKINGS
 from mipbake.prefilter import METHODS, refine
 from mipbake.prefilter.held_out import Budget
 from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.prefilter.scores import Effort
+from mipbake.presets import PRESETS
 
 from .command_line import bumps, fails, tree, write_set
 
@@ -152,10 +154,12 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
     assert main(["bake", "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    for names in (METHODS, FILTERS, FORMATS):
+    for names in (METHODS, FILTERS, PRESETS, PACKINGS):
         assert "|".join(names) in text
+    for name, kinds in FORMATS.items():
+        assert f"(texels {', '.join(kinds)})" in text and f" {name}: " in text
     for default in (PIPELINE.DEFAULT_METHOD, PIPELINE.DEFAULT_FILTER, PIPELINE.AUTO_TARGET, DEFAULT_FORMAT):
-        assert f"[default: {default}]" in text
+        assert f"[default: {default}]" in text or f"[default: ({default})]" in text
     assert "Exit codes" in text
     for command in ("validate", "inspect"):
         assert main([command, "--help"]) == 0

@@ -124,7 +124,7 @@ def test_unknown_names_exit_2_and_list_the_valid_ones(folder, tmp_path, capsys, 
     ("arguments", "part"),
     [
         (["polish"], "expected one of bake, compare, validate, convert, inspect"),
-        (["bake"], "FOLDER"),
+        (["bake"], "SOURCE"),
         (["bake", "x"], "--out"),
         (["bake", "x", "-o", "y", "--nonsense"], "--nonsense"),
         (["validate", "x"], "STACK"),
@@ -203,7 +203,7 @@ def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatc
     def breaks(*_arguments, **_options):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(mipbake, "load", breaks)
+    monkeypatch.setattr(mipbake.intake, "load", breaks)
     command = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear"]
     assert "ZeroDivisionError" in fails(capsys, 1, *command)
     assert main(["--debug", *command]) == 1
@@ -214,7 +214,7 @@ def test_too_little_memory_is_no_defect(folder, tmp_path, capsys, monkeypatch):
     def breaks(*_arguments, **_options):
         raise MemoryError("Unable to allocate 745. GiB")
 
-    monkeypatch.setattr(mipbake, "load", breaks)
+    monkeypatch.setattr(mipbake.intake, "load", breaks)
     said = fails(capsys, 1, "bake", folder, "-o", tmp_path / "out", "--method", "linear")
     assert "745. GiB" in said and "ask for less" in said and "defect" not in said
 
@@ -222,13 +222,13 @@ def test_too_little_memory_is_no_defect(folder, tmp_path, capsys, monkeypatch):
 def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatch):
     save = MipStack.save
 
-    def interrupted(self, path, format, progress):
+    def interrupted(self, path, format, progress, *others):
         def stop(share):
             if share >= 0.5:
                 assert list(tmp_path.glob("out/.metal*/*.exr"))
                 raise KeyboardInterrupt
 
-        return save(self, path, format, stop)
+        return save(self, path, format, stop, *others)
 
     monkeypatch.setattr(MipStack, "save", interrupted)
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 130

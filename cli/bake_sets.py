@@ -1,0 +1,238 @@
+"""Baking what the command line asks for: reads, bakes, writes, checks, and says what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mipbake
+from mipbake import InputError, MipbakeError, UsageError
+from mipbake.adjust import Adjustments, adjusted
+from mipbake.bake import resolve_target
+from mipbake.cli.folders import check_names, file_hashes
+from mipbake.cli.session import Session, Stages, stages
+from mipbake.cli.tables import map_table, remarks, set_report, sources_of
+from mipbake.compare.compression import Cost, chosen_all, cost
+from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
+from mipbake.intake import Failure, Job, tile_name
+from mipbake.opacity import shown
+from mipbake.output import Output, check_outputs
+from mipbake.presets import Preset
+from mipbake.stack import MipStack, Provenance, check_output, read_output
+from mipbake.texture_set import TextureSet
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be baked and written, the same for every set.
+
+    `levels`: how many are written; None for all. `glb`: whether a GLB is. `documents`: whether glTF sources become a
+    GLB, and get no files of maps.
+    """
+
+    method: str
+    target: str
+    pixel_filter: str
+    weights: str | None
+    budget: str | None
+    preset: Preset | None
+    outputs: tuple[Output, ...]
+    glb: bool
+    documents: bool
+    adjustments: Adjustments
+    levels: int | None
+
+
+def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked: Asked) -> list[dict[str, Any]]:
+    """Bakes every job; one that fails does not keep others from it. Returns what was done, for JSON."""
+    _check_places(found, out, asked)
+    results: list[dict[str, Any]] = []
+    made: dict[Path, list[tuple[Job, MipStack, Encoded]]] = {}
+    for job in found:
+        try:
+            if isinstance(job, Failure):
+                raise job.error
+            results += _bake_one(session, job, out, asked, made)
+        except MipbakeError as error:
+            session.fail(str(error), error.exit_code)
+            results.append({"source": job.source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+    for source, parts in made.items():
+        try:
+            results.append(_write_document(session, found, source, parts, out))
+        except MipbakeError as error:
+            session.fail(str(error), error.exit_code)
+            results.append({"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+    return results
+
+
+def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
+    """UsageError where two results would lie in one place; OutputError where a GLB cannot."""
+    jobs = [job for job in found if isinstance(job, Job)]
+    check_names([name for job in jobs for name in _names(job)], "bake")
+    documents = {job.source: job for job in jobs if job.document is not None}
+    check_names([(job.place, source) for source, job in documents.items()], "bake")
+    alone = [name for job in jobs if job.document is None for name in _names(job)]
+    check_names([*alone, *((job.place, source) for source, job in documents.items())], "bake")
+    if asked.glb or asked.documents:
+        for source, job in documents.items():
+            check_file(out / f"{job.place}.{GLB}", source)
+
+
+def _names(job: Job) -> list[tuple[str, Path]]:
+    """Where a job's stacks go, and where they come from; nothing where its turn will say what is wrong."""
+    try:
+        return [(str(Path(job.place) / _stack_name(f.name, tile)), job.source) for tile, f in job.found().items()]
+    except (InputError, UsageError):
+        return []
+
+
+def _stack_name(name: str, tile: int) -> str:
+    return tile_name(name, tile) if tile else name
+
+
+def _bake_one(
+    session: Session, job: Job, out: Path, asked: Asked, made: dict[Path, list[tuple[Job, MipStack, Encoded]]]
+) -> list[dict[str, Any]]:
+    """Bakes a set, or tiles that touch, writes every stack, prints what happened, and returns it for JSON."""
+    place = out / job.place
+    for tile, found in job.found().items():
+        check_output(place / _stack_name(found.name, tile), file_hashes(found))
+    with stages(session, job.source.name) as reading:
+        reading("read", 0.0)
+        read = job.read()
+        if _wants_glb(job, asked) and read.mosaic is None:
+            read = read.changed(multiple_of_side(read.texture_set))
+        reading("read", 1.0)
+    for texture_set in read.sets.values():
+        check_output(place / texture_set.name, file_hashes(texture_set))
+        session.print(
+            f"{job.source}: {texture_set.name}, {texture_set.width} x {texture_set.height}",
+            map_table(sources_of(texture_set)),
+            *remarks(texture_set),
+        )
+    session.print(*(f"note: {note}" for note in job.notes), *(f"warning: {text}" for text in job.warnings))
+    whole = read.texture_set
+    model = resolve_target(whole, asked.target)
+    check_outputs(asked.outputs, model)
+    with stages(session, whole.name) as baking:
+        baking.seconds.update(reading.seconds)
+        baked = mipbake.bake(whole, asked.method, model, asked.pixel_filter, baking, asked.weights, asked.budget)
+        baked = adjusted(baked, whole, asked.adjustments)
+        return [
+            _write_one(session, job, texture_set, stack, place, asked, baking, made)
+            for texture_set, stack in read.stacks(baked)
+        ]
+
+
+def _wants_glb(job: Job, asked: Asked) -> bool:
+    return asked.glb or (asked.documents and job.document is not None)
+
+
+def _write_one(
+    session: Session,
+    job: Job,
+    texture_set: TextureSet,
+    stack: MipStack,
+    folder: Path,
+    asked: Asked,
+    baking: Stages,
+    made: dict[Path, list[tuple[Job, MipStack, Encoded]]],
+) -> dict[str, Any]:
+    """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
+    place = folder / texture_set.name
+    alone = asked.documents and job.document is not None
+    seen = shown(texture_set)
+    outputs = () if alone else chosen_all(seen, stack, asked.outputs)
+    baking("texels", 1.0)
+    beside, costs = {}, []
+    if _wants_glb(job, asked):
+        textures = encoded(stack, job.bake.slots if job.bake else None, asked.levels)
+        costs.append(cost(seen, stack, output(), textures.files, asked.levels, GLB))
+        if job.document is None:
+            beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
+        else:
+            made.setdefault(job.source, []).append((job, stack, textures))
+        baking("encode", 1.0)
+    files: list[Path] = []
+    if outputs or beside:
+        files = stack.save(place, outputs, lambda share: baking("write", share), asked.levels, beside)
+    for index, each in enumerate(outputs):
+        costs.append(cost(seen, stack, each, read_output(place, index), asked.levels))
+    baking("check", 1.0)
+    size = sum(file.stat().st_size for file in files)
+    provenance = stack.provenance
+    learned = f" with {provenance.weights}" if provenance.weights else ""
+    sizes = asked.preset.check(texture_set.width, texture_set.height) if asked.preset else []
+    warnings = [*sizes, *(each.warning for each in costs if each.warning)]
+    session.print(
+        f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
+        f"{len(stack.levels)} levels",
+        *(f"adjusted: {line}" for line in provenance.adjustments),
+        *_promise(provenance),
+        *(line for each in costs for line in _cost_lines(each)),
+        *(f"warning: {line}" for line in warnings),
+        f"time: {baking.summary()}",
+        *([f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB"] if files else []),
+    )
+    return {
+        "source": job.source,
+        "ok": True,
+        "exit_code": 0,
+        "out": place,
+        "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
+        "bytes": size,
+        "costs": costs,
+        "warnings": warnings,
+        "stack": {"model": stack.model, "levels": len(stack.levels[: asked.levels]), "provenance": provenance},
+        "seconds": dict(baking.seconds),
+        "set": set_report(texture_set),
+    }
+
+
+def _write_document(
+    session: Session,
+    found: Sequence[Job | Failure],
+    source: Path,
+    parts: Sequence[tuple[Job, MipStack, Encoded]],
+    out: Path,
+) -> dict[str, Any]:
+    """Writes the GLB of a document, all of whose materials were baked; returns what was done, for JSON."""
+    first = parts[0][0]
+    wanted = sum(isinstance(job, Job) and job.source == source for job in found)
+    path = out / f"{first.place}.{GLB}"
+    if len(parts) < wanted:
+        raise InputError(f"{path} is not written: {wanted - len(parts)} of {wanted} materials could not be baked")
+    if first.document is None:
+        raise AssertionError("only documents are collected")
+    results = [(job.bake, stack, textures) for job, stack, textures in parts if job.bake is not None]
+    save_document(path, first.document, results)
+    size = path.stat().st_size
+    session.print(f"wrote {path}: {source.stat().st_size / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
+    files = [{"path": path, "bytes": size}]
+    return {"source": source, "ok": True, "exit_code": 0, "out": path, "document": True, "files": files}
+
+
+def _cost_lines(cost: Cost) -> list[str]:
+    """What files cost, in plain lines."""
+    losses = ", ".join(f"{view} {loss:+.2f} dB" for view, loss in cost.loss.items())
+    files = ", ".join(
+        f"{name} {'exact' if psnr == float('inf') else f'{psnr:.1f} dB'} ({cost.texels[name]})"
+        for name, psnr in cost.psnr.items()
+    )
+    return [f"{cost.format} costs, shaded: {losses}; PSNR of the files: {files}"]
+
+
+def _promise(provenance: Provenance) -> list[str]:
+    """What was measured, in plain lines: one for each pair set."""
+    promise = provenance.promise
+    if promise is None:
+        return []
+    lines = [
+        f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
+        for name in promise.levels[0].snr
+    ]
+    if promise.left_out:
+        lines.append(f"not measured, for want of time: {', '.join(promise.left_out)}")
+    return lines

@@ -1,0 +1,82 @@
+"""`mipbake info`: what is in a file of a stack, or in all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import mipbake
+from mipbake.cli.session import Session
+from mipbake.io.file_info import FileInfo, ImageInfo, file_info, stack_info
+from mipbake.io.layout import MANIFEST
+from mipbake.stack import read_manifest
+
+
+def info(
+    context: typer.Context,
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A texture, a GLB, a stack.json or a stack's folder.", show_default=False),
+    ],
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
+    ] = False,
+) -> None:
+    """Show what is in a texture file, or in every file of a stack: levels, formats, conventions, provenance."""
+    session: Session = context.obj
+    session.configure(False, json)
+    folder = path.parent if path.name == MANIFEST else path
+    if folder.is_dir():
+        stack = stack_info(folder, read_manifest(folder))
+        files = [file_info(file) for file in stack.files]
+        levels = stack.levels or max((len(image.levels) for file in files for image in file.images), default=0)
+        session.print(
+            f"{folder}: {stack.name}, {stack.model}, {stack.width} x {stack.height}, {_counted(levels, 'level')}, "
+            f"wrap {', '.join(stack.wrap)}",
+            f"baked by {stack.method} of mipbake {stack.version}"
+            + (f" with {stack.weights}" if stack.weights else "")
+            + f", pixel filter {stack.pixel_filter}",
+            *(f"{name}: normals {convention}" for name, convention in stack.conventions),
+        )
+        content = {"stack": stack.content}
+    else:
+        files, content = [file_info(path)], {}
+    for each in files:
+        session.print(*_lines(each))
+    session.dump({"version": mipbake.__version__, **content, "files": files})
+
+
+def _lines(file: FileInfo) -> list[str]:
+    channels = f", channels {' '.join(file.channels)}" if file.channels else ""
+    images = "" if file.levels else f", {_counted(len(file.images), 'image')}"
+    lines = [f"{file.path.name}: {file.container}{_texels(file, channels)}{images}, {file.bytes} bytes"]
+    lines += [f"  {name}: {value}" for name, value in file.attributes.items()]
+    if file.about:
+        # A document says it of every material that was baked.
+        materials = file.about.get("materials")
+        materials = materials if isinstance(materials, dict) else {}
+        own = {key: value for key, value in file.about.items() if key != "materials"}
+        lines.append(f"  made by mipbake: {_told(own)}")
+        lines += [f"  material {name}: {_told(each)}" for name, each in materials.items() if isinstance(each, dict)]
+    lines += [f"  image {i.name}: {i.mime}{_texels(i)}, {_counted(i.bytes, 'byte')}" for i in file.images]
+    return lines
+
+
+def _texels(image: FileInfo | ImageInfo, channels: str = "") -> str:
+    """Texels, channels, colour space and levels, where they are known."""
+    if not image.levels:
+        return ""
+    width, height = image.levels[0]
+    space = f", {image.colour_space}" if image.colour_space else ""
+    return f", {image.texels}{channels}{space}, {width} x {height}, {_counted(len(image.levels), 'level')}"
+
+
+def _told(about: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in about.items() if value)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

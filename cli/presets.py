@@ -1,0 +1,45 @@
+"""`mipbake presets`: what each preset chooses."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import mipbake
+from mipbake.cli.session import Session
+from mipbake.cli.tables import table
+from mipbake.presets import PRESETS, Preset
+
+
+def presets(
+    context: typer.Context,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
+    ] = False,
+) -> None:
+    """Show what each preset of `mipbake bake --preset` chooses. docs/engines says why, and how to import the files."""
+    session: Session = context.obj
+    session.configure(False, json)
+    rows = table("preset", "for", "target", "formats", "packing", "normals", "sides", "in the engine")
+    for preset in PRESETS.values():
+        rows.add_row(*_row(preset))
+    session.print(rows)
+    session.dump({"version": mipbake.__version__, "presets": {name: p for name, p in PRESETS.items()}})
+
+
+def _row(preset: Preset) -> tuple[str, ...]:
+    first = preset.outputs[0]
+    normals = first.normals.convention + (" xy" if first.normals.channels == 2 else "")
+    formats = ", ".join(output.format for output in preset.outputs)
+    target = "gltf or gltf-anisotropic, as the set" if preset.anisotropic else preset.target
+    return (
+        preset.name,
+        preset.engine,
+        target,
+        formats,
+        first.packing,
+        normals,
+        preset.sides or "any",
+        "; ".join(preset.notes),
+    )

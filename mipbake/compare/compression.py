@@ -1,0 +1,250 @@
+"""What files cost: the error of rounding and compression, in every map and in what is shaded, and the texels that keep
+it small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.compare.candidates import Candidate, opened
+from mipbake.compare.texture_space import measure
+from mipbake.errors import InputError
+from mipbake.io.gpu_files import GpuFile
+from mipbake.io.layout import LAYOUTS, from_file, to_file
+from mipbake.io.map_files import Levels, MapFile
+from mipbake.metrics import PAIR_SETS
+from mipbake.output import Output
+from mipbake.packing import unpacked
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+LIMIT = 0.3
+"""dB of the shaded result's SNR that files may cost before better texels are chosen, or a warning says so."""
+
+LODS = (0.0, 1.0, 3.0)
+"""Levels of detail that the loss is measured at; the loss is that of their mean SNR."""
+
+_POINTS, _SAMPLES, _SEED = 1024, 64, 11
+_LADDER = ("bc", "rgba8", "rgba16f")
+"""Texels from the smallest to the most precise."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the files of one output cost.
+
+    Args:
+        format: of the output.
+        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1; infinite
+            where nothing changed.
+        loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
+            negative where rounding happens to help.
+        texels: file to what its texels are stored as.
+    """
+
+    format: str
+    psnr: Mapping[str, float]
+    loss: Mapping[str, float]
+    texels: Mapping[str, str]
+
+    @property
+    def worst(self) -> float:
+        """The greatest loss of any pair set, in dB."""
+        return max(self.loss.values())
+
+    @property
+    def warning(self) -> str | None:
+        """One sentence where the loss is above `LIMIT`."""
+        container, _, texels = self.format.partition(":")
+        if self.worst <= LIMIT or texels == "float":  # nothing is more precise
+            return None
+        advice = {
+            "uastc": "ktx2:rgba8",
+            "bc1": f"{container}:bc",
+            "bc": f"{container}:rgba8",
+            "rgba8": f"{container}:rgba16f",
+            "8": f"{container}:16",
+            "half": f"{container}:float",
+            "rgba16f": "exr:float",
+        }.get(texels, "ktx2:rgba8" if container == "glb" else "exr")
+        return (
+            f"{self.format} costs {self.worst:.1f} dB of what the bake gains, which is more than {LIMIT:g}: this "
+            f"material is smooth enough for its texels to show; use --format {advice} where the engine takes it"
+        )
+
+
+def chosen_all(texture_set: TextureSet, stack: MipStack, outputs: Sequence[Output]) -> tuple[Output, ...]:
+    """`chosen` for several outputs; `ktx2` and `dds` of the same packing hold the same blocks, and choose once."""
+    made: list[Output] = []
+    for output in outputs:
+        alike = [
+            (given, choice)
+            for given, choice in zip(outputs, made, strict=False)
+            if {given.format, output.format} == {"ktx2", "dds"} and replace(given, format=output.format) == output
+        ]
+        choice = replace(alike[0][1], format=output.format) if alike else chosen(texture_set, stack, output)
+        made.append(choice)
+    return tuple(made)
+
+
+def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
+    """An output of `ktx2` or `dds` with texels for every file: as small as the loss allows.
+
+    Every file is compressed alone to see how much error it brings. Beginning with blocks everywhere, the file that
+    brings the most gets better texels until the sum is below `LIMIT`. Other outputs are given back as they are.
+
+    Args:
+        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
+        stack: as it was baked.
+        output: whose format names no texels.
+    """
+    if output.format not in ("ktx2", "dds"):
+        return output
+    files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == _LADDER[0]]
+    variants = {
+        f"{texels} {index}": _Decoded(file, GpuFile(output.format, texels), stack)
+        for index, file in enumerate(files)
+        for texels in _LADDER
+    }
+    added = {name: _added(loss) for name, loss in _losses(texture_set, stack, variants).items()}
+    choice = dict.fromkeys(range(len(files)), 0)
+    allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
+
+    def brought(index: int, step: int) -> NDArray[np.float64]:
+        return added[f"{_LADDER[step]} {index}"]
+
+    while (np.sum([brought(i, step) for i, step in choice.items()], 0) > allowed).any():
+        open_ends = [i for i, step in choice.items() if step + 1 < len(_LADDER)]
+        if not open_ends:
+            break
+        gains = {i: float((brought(i, choice[i]) - brought(i, choice[i] + 1)).max()) for i in open_ends}
+        choice[max(gains, key=gains.__getitem__)] += 1
+    names = _plain_names(stack, output)
+    return replace(output, texels={names[files[i].layout.name]: _LADDER[step] for i, step in choice.items() if step})
+
+
+def cost(
+    texture_set: TextureSet,
+    stack: MipStack,
+    output: Output,
+    written: Sequence[MapFile],
+    levels: int | None = None,
+    spoken: str | None = None,
+) -> Cost:
+    """What an output cost, from its files as they were read back.
+
+    Args:
+        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
+        stack: as it was baked.
+        output: that was written.
+        written: its files, with the levels that came back.
+        levels: how many were written; None for all.
+        spoken: what the output is called; None for its format and texels.
+    """
+    planned = {file.layout.name: file for file in stack.files(output)}
+    found = {"written": _stack_of(written, stack)}
+    stack = replace(stack, levels=stack.levels[:levels])
+    return Cost(
+        format=spoken or _spoken(written),
+        psnr={file.layout.name: _psnr(planned[file.layout.name], file) for file in written},
+        loss=_losses(texture_set, stack, found)["written"],
+        texels={file.layout.name: file.container.precision(file.layout) for file in written},
+    )
+
+
+def _spoken(files: Sequence[MapFile]) -> str:
+    """Format and texels of an output: those of most of its files that shade."""
+    texels = [file.container.texels for file in files if file.layout.shades]
+    return f"{files[0].container.name}:{max(set(texels), key=texels.count)}"
+
+
+def _plain_names(stack: MipStack, output: Output) -> dict[str, str]:
+    """File names of an output to those that its packing has."""
+    plain = replace(output, naming="{file}", names={})
+    return {
+        named.layout.name: file.layout.name for named, file in zip(stack.files(output), stack.files(plain), strict=True)
+    }
+
+
+class _Decoded(Sequence[NDArray[np.float32]]):
+    """Levels of a stack with the maps of one file as its texels would give them back, each made when it is asked for:
+    a copy of the stack for every file and kind of texels would take more memory than the bake did.
+    """
+
+    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack) -> None:
+        self._file, self._stack = file, stack
+        self._srgb, self._dequantise = container.srgb(file.layout), container.dequantise
+        count = 1 + ceil(max(LODS))
+        encodings, levels = file.layout.encodings, file.levels[:count]
+        texels = [container.quantise(to_file(level, encodings, self._srgb), file.layout) for level in levels]
+        self._texels = container.decoded(file.layout, texels)
+
+    def __len__(self) -> int:
+        return len(self._texels)
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
+
+    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        level = from_file(self._dequantise(self._texels[index]), self._file.layout.encodings, self._srgb)
+        stack = replace(self._stack, levels=[self._stack.levels[index]])
+        return _stack_of([replace(self._file, levels=[level])], stack)[0]
+
+
+def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
+    """Stored channels of a stack, with the maps that files hold in place of its own."""
+    chains = unpacked([(file.layout, file.levels) for file in files], stack.model)
+    count = min(len(stack.levels), *(len(file.levels) for file in files))
+    levels = []
+    for index in range(count):
+        level = stack.levels[index].copy()
+        for layout in LAYOUTS[stack.model]:
+            if layout.name in chains:
+                level[..., layout.channels] = chains[layout.name][index]
+        levels.append(level)
+    return levels
+
+
+def _losses(
+    texture_set: TextureSet, stack: MipStack, variants: Mapping[str, Sequence[NDArray[np.float32]]]
+) -> dict[str, dict[str, float]]:
+    """Variant and pair set to the fall of the SNR, in dB."""
+    baked = opened(stack)
+    others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
+    kernel = stack.provenance.pixel_filter
+    measured = measure(texture_set, [baked, *others], kernel, LODS, (), _SEED, _POINTS, _SAMPLES)
+    snr: dict[tuple[str, str], list[float]] = {}
+    for figure in measured.curve:
+        snr.setdefault((figure.method, figure.view), []).append(figure.value)
+    return {
+        name: {view: float(np.mean(snr[baked.name, view]) - np.mean(snr[name, view])) for view in PAIR_SETS}
+        for name in variants
+    }
+
+
+def _added(loss: Mapping[str, float]) -> NDArray[np.float64]:
+    """Squared error that a loss stands for, in units of the error that was there, for every pair set."""
+    return np.maximum(10 ** (np.array([loss[view] for view in PAIR_SETS]) / 10) - 1, 0)
+
+
+def _psnr(planned: MapFile, written: MapFile) -> float:
+    if len(planned.levels) < len(written.levels):
+        raise InputError(f"{written.layout.name} came back with more levels than were written: bake it again")
+    squares, count = 0.0, 0
+    srgb = written.container.srgb(written.layout)
+    for wanted, found in zip(planned.levels, written.levels, strict=False):
+        error = to_file(found, written.layout.encodings, srgb) - to_file(wanted, written.layout.encodings, srgb)
+        squares += float(np.square(error).sum())
+        count += error.size
+    return float("inf") if squares == 0 else float(-10 * np.log10(squares / count))

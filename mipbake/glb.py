@@ -1,0 +1,168 @@
+"""Stacks into GLB files: KTX 2 textures with every level, in the document that a set came from or in one of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mipbake import __version__
+from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.io import ktx2
+from mipbake.io.blocks import from_blocks
+from mipbake.io.decode import resized
+from mipbake.io.gltf.container import unpacked
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.quad import QuadOptions, standalone
+from mipbake.io.gltf.slots import ANISOTROPIC, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
+from mipbake.io.gltf.write import GltfResult, rewritten
+from mipbake.io.gpu_files import GpuFile
+from mipbake.io.layout import from_file
+from mipbake.io.map_files import MapFile, quantised_levels
+from mipbake.io.options import SHADING_ROLES
+from mipbake.io.publish import replaced_file
+from mipbake.output import Output
+from mipbake.packing import Normals
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+GLB = "glb"
+"""What users call the format. It is no container of single maps."""
+
+SIDE = 4
+"""KHR_texture_basisu takes images whose sides are multiples of it."""
+
+_OUTPUT = Output("ktx2:uastc", "orm", Normals("opengl"))
+_SLOTS = {
+    "base_color": BASE_COLOUR,
+    "orm": METALLIC_ROUGHNESS,
+    "normal": NORMAL,
+    "anisotropy": ANISOTROPIC,
+    "emissive": "emissiveTexture",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Encoded:
+    """The textures of a stack for a glTF material.
+
+    Args:
+        maps: slot to a KTX 2 file.
+        files: the same decoded, as they will be sampled.
+    """
+
+    maps: Mapping[str, bytes]
+    files: tuple[MapFile, ...]
+
+
+def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | None = None) -> Encoded:
+    """The textures of a stack of `gltf` or `gltf-anisotropic`.
+
+    Args:
+        stack: whose sides are multiples of `SIDE`.
+        slots: that may be filled; None for all.
+        levels: how many of each; None for all.
+
+    Raises:
+        UsageError: another model, or other sides.
+    """
+    if not stack.model.startswith("gltf"):
+        raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected gltf or gltf-anisotropic")
+    container = GpuFile("ktx2", "uastc")
+
+    def encode(file: MapFile) -> tuple[bytes, MapFile]:
+        texture = container.texture(file.layout, quantised_levels(file), stack.about())
+        data = ktx2.encoded(texture, supercompress=True)
+        srgb, encodings = container.srgb(file.layout), file.layout.encodings
+        texels = [level[..., : len(encodings)] for level in from_blocks(texture)]
+        return data, replace(file, levels=[from_file(container.dequantise(t), encodings, srgb) for t in texels])
+
+    wanted = {
+        slot: file
+        for file in stack.files(_OUTPUT, levels)
+        if (slot := _SLOTS.get(file.layout.name)) is not None
+        and (slots is None or slot in slots)
+        and file.container.texels == "uastc"
+    }
+    with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
+        made = dict(zip(wanted, pool.map(encode, wanted.values()), strict=True))
+    return Encoded({slot: data for slot, (data, _) in made.items()}, tuple(file for _, file in made.values()))
+
+
+def output() -> Output:
+    """How maps lie in the textures of a GLB."""
+    return _OUTPUT
+
+
+def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
+    """A GLB of one square with the material of a stack. `cutoff`: what opacity is tested against; None: blended."""
+    with_opacity = "opacity" in stack.extra
+    mode = "OPAQUE" if not with_opacity else "BLEND" if cutoff is None else "MASK"
+    options = QuadOptions(
+        wrap=stack.wrap,
+        occlusion="occlusion" in stack.extra,
+        alpha_mode=mode,
+        alpha_cutoff=0.5 if cutoff is None else cutoff,
+    )
+    return standalone(stack.name, made.maps, options, json.loads(stack.about()))
+
+
+def save_document(path: Path, document: Document, results: Sequence[tuple[GltfBake, MipStack, Encoded]]) -> None:
+    """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
+
+    Raises:
+        OutputError: the file is somebody else's, or cannot be written.
+    """
+    check_file(path, document.path)
+    about = {
+        "version": __version__,
+        "materials": {bake.name: json.loads(stack.about()) for bake, stack, _ in results},
+    }
+    data = rewritten(document, [GltfResult(bake, made.maps) for bake, _, made in results], about)
+    replaced_file(path, data)
+
+
+def check_file(path: Path, source: Path) -> None:
+    """OutputError where a GLB cannot be written to a path: it is the source, or a file that mipbake did not make."""
+    if not path.exists():
+        return
+    if path.resolve() == source.resolve():
+        raise OutputError(f"cannot write {path}: it is what is read, choose another output folder")
+    if not path.is_file() or not _is_ours(path):
+        raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        content: Any = json.loads(unpacked(path.read_bytes(), str(path)).text)
+        return "mipbake" in content["asset"]["extras"]
+    except (InputError, OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _multiple(side: int) -> int:
+    return -(-side // SIDE) * SIDE
+
+
+def multiple_of_side(texture_set: TextureSet) -> TextureSet:
+    """A texture set whose sides are multiples of `SIDE`, resampled upwards and noted where they were not."""
+    width, height = (_multiple(side) for side in (texture_set.width, texture_set.height))
+    maps = dict(texture_set.maps)
+    for role, each in texture_set.maps.items():
+        rows, columns = each.pixels.shape[:2]
+        if role in SHADING_ROLES:
+            maps[role] = resized(each, width, height, texture_set.wrap)
+        elif role == "emissive":
+            maps[role] = resized(each, _multiple(columns), _multiple(rows), texture_set.wrap)
+    if (width, height) == (texture_set.width, texture_set.height):
+        return replace(texture_set, maps=maps)
+    note = (
+        f"resampled from {texture_set.width} x {texture_set.height} to {width} x {height}: textures of a GLB have "
+        f"sides that are multiples of {SIDE}"
+    )
+    return replace(texture_set, maps=maps, width=width, height=height, notes=(*texture_set.notes, note))

@@ -1,0 +1,231 @@
+"""What is in a file of a stack, whoever wrote it: levels, formats, conventions, provenance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mipbake.errors import InputError
+from mipbake.io import dds, ktx2
+from mipbake.io.gltf import container
+from mipbake.io.gltf.document import Document, read_document
+from mipbake.io.gltf.images import KTX2, stored_image
+from mipbake.io.gpu_format import GpuTexture, level_size
+from mipbake.io.layout import MANIFEST
+from mipbake.io.oiio_levels import ABOUT, reader
+
+_PNG_HEAD = 128
+"""Bytes that hold the first chunks of a PNG file, of which that of the colour space is one."""
+
+
+@dataclass(frozen=True)
+class ImageInfo:
+    """What is known of an image within a document, without a look at its pixels.
+
+    Args:
+        name: that the document gives it, else its number.
+        mime: media type that its bytes have.
+        texels, colour_space, levels: as those of a `FileInfo`; empty for anything but KTX 2.
+        bytes: of the image.
+    """
+
+    name: str
+    mime: str
+    texels: str
+    colour_space: str
+    levels: tuple[tuple[int, int], ...]
+    bytes: int
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """What is in a file.
+
+    Args:
+        path: of the file.
+        container: what it is.
+        texels: what a texel is stored as.
+        channels: names of its channels, where the container has names.
+        levels: (width, height) of every level, finest first; empty for documents.
+        colour_space: of its texels, where it says one.
+        bytes: of the file.
+        about: what mipbake wrote into it about how it was made; empty in files of others.
+        attributes: what else it says that matters to who samples it.
+        images: within a document.
+    """
+
+    path: Path
+    container: str
+    texels: str
+    channels: tuple[str, ...]
+    levels: tuple[tuple[int, int], ...]
+    colour_space: str
+    bytes: int
+    about: Mapping[str, Any] = field(default_factory=dict)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    images: tuple[ImageInfo, ...] = ()
+
+
+@dataclass(frozen=True)
+class StackInfo:
+    """What a stack's description says.
+
+    Args:
+        content: the description, without the files.
+        name, model: of the stack.
+        width, height: of level 0, in texels.
+        levels: the most that an output has; 0 where no output tells.
+        wrap: addressing along u and v.
+        method, version, weights, pixel_filter: how it was baked, as its provenance has it.
+        conventions: format and normal convention of every output that tells one.
+        files: all that are listed, in the folder itself.
+    """
+
+    content: Mapping[str, Any]
+    name: str
+    model: str
+    width: int
+    height: int
+    levels: int
+    wrap: tuple[str, str]
+    method: str
+    version: str
+    weights: str
+    pixel_filter: str
+    conventions: tuple[tuple[str, str], ...]
+    files: tuple[Path, ...]
+
+
+def stack_info(folder: Path, manifest: Mapping[str, Any]) -> StackInfo:
+    """What a stack's description says; nothing is read beside it.
+
+    Args:
+        folder: of the stack. manifest: its description, from `mipbake.stack.read_manifest`.
+
+    Raises:
+        InputError: it does not describe a stack, or lists files elsewhere.
+    """
+    try:
+        made, outputs = manifest["provenance"], manifest["outputs"]
+        entries = [entry for output in outputs for entry in output.get("maps", {}).values()]
+        listed = [name for part in (*outputs, *entries) for name in part.get("files", ())]
+        return StackInfo(
+            {key: value for key, value in manifest.items() if key != "outputs"},
+            str(manifest["name"]),
+            str(manifest["model"]),
+            int(manifest["width"]),
+            int(manifest["height"]),
+            max((len(entry.get("levels", ())) for entry in entries), default=0),
+            (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"])),
+            str(made["method"]),
+            str(made["tool_version"]),
+            str(made.get("weights") or ""),
+            str(made["pixel_filter"]),
+            tuple((str(o["format"]), str(o["normal_convention"])) for o in outputs if "normal_convention" in o),
+            tuple(_within(folder, name) for name in dict.fromkeys(listed)),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{folder / MANIFEST} does not describe a stack ({error!r}): bake it again") from error
+
+
+def _within(folder: Path, name: object) -> Path:
+    if not isinstance(name, str) or name in ("", ".", "..") or any(letter in name for letter in "/\\:\0"):
+        raise InputError(
+            f"{folder / MANIFEST} lists the file {name!r}: expected names of files in its folder; bake it again"
+        )
+    return folder / name
+
+
+def file_info(path: Path) -> FileInfo:
+    """What is in an image file or a glTF document. InputError where it is not there, or nothing that is known.
+
+    Pixels of KTX 2, DDS and documents are not decoded.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(12)
+    except OSError as error:
+        raise InputError(f"cannot read {path} ({error.strerror}): expected a file of a stack, or its folder") from error
+    if start == ktx2.IDENTIFIER:
+        return _gpu(path, "KTX 2", ktx2.decoded(path.read_bytes(), str(path)))
+    if path.suffix.lower() == ".ktx2":
+        raise InputError(f"{path} is no KTX 2 file: it does not begin like one; bake or download it again")
+    if start.startswith(b"DDS "):
+        return _gpu(path, "DDS (Direct3D 10)", dds.decoded(path.read_bytes(), str(path)))
+    if start.startswith(container.MAGIC) or path.suffix.lower() in (".gltf", ".glb"):
+        return _document(path, "GLB (glTF 2.0)" if start.startswith(container.MAGIC) else "glTF 2.0")
+    return _image(path)
+
+
+def _document(path: Path, kind: str) -> FileInfo:
+    document = read_document(path)
+    images = tuple(_document_image(document, index) for index in range(len(document.all("images"))))
+    extras = document.json["asset"].get("extras")
+    about = extras.get("mipbake") if isinstance(extras, dict) else None
+    about = about if isinstance(about, dict) else {}
+    return FileInfo(path, kind, "", (), (), "", path.stat().st_size, about, images=images)
+
+
+def _document_image(document: Document, index: int) -> ImageInfo:
+    data, kind = stored_image(document, index)
+    name = document.all("images")[index].get("name")
+    name = name if isinstance(name, str) and name else str(index)
+    if kind != KTX2:
+        return ImageInfo(name, kind.mime, "", "", (), len(data))
+    texture = ktx2.decoded(data, f"image {index} ({name}) of {document.path}")
+    space = "sRGB" if texture.format.srgb else "linear"
+    return ImageInfo(name, kind.mime, texture.format.name, space, _sizes(texture), len(data))
+
+
+def _sizes(texture: GpuTexture) -> tuple[tuple[int, int], ...]:
+    return tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
+
+
+def _gpu(path: Path, kind: str, texture: GpuTexture) -> FileInfo:
+    values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
+    made = texture.format
+    return FileInfo(
+        path,
+        kind,
+        made.name,
+        (),
+        _sizes(texture),
+        "sRGB" if made.srgb else "linear",
+        path.stat().st_size,
+        _about(values.pop(ABOUT, "")),
+        values,
+    )
+
+
+def _image(path: Path) -> FileInfo:
+    source = reader(path)
+    try:
+        spec = source.spec()
+        attributes = {
+            name: str(value)
+            for name in ("textureformat", "wrapmodes", "compression")
+            if (value := spec.getattribute(name)) is not None
+        }
+        about = _about(str(spec.getattribute(ABOUT) or spec.getattribute("ImageDescription") or ""))
+        channels, kind = tuple(spec.channelnames), str(spec.format)
+        # The library takes PNG files that say nothing for sRGB.
+        silent = path.suffix.lower() == ".png" and b"sRGB" not in path.read_bytes()[:_PNG_HEAD]
+        space = "" if silent else str(spec.getattribute("oiio:ColorSpace") or "")
+        levels = [(spec.width, spec.height)]
+        while source.seek_subimage(0, len(levels)):
+            levels.append((source.spec().width, source.spec().height))
+        name = source.format_name()
+    finally:
+        source.close()
+    return FileInfo(path, name, kind, channels, tuple(levels), space, path.stat().st_size, about, attributes)
+
+
+def _about(text: str) -> Mapping[str, Any]:
+    try:
+        content = json.loads(text)
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,143 @@
+"""What engines load: a preset chooses target, containers, texels, packing, normals and names. docs/engines says why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mipbake.errors import UsageError
+from mipbake.output import Output
+from mipbake.packing import SEPARATE, Normals
+
+OPENGL = Normals("opengl")
+OPENGL_XY = Normals("opengl", 2)
+DIRECTX = Normals("directx")
+
+_GLTF_NAMES = {"base_color": "baseColor", "orm": "occlusionRoughnessMetallic"}
+_UNREAL_NAMES = {"base_color": "BC", "normal": "N", "orm": "ORM", "emissive": "E", "height": "H"}
+_UNITY_NAMES = {
+    "base_color": "BaseMap",
+    "normal": "Normal",
+    "mask_map": "MaskMap",
+    "emissive": "Emission",
+    "height": "Height",
+}
+_GODOT_NAMES = {"base_color": "albedo", "emissive": "emission"}
+_SET_FILE = "{set}_{file}"
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What an engine loads.
+
+    Args:
+        name: of the preset.
+        engine: in words.
+        outputs: files that are written.
+        anisotropic: whether its standard material reads `gltf-anisotropic`; sets with an anisotropy map are baked for
+            `gltf` where it does not.
+        documents: whether glTF sources become a GLB, and get no files of maps.
+        sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
+        notes: what the user should do or know, in sentences.
+    """
+
+    name: str
+    engine: str
+    outputs: tuple[Output, ...]
+    anisotropic: bool = False
+    documents: bool = False
+    sides: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def target(self) -> str:
+        """The target that it chooses, a name in `mipbake.bake.TARGETS`."""
+        return "auto" if self.anisotropic else "gltf"
+
+    def check(self, width: int, height: int) -> list[str]:
+        """What is wrong with a size, in sentences."""
+        sides = (width, height)
+        fine = {
+            "": True,
+            "multiples of 4": all(side % 4 == 0 for side in sides),
+            "powers of two": all(side & (side - 1) == 0 for side in sides),
+        }[self.sides]
+        if fine:
+            return []
+        return [f"{self.engine} needs sides that are {self.sides}, this set is {width} x {height}: resize its maps"]
+
+
+_ALL = (
+    Preset(
+        "three",
+        "three.js",
+        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
+        anisotropic=True,
+        documents=True,
+        notes=("leave texture.anisotropy at 1 and minFilter at LinearMipmapLinearFilter",),
+    ),
+    Preset(
+        "babylon",
+        "Babylon.js",
+        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
+        anisotropic=True,
+        documents=True,
+        notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
+    ),
+    Preset(
+        "filament",
+        "Filament",
+        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
+        documents=True,
+        notes=("leave specularAntiAliasing off",),
+    ),
+    Preset(
+        "unreal",
+        "Unreal Engine",
+        (Output("dds:rgba8", "orm", DIRECTX, "T_" + _SET_FILE, _UNREAL_NAMES),),
+        sides="powers of two",
+        notes=("keep Mip Gen Settings at Leave Existing Mips and Composite Texture Mode off",),
+    ),
+    Preset(
+        "unity",
+        "Unity",
+        (Output("dds:bc", "mask-map", OPENGL_XY, _SET_FILE, _UNITY_NAMES),),
+        sides="multiples of 4",
+        notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
+    ),
+    Preset(
+        "godot",
+        "Godot",
+        (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES),),
+        sides="powers of two",
+        notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
+    ),
+    Preset(
+        "arnold",
+        "Arnold",
+        (Output("tx:half", SEPARATE, OPENGL, _SET_FILE),),
+        notes=("switch auto-tx off; colours are linear Rec.709, convert them first where the scene is ACEScg",),
+    ),
+    Preset(
+        "renderman",
+        "RenderMan",
+        (Output("exr:half", SEPARATE, OPENGL, _SET_FILE), Output("png:16", SEPARATE, OPENGL, _SET_FILE)),
+        notes=("levels that txmake takes lie beside the EXR files as PNG files",),
+    ),
+    Preset(
+        "blender",
+        "Blender (Cycles)",
+        (Output("exr:half", SEPARATE, OPENGL, _SET_FILE),),
+        notes=("switch the texture cache on (5.2 and newer); older versions and EEVEE show level 0 alone",),
+    ),
+)
+
+PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in _ALL}
+"""By name."""
+
+
+def preset_named(name: str) -> Preset:
+    """The preset of that name; UsageError with the list when there is none."""
+    if name not in PRESETS:
+        raise UsageError(f"unknown preset {name!r}: expected one of {', '.join(PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,340 @@
+"""`mipbake bake` on everything that it takes, what it writes, what it refuses; `mipbake info` on what it wrote."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.cli.main import main
+from mipbake.io.file_info import file_info
+
+from . import mtlx_documents as mtlx
+from .command_line import fails, tree, write_set
+from .gltf_files import GltfFile, check_structure, many_materials, png, split
+from .gltf_results import two_textures
+from .gpu_textures import halved, openimageio_levels
+from .input_files import bytes_of, encoded, height_field, write_image
+from .packed_sets import grey, write
+from .test_presets import run
+
+LINEAR = ("--method", "linear")
+
+
+def bake(*arguments: object) -> tuple[int, dict]:
+    """Exit code and the JSON of a bake by `linear`."""
+    code, said = run("bake", *arguments, *LINEAR, "--json")
+    return code, json.loads(said)
+
+
+def small(name: str = "n") -> GltfFile:
+    """A document of one material."""
+    return two_textures(png("normal " + name), png("mr"))
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    """A document of 14 materials, baked to files and to a GLB."""
+    folder = tmp_path_factory.mktemp("many")
+    source = many_materials().write(folder / "many")
+    code, report = bake(source, "-o", folder / "out", "--format", "png,glb")
+    assert code == 0
+    return folder, report
+
+
+def test_every_material_of_a_document_is_baked(many) -> None:
+    folder, report = many
+    sets = [result for result in report["results"] if "stack" in result]
+    assert {Path(result["out"]).parent for result in sets} == {folder / "out" / "many"}
+    names = {Path(result["out"]).name for result in sets}
+    # Equal textures and factors once, names that differ by case only apart, nothing for what has no normal map.
+    assert {"Leather", "leather_2", "Fence", "Two_sets", "Shifted", "Foreign", "Brushed", "material_13"} == names
+    for result in sets:
+        stack = mipbake.open_stack(result["out"])
+        assert stack.size == ((8, 8) if stack.name in ("Two_sets", "Foreign") else (16, 16))
+        assert stack.model == ("gltf-anisotropic" if stack.name in ("Brushed", "material_13") else "gltf")
+        assert {Path(file["path"]).name for file in result["files"]} == {p.name for p in Path(result["out"]).iterdir()}
+    assert [cost["format"] for cost in sets[0]["costs"]] == ["glb", "png:8"]
+    assert tree(folder) == sorted(
+        ["many.glb", "out", "out/many.glb", *(f"out/{p}" for p in tree(folder / "out") if p != "many.glb")]
+    )
+
+
+def test_factors_of_a_document_are_in_what_is_baked(many) -> None:
+    """Its roughnessFactor is 0.8; metallicRoughness has roughness in green."""
+    folder, _ = many
+    path = folder / "orm.png"
+    path.write_bytes(png("orm", channels=3))
+    wanted = openimageio_levels(path, 3)[0][..., 1].mean() / 255 * 0.8
+    found = mipbake.open_stack(folder / "out" / "many" / "Leather").levels[-1]
+    assert found[0, 0, 4] == pytest.approx(wanted, abs=2 / 255)
+
+
+def test_the_document_comes_back(many) -> None:
+    folder, report = many
+    before, _ = split((folder / "many.glb").read_bytes())
+    after, _ = check_structure((folder / "out" / "many.glb").read_bytes())
+    for kind in ("scenes", "nodes", "meshes"):
+        assert after[kind] == before[kind]
+    assert [m["name"] for m in after["materials"]] == [m["name"] for m in before["materials"]]
+    made = after["asset"]["extras"]["mipbake"]
+    assert made["version"] == mipbake.__version__ and made["materials"]["Leather"]["method"] == "linear"
+    assert report["results"][-1]["files"][0]["path"] == str(folder / "out" / "many.glb")
+    assert "KHR_texture_basisu" in after["extensionsUsed"]
+
+
+def test_coverage_of_a_mask_is_kept_in_8_bits(many) -> None:
+    """The fence is tested against 0.4, and its factor is 0.8: 0.5 in the texture."""
+    folder, _ = many
+    found = mipbake.open_stack(folder / "out" / "many" / "Fence")
+    chain = found.extra["opacity"]
+    share = (chain[0] >= 0.5).mean()
+    for level in chain[1:]:
+        assert abs((level >= 0.5).sum() - share * level.size) <= 1
+
+
+@pytest.mark.parametrize("kind", ["glb", "external", "embedded"])
+def test_glb_only(tmp_path, kind) -> None:
+    """One file and nothing else."""
+    source = small().write(tmp_path / "bolt", kind)
+    code, report = bake(source, "-o", tmp_path / "out", "--format", "glb")
+    assert code == 0
+    assert tree(tmp_path / "out") == ["bolt.glb"]
+    check_structure((tmp_path / "out" / "bolt.glb").read_bytes())
+    assert [result["ok"] for result in report["results"]] == [True, True]
+    assert report["results"][0]["files"] == []
+    # An earlier one of ours may be replaced.
+    first = (tmp_path / "out" / "bolt.glb").read_bytes()
+    assert bake(source, "-o", tmp_path / "out", "--format", "glb")[0] == 0
+    assert (tmp_path / "out" / "bolt.glb").read_bytes() == first
+
+
+def test_a_glb_of_a_folder(tmp_path) -> None:
+    """A square with the material, beside the description of the stack; sides that glTF forbids are widened and told."""
+    folder = write(
+        tmp_path / "wood",
+        wood_base_color=grey(1, 6),
+        wood_normal_gl=encoded(height_field(6, 6)),
+        wood_roughness=grey(2, 6),
+    )
+    code, report = bake(folder, "-o", tmp_path / "out", "--format", "glb")
+    assert code == 0 and tree(tmp_path / "out") == ["wood", "wood/stack.json", "wood/wood.glb"]
+    document, _ = check_structure((tmp_path / "out" / "wood" / "wood.glb").read_bytes())
+    assert len(document["meshes"]) == 1
+    assert any("resampled from 6 x 6 to 8 x 8" in note for note in report["results"][0]["set"]["notes"])
+    assert bake(folder, "-o", tmp_path / "out", "--format", "png,glb")[0] == 0
+    stack = mipbake.open_stack(tmp_path / "out" / "wood")
+    assert stack.size == (8, 8) and (tmp_path / "out" / "wood" / "wood.glb").exists()
+
+
+@pytest.mark.parametrize("content", [b"somebody's", b"glTF"])
+def test_a_foreign_glb_is_not_overwritten(tmp_path, capsys, content) -> None:
+    source = small().write(tmp_path / "bolt")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "bolt.glb").write_bytes(content)
+    said = fails(capsys, 4, "bake", source, "-o", tmp_path / "out", "--format", "png,glb", *LINEAR)
+    assert "bolt.glb" in said and "was not made by mipbake" in said
+    assert tree(tmp_path / "out") == ["bolt.glb"] and (tmp_path / "out" / "bolt.glb").read_bytes() == content
+
+
+def test_a_glb_of_others_is_not_overwritten(tmp_path, capsys) -> None:
+    source = small().write(tmp_path / "bolt")
+    (tmp_path / "out").mkdir()
+    other = small("other").write(tmp_path / "out" / "bolt").read_bytes()
+    assert "was not made by mipbake" in fails(
+        capsys, 4, "bake", source, "-o", tmp_path / "out", "--format", "glb", *LINEAR
+    )
+    assert (tmp_path / "out" / "bolt.glb").read_bytes() == other
+
+
+def test_the_source_is_not_overwritten(tmp_path, capsys) -> None:
+    source = small().write(tmp_path / "bolt")
+    before = source.read_bytes()
+    said = fails(capsys, 4, "bake", source, "-o", tmp_path, "--format", "glb", *LINEAR)
+    assert "it is what is read" in said
+    assert source.read_bytes() == before and tree(tmp_path) == ["bolt.glb"]
+
+
+def broken_document(folder: Path) -> Path:
+    """Two materials; the pixels of one normal map end early."""
+    whole = png("normal broken")
+    made = GltfFile()
+    for name, data in (("good", png("normal good")), ("bad", whole[: len(whole) * 2 // 3])):
+        made.texture(made.image(data, name))
+        made.material(name, normalTexture={"index": len(made.json["textures"]) - 1})
+    return made.write(folder / "two")
+
+
+def test_a_document_with_a_broken_image_is_refused_whole(tmp_path, capsys) -> None:
+    source = broken_document(tmp_path)
+    assert main(["bake", str(source), "-o", str(tmp_path / "out"), "--format", "png,glb", *LINEAR]) == 3
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mipbake: ")]
+    assert len(lines) == 1 and str(source) in lines[0] and "image 1 (bad)" in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_broken_source_does_not_stop_others(tmp_path, capsys) -> None:
+    (tmp_path / "broken.glb").write_bytes(b"glTF" + bytes(20))
+    good = small().write(tmp_path / "bolt")
+    folder = write_set(tmp_path / "metal")
+    sources = [tmp_path / "broken.glb", good, tmp_path / "missing", folder]
+    code, report = bake(*sources, "-o", tmp_path / "out", "--format", "png")
+    assert code == 3
+    assert [result["ok"] for result in report["results"]] == [False, True, False, True]
+    assert str(tmp_path / "broken.glb") in report["results"][0]["error"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["bolt", "metal"]
+    assert capsys.readouterr().err.count("mipbake: ") == 2
+
+
+@pytest.mark.parametrize(
+    "option", [["--gloss"], ["--map", "metallic=1"], ["--wrap-u", "clamp"], ["--alpha-cutoff", "0.5"]]
+)
+def test_documents_say_themselves_how_they_are_read(tmp_path, capsys, option) -> None:
+    mtlx.write_textures(tmp_path)
+    for source in (small().write(tmp_path / "bolt"), mtlx.document(tmp_path, mtlx.surface())):
+        said = fails(capsys, 2, "bake", source, "-o", tmp_path / "out", *option, *LINEAR)
+        assert f"{source} says itself how its textures are read" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_materialx_document(tmp_path) -> None:
+    mtlx.write_textures(tmp_path)
+    source = mtlx.document(tmp_path, mtlx.surface(mtlx.image("color", "color3", "color.png"), base_color="color"))
+    code, report = bake(source, "-o", tmp_path / "out", "--format", "exr:float", "--filter", "box")
+    assert code == 0
+    (result,) = report["results"]
+    stack = mipbake.open_stack(result["out"])
+    wanted = openimageio_levels(tmp_path / "rough.png", 1)[0] / 255
+    np.testing.assert_allclose(stack.levels[0][..., 4:5], wanted, atol=1e-6)
+    assert result["set"]["maps"]["roughness"]["path"].endswith("rough.png")
+
+
+def tiles(folder: Path) -> Path:
+    """1001 and 1002 side by side, and 1021 apart from both."""
+    folder.mkdir()
+    for number, tile in enumerate((1001, 1002, 1021)):
+        for role, pixels in (
+            ("base_color", bytes_of(np.full((8, 8, 3), 0.2 + 0.2 * number))),
+            ("normal_gl", encoded(height_field(8, 8, seed=number))),
+            ("roughness", grey(number, 8)),
+        ):
+            write_image(folder / f"rock_{role}.{tile}.png", pixels)
+    return folder
+
+
+@pytest.mark.parametrize("source", ["", "rock_base_color.<UDIM>.png"])
+def test_tiles(tmp_path, source) -> None:
+    folder = tiles(tmp_path / "rock")
+    code, report = bake(folder / source if source else folder, "-o", tmp_path / "out", "--format", "png")
+    assert code == 0
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert len(names) == len(report["results"]) == 3
+    for name, tile in zip(names, (1001, 1002, 1021), strict=True):
+        assert name.endswith(f"_{tile}")
+        files = {p.name for p in (tmp_path / "out" / name).iterdir()}
+        assert f"rock_roughness.{tile}_mip00.png" in files  # names stay names
+        levels = mipbake.open_stack(tmp_path / "out" / name).levels
+        assert [level.shape[:2] for level in levels] == [(h, w) for w, h in halved(8, 8)]
+
+
+def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
+    folder = tiles(tmp_path / "rock")
+    assert bake(folder, "-o", tmp_path / "out", "--format", "exr:float")[0] == 0
+    first = mipbake.open_stack(next((tmp_path / "out").glob("*_1001"))).levels[2][..., 0]
+    assert (first[:, -1] > first[:, 0] + 1e-4).all()  # 1002 to its right is brighter
+
+
+def test_lists_and_globs(tmp_path) -> None:
+    for name in ("a", "b", "c"):
+        write_set(tmp_path / "sets" / name)
+    (tmp_path / "list.txt").write_text("# two\nsets/a\n\nsets/c\n")
+    code, report = bake(f"@{tmp_path / 'list.txt'}", "-o", tmp_path / "listed", "--format", "png")
+    assert code == 0 and tree(tmp_path / "listed")[0] == "a"
+    assert [Path(result["out"]).name for result in report["results"]] == ["a", "c"]
+    code, report = bake(tmp_path / "sets" / "*", tmp_path / "sets" / "b", "-o", tmp_path / "all", "--format", "png")
+    assert code == 0 and [Path(result["out"]).name for result in report["results"]] == ["a", "b", "c"]
+
+
+def test_a_list_or_glob_of_nothing(tmp_path, capsys) -> None:
+    (tmp_path / "list.txt").write_text("# nothing\n")
+    assert "holds no path" in fails(capsys, 3, "bake", f"@{tmp_path / 'list.txt'}", "-o", tmp_path / "out")
+    assert "matches nothing" in fails(capsys, 3, "bake", tmp_path / "no*", "-o", tmp_path / "out")
+    assert "cannot be read" in fails(capsys, 3, "bake", f"@{tmp_path / 'none.txt'}", "-o", tmp_path / "out")
+
+
+def test_two_documents_of_one_name(tmp_path, capsys) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        small().write(tmp_path / name / "bolt")
+    sources = (tmp_path / "a" / "bolt.glb", tmp_path / "b" / "bolt.glb")
+    assert "both called bolt" in fails(capsys, 2, "bake", *sources, "-o", tmp_path / "out", *LINEAR)
+
+
+def test_max_level_and_adjustments(tmp_path) -> None:
+    folder = write_set(tmp_path / "metal")
+    more = ["--max-level", "2", "--min-roughness", "0.35", "--keep-level0", "--strength", "0.5"]
+    code, report = bake(folder, "-o", tmp_path / "out", "--format", "png,exr", *more)
+    assert code == 0 and report["results"][0]["stack"]["levels"] == 3
+    names = tree(tmp_path / "out" / "metal")
+    assert [n for n in names if n.startswith("roughness")] == [
+        "roughness.exr",
+        *(f"roughness_mip0{i}.png" for i in range(3)),
+    ]
+    found = mipbake.open_stack(tmp_path / "out" / "metal")
+    assert min(level[..., 4].min() for level in found.levels) >= 0.35 - 1e-3
+    assert len(found.provenance.adjustments) == 3
+    source = mipbake.load(folder).material("gltf")
+    np.testing.assert_allclose(found.levels[0][..., :3], source[..., :3], atol=1e-3)
+
+
+def test_info_on_every_file(tmp_path, capsys) -> None:
+    folder = write_set(tmp_path / "metal")
+    formats = "exr,tx:8,ktx2:bc,dds:rgba8,png:16,glb"
+    assert bake(folder, "-o", tmp_path / "out", "--format", formats)[0] == 0
+    place = tmp_path / "out" / "metal"
+    names = [p.name for p in place.iterdir()]
+    code, said = run("info", place)
+    assert code == 0 and all(name in said for name in names if name != "stack.json")
+    assert run("info", place / "stack.json") == (code, said)
+    assert f"{place}: metal, gltf, 16 x 16, 5 levels, wrap wrap, wrap" in said and "baked by linear of mipbake" in said
+    wanted = {
+        "normal.exr": ("openexr, half, channels R G B", "textureformat: Plain Texture", "wrapmodes: periodic,periodic"),
+        "normal.tx": ("tiff, uint8, channels R G B", "textureformat: Plain Texture", "wrapmodes: periodic,periodic"),
+        "base_color.ktx2": ("KTX 2, BC7_SRGB_BLOCK, sRGB", "KTXorientation: rd"),
+        "normal.dds": ("DDS (Direct3D 10), R8G8B8A8_UNORM, linear",),
+        "base_color_mip00.png": ("png, uint16, channels R G B, srgb",),
+        "metal.glb": ("GLB (glTF 2.0)", "UASTC_RGB_SRGB_BLOCK"),
+    }
+    for name, parts in wanted.items():
+        code, said = run("info", place / name)
+        assert code == 0 and all(part in said for part in parts), said
+        assert ("made by mipbake: set metal, model gltf, method linear" in said) == (not name.endswith("dds"))
+        assert ", 16 x 16, 5 levels" in said or name.endswith("png")
+        code, said = run("info", place / name, "--json")
+        (found,) = json.loads(said)["files"]
+        assert (found["path"], found["bytes"]) == (str(place / name), (place / name).stat().st_size)
+    assert file_info(place / "roughness_mip00.png").colour_space == ""  # it says none
+    code, said = run("info", place, "--json")
+    report = json.loads(said)
+    assert report["stack"]["name"] == "metal" and len(report["files"]) == len(names) - 1
+    capsys.readouterr()
+
+
+def test_info_on_a_stack_that_is_a_glb_only(tmp_path) -> None:
+    assert bake(write_set(tmp_path / "metal"), "-o", tmp_path / "out", "--format", "glb")[0] == 0
+    code, said = run("info", tmp_path / "out" / "metal")
+    assert code == 0 and "metal.glb: GLB" in said and "baked by linear" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "part"), [("a.ktx2", "no KTX 2 file"), ("a.png", "cannot read"), ("a.glb", "no glTF file")]
+)
+def test_info_on_what_is_none(tmp_path, capsys, name, part) -> None:
+    (tmp_path / name).write_text("nothing of the kind")
+    assert part in fails(capsys, 3, "info", tmp_path / name)
+    assert "expected a file of a stack" in fails(capsys, 3, "info", tmp_path / "missing.ktx2")
+    (tmp_path / "stack.json").write_text('{"schema": "mipbake-stack", "schema_version": 2, "outputs": []}')
+    assert "does not describe a stack" in fails(capsys, 3, "info", tmp_path)

@@ -1,0 +1,90 @@
+"""What `mipbake info` says of files and folders, GLB files among them, without a look at pixels."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mipbake.cli.main import main
+from mipbake.io.gltf.quad import QuadOptions, standalone
+
+from .command_line import fails
+from .gltf_files import GltfFile, ktx2, png
+from .stacks import made_stack
+
+
+@pytest.fixture(autouse=True)
+def _without_decoder(monkeypatch) -> None:
+    """Neither levels nor blocks are decoded."""
+    monkeypatch.setitem(__import__("sys").modules, "alktx2", None)
+
+
+def glb() -> bytes:
+    maps = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}
+    return standalone("sample", maps, QuadOptions(), {"method": "linear", "version": "0"})
+
+
+def shown(capsys, *arguments) -> str:
+    assert main([str(a) for a in ("info", *arguments)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out
+
+
+def saved(folder, formats=("exr",), **changes):
+    """A stack with a GLB beside; `changes` are those of its description."""
+    made_stack((4, 8)).save(folder, ",".join(formats) if formats else (), beside={"sample.glb": glb()})
+    path = folder / "stack.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    return folder
+
+
+def test_images_of_a_glb(tmp_path, capsys) -> None:
+    (tmp_path / "a.glb").write_bytes(glb())
+    out = shown(capsys, tmp_path / "a.glb")
+    assert "a.glb: GLB (glTF 2.0), 2 images" in out
+    assert "made by mipbake: method linear, version 0" in out
+    assert "image baseColorTexture: image/ktx2, UASTC_RGB_SRGB_BLOCK, sRGB, 16 x 8, 5 levels" in out
+    (file,) = json.loads(shown(capsys, tmp_path / "a.glb", "--json"))["files"]
+    assert file["about"] == {"method": "linear", "version": "0"}
+    assert [image["levels"] for image in file["images"]] == [
+        [[16, 8], [8, 4], [4, 2], [2, 1], [1, 1]],
+        [[8, 8], [4, 4], [2, 2], [1, 1]],
+    ]
+    assert [image["bytes"] for image in file["images"]] == [len(ktx2(1, True, 16, 8)), len(ktx2(2))]
+
+
+def test_a_document_of_others(tmp_path, capsys) -> None:
+    made = GltfFile()
+    made.image(png("a", 8), "a picture")
+    made.json["asset"]["extras"] = {"mipbake": {"version": "0", "materials": {"Wood": {"method": "linear"}}}}
+    out = shown(capsys, made.write(tmp_path / "a"))
+    assert f"image a picture: image/png, {len(png('a', 8))} bytes" in out
+    assert "material Wood: method linear" in out
+
+
+@pytest.mark.parametrize("formats", [("exr", "png"), ()])
+def test_stacks_with_a_glb(tmp_path, capsys, formats) -> None:
+    out = shown(capsys, saved(tmp_path / "s", formats))
+    assert "sample, gltf, 8 x 4, " + ("4 levels" if formats else "5 levels") in out
+    assert "sample.glb: GLB (glTF 2.0), 2 images" in out
+    assert ("exr: normals OpenGL" in out) == ("png: normals OpenGL" in out) == bool(formats)
+    assert "glb: normals" not in out
+
+
+@pytest.mark.parametrize("name", ["../secret.exr", "/etc/passwd", "a/b.exr", "..", "", "a\\\\b", 3])
+def test_files_elsewhere_are_refused(tmp_path, capsys, name) -> None:
+    (tmp_path / "secret.exr").write_bytes(b"secret")
+    folder = saved(tmp_path / "s", outputs=[{"format": "exr", "maps": {"a": {"files": [name]}}}])
+    assert "expected names of files in its folder" in fails(capsys, 3, "info", folder)
+
+
+@pytest.mark.parametrize("outputs", [None, [3], [{"maps": []}], [{"files": 3}]])
+def test_descriptions_of_no_stack_are_told(tmp_path, capsys, outputs) -> None:
+    folder = saved(tmp_path / "s", outputs=outputs)
+    assert "does not describe a stack" in fails(capsys, 3, "info", folder)
+
+
+def test_entries_that_say_little(tmp_path, capsys) -> None:
+    assert "0 levels" in shown(capsys, saved(tmp_path / "s", outputs=[{}, {"format": "exr", "maps": {"a": {}}}]))

@@ -1,0 +1,194 @@
+"""What files cost: figures that NumPy confirms, texels that follow the material, warnings that help."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.compare.compression import LIMIT, Cost, chosen, cost
+from mipbake.io.containers import FORMATS, format_named
+from mipbake.metrics import PAIR_SETS
+from mipbake.output import Output
+from mipbake.presets import PRESETS
+from mipbake.stack import MipStack, read_output
+from mipbake.texture_set import TextureSet
+
+from .command_line import write_set
+from .input_files import height_field
+from .stacks import smooth
+from .test_presets import run
+
+LADDER = ["bc", "rgba8", "rgba16f"]
+
+
+@cache
+def mirror() -> tuple[TextureSet, MipStack]:
+    """Nearly a mirror, with slopes of a few codes of 8 bits."""
+    normal = height_field(32, 32, steepness=0.01)
+    texture_set = TextureSet.from_arrays("mirror", normal=normal, roughness=0.06, base_color=0.7, metallic=1.0)
+    return texture_set, mipbake.bake(texture_set, "vmf")
+
+
+@cache
+def plaster() -> tuple[TextureSet, MipStack]:
+    """Rough, and rough to look at."""
+    rng = np.random.default_rng(0)
+    texture_set = TextureSet.from_arrays(
+        "plaster",
+        normal=height_field(32, 32, steepness=0.6),
+        roughness=rng.uniform(0.7, 1, (32, 32)),
+        base_color=smooth((32, 32), 3),
+        occlusion=smooth((32, 32), 1, 2),
+    )
+    return texture_set, mipbake.bake(texture_set, "vmf")
+
+
+def written(made: tuple[TextureSet, MipStack], folder, output: Output, levels: int | None = None) -> Cost:
+    texture_set, stack = made
+    stack.save(folder, [output], levels=levels)
+    return cost(texture_set, stack, output, read_output(folder, 0), levels)
+
+
+def encoded(stack: MipStack, name: str, srgb: bool) -> list[np.ndarray]:
+    """File values of a map of its own."""
+    levels = next(chain for layout, chain in stack.maps() if layout.name == name)
+    if name == "normal":
+        return [(level.astype(float) + 1) / 2 for level in levels]
+    values = [level.astype(float) for level in levels]
+    if not srgb or name != "base_color":
+        return values
+    return [np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 1e-9) ** (1 / 2.4) - 0.055) for v in values]
+
+
+@pytest.mark.parametrize("fmt", ["png:8", "png:16", "ktx2:bc", "ktx2:rgba8", "dds:rgba16f", "tx:8", "exr:half"])
+def test_psnr_is_what_numpy_says(tmp_path, fmt: str) -> None:
+    """Of file values between 0 and 1, over all texels of all levels together."""
+    _, stack = plaster()
+    found = written(plaster(), tmp_path / "s", Output(fmt))
+    assert set(found.psnr) == {"base_color", "metallic", "roughness", "normal", "occlusion"}
+    back = mipbake.open_stack(tmp_path / "s")
+    srgb = fmt.split(":")[1] in ("8", "16", "bc", "rgba8")
+    for name, psnr in found.psnr.items():
+        pairs = zip(encoded(back, name, srgb), encoded(stack, name, srgb), strict=True)
+        error = np.concatenate([(a - b).ravel() for a, b in pairs])
+        mean = np.mean(np.square(error))
+        assert psnr == (math.inf if mean == 0 else pytest.approx(-10 * np.log10(mean), abs=0.02)), name
+    assert found.psnr["metallic"] == math.inf  # it is 0 everywhere
+
+
+@pytest.mark.parametrize(("fmt", "bits"), [("png:8", 8), ("png:16", 16), ("ktx2:rgba8", 8)])
+def test_psnr_of_rounding(tmp_path, fmt: str, bits: int) -> None:
+    """Errors that are even between -1/2 and 1/2 step have a mean square of a twelfth of a step's."""
+    found = written(plaster(), tmp_path / "s", Output(fmt))
+    step = 1 / (2**bits - 1)
+    assert found.psnr["roughness"] == pytest.approx(-10 * np.log10(step**2 / 12), abs=0.5)
+
+
+def test_floats_cost_nothing(tmp_path) -> None:
+    for made in (plaster(), mirror()):
+        found = written(made, tmp_path / made[0].name, Output("exr:float"))
+        assert set(found.loss) == set(PAIR_SETS)
+        assert max(abs(loss) for loss in found.loss.values()) < 0.005
+        assert found.warning is None
+        assert set(found.texels.values()) == {"float"}
+
+
+def test_fewer_levels_are_measured_as_they_are(tmp_path) -> None:
+    found = written(plaster(), tmp_path / "s", Output("tx:float"), levels=2)
+    assert abs(found.worst) < 0.005
+
+
+def test_smooth_materials_lose_more(tmp_path) -> None:
+    """Eight bits hide in plaster, and show in a mirror."""
+    rough = written(plaster(), tmp_path / "a", Output("png:8"))
+    glossy = written(mirror(), tmp_path / "b", Output("png:8"))
+    assert rough.worst < LIMIT < glossy.worst
+    assert rough.warning is None
+    assert "png:8 costs" in (glossy.warning or "")
+
+
+@pytest.mark.parametrize("container", ["ktx2", "dds"])
+def test_better_texels_are_chosen_for_smooth_materials(container: str) -> None:
+    ranks = {}
+    for texture_set, stack in (plaster(), mirror()):
+        output = chosen(texture_set, stack, Output(container))
+        names = {file.layout.name for file in stack.files(output)}
+        assert set(output.texels) <= names
+        assert set(output.texels.values()) <= set(LADDER[1:])  # never worse than half floats, never the default
+        ranks[texture_set.name] = sum(LADDER.index(texels) for texels in output.texels.values())
+        for file in stack.files(output):
+            assert file.container.texels == output.texels.get(file.layout.name, "bc")
+    assert ranks["plaster"] < ranks["mirror"]
+    assert chosen(*mirror(), Output(container)).texels["normal"] == "rgba16f"
+
+
+def test_what_is_chosen_costs_less_than_the_limit(tmp_path) -> None:
+    """Alone, every file is measured; together they may err by half of it more."""
+    for made in (plaster(), mirror()):
+        output = chosen(*made, Output("dds"))
+        assert written(made, tmp_path / made[0].name, output).worst < 1.5 * LIMIT
+    blocks = written(mirror(), tmp_path / "blocks", Output("dds:bc"))
+    assert blocks.worst > LIMIT
+
+
+@pytest.mark.parametrize("name", ["unity", "three"])
+def test_presets_and_texels_that_are_named_are_left_alone(name: str) -> None:
+    (output,) = PRESETS[name].outputs
+    assert chosen(*mirror(), output) is output
+
+
+@pytest.mark.parametrize("fmt", ["png", "exr", "tx:8", "ktx2:bc", "dds:bc1"])
+def test_other_formats_are_left_alone(fmt: str) -> None:
+    output = Output(fmt)
+    assert chosen(*mirror(), output) is output
+
+
+def test_names_of_files_lead_to_their_texels() -> None:
+    """Also where a preset renames them."""
+    (preset,) = PRESETS["unreal"].outputs
+    output = chosen(*mirror(), Output("dds", "orm", preset.normals, preset.naming, preset.names))
+    plain = chosen(*mirror(), Output("dds", "orm", preset.normals))
+    texels = [file.container.texels for file in mirror()[1].files(output)]
+    assert [file.layout.name for file in mirror()[1].files(output)] == ["T_mirror_BC", "T_mirror_ORM", "T_mirror_N"]
+    assert texels == [file.container.texels for file in mirror()[1].files(plain)] and texels[2] == "rgba16f"
+
+
+NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds if texels != "float"]
+
+
+@pytest.mark.parametrize("fmt", [*NAMES, "glb"])
+def test_warnings_name_formats_that_exist_and_are_better(fmt: str) -> None:
+    said = Cost(fmt, {}, {"near-mirror": 1.26, "hemisphere": -0.2}, {}).warning
+    assert said is not None and "\n" not in said
+    assert said.startswith(f"{fmt} costs 1.3 dB") and "more than 0.3" in said
+    (advice,) = re.findall(r"--format (\S+)", said)
+    better = format_named(advice)
+    assert advice != fmt
+    if fmt != "glb" and format_named(fmt).name == better.name:
+        order = ["bc1", "uastc", "bc", "8", "rgba8", "16", "half", "rgba16f", "float"]
+        assert order.index(better.texels) > order.index(fmt.split(":")[1])
+
+
+@pytest.mark.parametrize("loss", [LIMIT, 0.0, -1.0])
+def test_no_warning_below_the_limit(loss: float) -> None:
+    assert Cost("png:8", {}, {"near-mirror": loss, "hemisphere": -2.0}, {}).warning is None
+
+
+def test_the_command_line_prints_costs(tmp_path) -> None:
+    folder = write_set(tmp_path / "metal")
+    code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds,exr:float")
+    assert code == 0
+    for name in ("png:8", "dds:", "exr:float"):
+        (line,) = (line for line in said.splitlines() if line.startswith(name) and "costs" in line)
+        figures = r"near-mirror [+-]\d+\.\d\d dB, hemisphere [+-]\d+\.\d\d dB; PSNR of the files: base_color"
+        assert re.search(figures, line)
+    code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds", "--json")
+    (result,) = json.loads(said)["results"]
+    assert [each["format"].split(":")[0] for each in result["costs"]] == ["png", "dds"]
+    assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
