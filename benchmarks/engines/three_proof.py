@@ -1,0 +1,210 @@
+"""Baked levels against linear ones in three.js: SNR and FLIP against three.js itself, supersampled.
+
+    python benchmarks/engines/three_proof.py SETS --count 5 --results build/three.json
+
+SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. What has
+been measured already stands in the results file and is not measured again; RESULTS.md is written after every view.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from browser import HERE, numbers, opened
+from engine_sets import first_sets
+from engine_textures import EngineMap, engine_maps, stack_maps, write_map
+from engine_views import EngineView, engine_views
+from numpy.typing import NDArray
+from scipy.stats import qmc
+from three_levels import check_levels
+from three_table import MARGIN_DB, Cell, page_of
+
+import mipbake
+from mipbake import TextureSet
+from mipbake.metrics import ldr_flip, snr_db
+from mipbake.metrics.images import displayed
+from mipbake.prefilter.pixel_filter import filter_named
+
+SIDE = 96
+"""Pixels a side of every picture."""
+
+TEXELS = 512
+"""Texels a side of what is baked: the middle of a set, repeated like the set itself."""
+
+CANDIDATES: Mapping[str, tuple[str, str]] = {
+    "linear": ("linear", "box"),
+    "linear, filtered": ("linear", "gaussian"),
+    "neural": ("neural", "gaussian"),
+    "auto": ("auto", "gaussian"),
+}
+"""Name to method and pixel filter. `linear` with a box is what an engine makes of level 0."""
+
+CONTAINERS: Mapping[str, tuple[str, ...]] = {
+    "linear": ("ktx2-rgba8", "half", "ktx2-bc7", "ktx2-uastc"),
+    "linear, filtered": ("ktx2-rgba8",),
+    "neural": ("ktx2-rgba8", "half", "ktx2-bc7", "ktx2-uastc"),
+    "auto": ("ktx2-rgba8",),
+}
+"""How each candidate reaches three.js."""
+
+FIRST, MOST = 128, 1024
+"""Samples a pixel in each half of the reference: at first, and at most."""
+
+PIXEL_FILTER = "gaussian"
+
+Image = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Two independent estimates, (SIDE, SIDE, 3) linear radiance, and the pixels that the surface fills."""
+
+    first: Image
+    second: Image
+    covered: NDArray[np.bool_]
+    samples: int
+
+    @property
+    def mean(self) -> Image:
+        return (self.first + self.second) / 2
+
+    @property
+    def snr(self) -> float:
+        """Of the mean of both halves against the truth, from their difference, in dB."""
+        a, b = self.first[self.covered], self.second[self.covered]
+        return float(10 * np.log10((a * b).sum() / max(np.square(a - b).sum() / 4, 1e-300)))
+
+
+def main() -> None:
+    """Measures what is missing and writes the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", type=Path, help="a folder of texture sets")
+    parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
+    parser.add_argument("--results", type=Path, required=True, help="a .json file of what has been measured")
+    parser.add_argument(
+        "--page", type=Path, default=HERE / "RESULTS.md", help="where the tables go (default RESULTS.md)"
+    )
+    options = parser.parse_args()
+    cells = (
+        [Cell(**each) for each in json.loads(options.results.read_text())["cells"]] if options.results.exists() else []
+    )
+    notes: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
+        notes = {"engine": page.evaluate("() => proof.describe()"), "levels": check_levels(page, Path(scratch))}
+        print("\n".join(notes["levels"]), flush=True)
+    for texture_set in first_sets(options.sets, options.count, TEXELS):
+        done = {(c.view, c.candidate, c.container) for c in cells if c.set == texture_set.name}
+        for found in measured(texture_set, done):
+            cells += found
+            options.results.parent.mkdir(parents=True, exist_ok=True)
+            written = {"notes": notes, "cells": [dataclasses.asdict(cell) for cell in cells]}
+            options.results.write_text(json.dumps(written, indent=1))
+            options.page.write_text(page_of(cells, notes, (SIDE, TEXELS, MOST)))
+            print(*found, sep="\n", flush=True)
+    options.page.write_text(page_of(cells, notes, (SIDE, TEXELS, MOST)))
+
+
+def measured(texture_set: TextureSet, done: set[tuple[str, str, str]]) -> Iterator[list[Cell]]:
+    """The cells that are not done (view, candidate, container), a view at a time."""
+    size = (texture_set.height, texture_set.width)
+    keys = [(name, container) for name in CANDIDATES for container in CONTAINERS[name]]
+    todo = {
+        view: [key for key in keys if (view.name, *key) not in done]
+        for view in engine_views(size, max(size).bit_length() - 1, SIDE)
+    }
+    if not any(todo.values()):
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        materials = {}
+        for name, (method, pixel_filter) in CANDIDATES.items():
+            if all(key[0] != name for missing in todo.values() for key in missing):
+                continue
+            maps = stack_maps(mipbake.bake(texture_set, method, "gltf", pixel_filter))
+            for container in CONTAINERS[name]:
+                materials[name, container] = _written(maps, container, folder, f"{name} {container}")
+        source = _written(engine_maps([texture_set.material("gltf")]), "float", folder, "source")
+        with opened(HERE / "three/page.html", folder) as page:
+            _add_material(page, "reference", source, "finest")
+            for (name, container), maps_ in materials.items():
+                _add_material(page, f"{name} {container}", maps_, "levels")
+            for view, missing in todo.items():
+                if not missing:
+                    continue
+                (folder / "view.json").write_text(json.dumps(view.described()))
+                page.evaluate("([name, file]) => proof.addView(name, file)", [view.name, "view.json"])
+                shown = {key: _rendered(page, view, " ".join(key), [0, 0])[..., :3] for key in missing}
+                reference = _reference(page, view, shown.values())
+                yield [_cell(texture_set.name, view, key, image, reference) for key, image in shown.items()]
+
+
+def _written(maps: Sequence[EngineMap], container: str, folder: Path, name: str) -> dict[str, Any]:
+    written = {each.name: write_map(each, container, folder / name) for each in maps}
+    return {role: {**each, "file": f"{name}/{each['file']}"} for role, each in written.items()}
+
+
+def _add_material(page: Any, name: str, maps: dict[str, Any], filter_: str) -> None:
+    page.evaluate("([name, maps, filter]) => proof.addMaterial(name, maps, filter)", [name, maps, filter_])
+
+
+def _rendered(page: Any, view: EngineView, material: str, offsets: Sequence[float]) -> Image:
+    """The sum of the renders at the offsets, (SIDE, SIDE, 4), top row first."""
+    text = page.evaluate(
+        "([view, material, offsets]) => proof.render(view, material, offsets)", [view.name, material, list(offsets)]
+    )
+    return numbers(text, (SIDE, SIDE, 4))[::-1]
+
+
+def _reference(page: Any, view: EngineView, candidates: Any) -> Reference:
+    """Doubles the samples until the noise lies MARGIN_DB below the best candidate's error, or there are MOST."""
+    samplers = [qmc.Sobol(2, seed=seed) for seed in (1, 2)]
+    sums = [np.zeros((SIDE, SIDE, 4)) for _ in samplers]
+    count, images = 0, list(candidates)
+    kernel = filter_named(PIXEL_FILTER)
+    while True:
+        more = max(FIRST, count)
+        for index, sampler in enumerate(samplers):
+            offsets = kernel.offsets(sampler.random(more))[0]
+            sums[index] += _rendered(page, view, "reference", offsets.reshape(-1).tolist())
+        count += more
+        covered = np.logical_and.reduce([each[..., 3] == count for each in sums])
+        reference = Reference(sums[0][..., :3] / count, sums[1][..., :3] / count, covered, count)
+        best = max(_snr(image, reference) for image in images)
+        if reference.snr >= best + MARGIN_DB or count >= MOST:
+            return reference
+
+
+def _snr(image: Image, reference: Reference) -> float:
+    covered = reference.covered
+    return snr_db(image[covered], reference.first[covered], reference.second[covered])
+
+
+def _cell(name: str, view: EngineView, key: tuple[str, str], image: Image, reference: Reference) -> Cell:
+    # Edges of the surface are no matter of textures: the background is the same in both.
+    covered = reference.covered[..., None]
+    pair = (displayed(np.where(covered, each, 0)) for each in (image, reference.mean))
+    flip = ldr_flip(*pair).mean_over(reference.covered)
+    return Cell(
+        name,
+        view.name,
+        view.shape,
+        view.scale,
+        view.lod,
+        *key,
+        _snr(image, reference),
+        flip,
+        reference.samples,
+        reference.snr,
+    )
+
+
+if __name__ == "__main__":
+    main()

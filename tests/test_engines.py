@@ -1,0 +1,88 @@
+"""benchmarks/engines: levels in renderers that share no code with mipbake; and that what is broken is noticed."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+ENGINES = Path(__file__).parents[1] / "benchmarks" / "engines"
+
+pytestmark = pytest.mark.independent
+
+
+@pytest.fixture
+def engines(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The folder's scripts can be imported."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(ENGINES)
+    yield
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", "")).startswith(str(ENGINES)):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def web(engines: None) -> None:
+    """Chromium, the npm packages and the encoder of UASTC are there."""
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed (the extra `checks`)")
+    pytest.importorskip("alktx2", reason="alktx2, which encodes UASTC, is not installed")
+    if not (ENGINES / "node_modules").is_dir():
+        pytest.skip("the npm packages are not installed (npm ci --prefix benchmarks/engines)")
+    if not any(shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")):
+        pytest.skip("Chromium is not installed")
+
+
+def test_openimageio_reads_the_levels(engines: None) -> None:
+    assert importlib.import_module("oiio_proof").main() == 0
+
+
+def test_openimageio_is_seen_to_read_another_level(engines: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    proof = importlib.import_module("oiio_proof")
+    write = proof._exr
+
+    def repeated(levels: list[np.ndarray], folder: Path) -> Path:
+        finer = [
+            np.ascontiguousarray(levels[max(0, i - 1)][:: 1 + (i > 0), :: 1 + (i > 0)]) for i in range(len(levels))
+        ]
+        return Path(write(finer, folder))
+
+    monkeypatch.setattr(proof, "WRITERS", {"exr": repeated})
+    assert proof.main() == 1
+
+
+def test_three_and_filament_sample_the_levels_of_a_glb(web: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["gltf_proof.py"])
+    assert importlib.import_module("gltf_proof").main() == 0
+
+
+def test_a_level_that_is_missing_in_a_glb_is_seen(
+    web: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["gltf_proof.py"])
+    squares: ModuleType = importlib.import_module("glb_squares")
+    coloured = squares.level_coloured
+
+    def broken(side: int, colour: bool) -> object:
+        made = coloured(side, colour)
+        made.levels[3][:] = made.levels[2][0, 0]
+        return made
+
+    monkeypatch.setattr(squares, "level_coloured", broken)
+    assert importlib.import_module("gltf_proof").main() == 1
+    said = capsys.readouterr().err
+    assert all(f"{engine}: level 3 shows" in said for engine in ("three", "filament"))
+    assert "level 5 shows" not in said
+
+
+def test_three_samples_custom_levels_of_every_container(web: None, tmp_path: Path) -> None:
+    browser, levels = importlib.import_module("browser"), importlib.import_module("three_levels")
+    with browser.opened(ENGINES / "three" / "page.html", tmp_path) as page:
+        seen = levels.check_levels(page, tmp_path)
+    assert len(seen) == 7
