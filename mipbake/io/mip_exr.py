@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError
 from mipbake.io.layout import ENCODINGS, FileLayout
-from mipbake.io.oiio_levels import ABOUT, finish, put, reader, specification, take, writer
-from mipbake.io.quantise import dequantised, quantised
+from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, reader, specification, take, writer
 
 _TILE = 64
 
 
-class MipExr:
+class MipExr(PlainTexels):
     """Tiled, levels rounded down, ZIP-compressed; colours linear Rec.709.
 
     Args:
@@ -27,35 +26,16 @@ class MipExr:
     name = "exr"
     summary = "one MIP-mapped OpenEXR file a map, colours linear"
     encodings = ENCODINGS
-    exact = True
     complete = True
 
     def __init__(self, texels: str = "half", mipmapped: bool = True) -> None:
-        self.texels = texels
+        super().__init__(texels)
         self._mipmapped = mipmapped
-
-    def precision(self, layout: FileLayout) -> str:
-        """See Container."""
-        del layout
-        return self.texels
 
     def srgb(self, layout: FileLayout) -> bool:
         """See Container."""
         del layout
         return False
-
-    def files(self, layout: FileLayout, levels: int) -> list[str]:
-        """See Container."""
-        del levels
-        return [f"{layout.name}.exr"]
-
-    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
-        """See Container."""
-        return quantised(values, self.texels, f"the map {layout.name}")
-
-    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
-        """See Container."""
-        return dequantised(texels)
 
     def write(
         self,
@@ -69,7 +49,7 @@ class MipExr:
         path = folder / f"{layout.name}.exr"
         out = writer(path)
         for index, level in enumerate(levels):
-            spec = specification(layout, level, self.texels, wrap)
+            spec = specification(layout, level, self.stored, wrap)
             if self._mipmapped:
                 spec.tile_width = spec.tile_height = _TILE
                 # Without this attribute OpenImageIO stores level 0 only, and reports no error.
@@ -90,7 +70,7 @@ class MipExr:
             for index, size in enumerate(sizes):
                 if not source.seek_subimage(0, index):
                     raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
-                levels.append(take(source, path, index, size, layout.channel_names, self.texels, (0, index)))
+                levels.append(take(source, path, index, size, layout.channel_names, self.stored, (0, index)))
             if source.seek_subimage(0, len(sizes)):
                 raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
             return levels

@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import ABOUT, finish, put, reader, specification, take, writer
-from mipbake.io.quantise import dequantised, quantised
-
-_TYPES = {"8": "uint8", "16": "uint16"}
+from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, reader, specification, take, writer
 
 
-class MipPng:
+class MipPng(PlainTexels):
     """`<map>_mip00.png` upwards; colours sRGB-encoded.
 
     Args:
@@ -27,17 +24,11 @@ class MipPng:
     name = "png"
     summary = "one PNG file a map and level, colours sRGB-encoded"
     encodings = ENCODINGS - {LOG}
-    exact = True
     complete = False
 
     def __init__(self, texels: str = "8", numbered: bool = True) -> None:
-        self.texels = texels
+        super().__init__(texels)
         self._numbered = numbered
-
-    def precision(self, layout: FileLayout) -> str:
-        """See Container."""
-        del layout
-        return _TYPES[self.texels]
 
     def srgb(self, layout: FileLayout) -> bool:
         """See Container."""
@@ -48,14 +39,6 @@ class MipPng:
         if not self._numbered:
             return [f"{layout.name}.png"][:levels]
         return [f"{layout.name}_mip{level:02}.png" for level in range(levels)]
-
-    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
-        """See Container."""
-        return quantised(values, self.texels, f"the map {layout.name}")
-
-    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
-        """See Container."""
-        return dequantised(texels)
 
     def write(
         self,
@@ -68,7 +51,7 @@ class MipPng:
         """See Container."""
         for index, (name, level) in enumerate(zip(self.files(layout, len(levels)), levels, strict=True)):
             path = folder / name
-            spec = specification(layout, level, _TYPES[self.texels], wrap)
+            spec = specification(layout, level, self.stored, wrap)
             # Data maps get no gamma chunk at all: a viewer must not touch them.
             spec.attribute("oiio:ColorSpace", "sRGB" if layout.is_colour else "Raw")
             # A third of the default level's time for files 6 % larger (1024 x 1024 colours and normals).
@@ -92,7 +75,7 @@ class MipPng:
                         f"{path} has {source.spec().nchannels} channels, expected {len(layout.channels)}: "
                         "bake or convert it again"
                     )
-                levels.append(take(source, path, index, size, None, _TYPES[self.texels]))
+                levels.append(take(source, path, index, size, None, self.stored))
             finally:
                 source.close()
         return levels

@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.io.layout import ENCODINGS as ALL
-from mipbake.io.layout import LOG, FileLayout
-from mipbake.io.oiio_levels import finish, put, reader, specification, take, writer
-from mipbake.io.quantise import dequantised, quantised
+from mipbake.io.layout import ENCODINGS, LOG, FileLayout
+from mipbake.io.oiio_levels import PlainTexels, finish, put, reader, specification, take, writer
 
 _TILE = 64
-_TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
 
-class MipTx:
+class MipTx(PlainTexels):
     """Tiles of 64 x 64, levels rounded down, ZIP-compressed.
 
     Args:
@@ -27,34 +24,15 @@ class MipTx:
 
     name = "tx"
     summary = "one tiled, MIP-mapped TIFF a map, as Arnold and other renderers read them"
-    exact = True
     complete = False
 
     def __init__(self, texels: str = "half") -> None:
-        self.texels = texels
-        self.encodings = ALL if texels in ("half", "float") else ALL - {LOG}
-
-    def precision(self, layout: FileLayout) -> str:
-        """See Container."""
-        del layout
-        return _TYPES[self.texels]
+        super().__init__(texels)
+        self.encodings = ENCODINGS if texels in ("half", "float") else ENCODINGS - {LOG}
 
     def srgb(self, layout: FileLayout) -> bool:
         """See Container."""
         return layout.is_colour and self.texels in ("8", "16")
-
-    def files(self, layout: FileLayout, levels: int) -> list[str]:
-        """See Container."""
-        del levels
-        return [f"{layout.name}.tx"]
-
-    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
-        """See Container."""
-        return quantised(values, self.texels, f"the map {layout.name}")
-
-    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
-        """See Container."""
-        return dequantised(texels)
 
     def write(
         self,
@@ -68,7 +46,7 @@ class MipTx:
         path = folder / f"{layout.name}.tx"
         out = writer(path)
         for index, level in enumerate(levels):
-            spec = specification(layout, level, _TYPES[self.texels], wrap)
+            spec = specification(layout, level, self.stored, wrap)
             spec.tile_width = spec.tile_height = _TILE
             spec.attribute("textureformat", "Plain Texture")
             spec.attribute("compression", "zip")
@@ -95,7 +73,7 @@ class MipTx:
                     raise InputError(
                         f"{path} has {source.spec().nchannels} channels, expected {len(layout.channels)}: bake it again"
                     )
-                levels.append(take(source, path, index, size, None, _TYPES[self.texels], (0, index)))
+                levels.append(take(source, path, index, size, None, self.stored, (0, index)))
             if source.seek_subimage(0, len(sizes)):
                 raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake it again")
             return levels

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, OutputError
 from mipbake.io.layout import FileLayout
 from mipbake.io.messages import one_line
+from mipbake.io.quantise import dequantised, quantised
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -18,8 +19,48 @@ if TYPE_CHECKING:
 WRAP_MODES = {"wrap": "periodic", "clamp": "clamp"}
 """What renderers call addressing, in the attribute `wrapmodes`."""
 
+TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
+"""What OpenImageIO calls texels, by the name that users give."""
+
 ABOUT = "mipbake"
 """Attribute, key or chunk that holds how a file was made, as JSON."""
+
+
+class PlainTexels:
+    """What containers share whose texels are plain numbers: integers or floating-point ones.
+
+    Args:
+        texels: a name in `mipbake.io.quantise.KINDS`.
+    """
+
+    name: str
+    exact = True
+
+    def __init__(self, texels: str) -> None:
+        self.texels = texels
+
+    @property
+    def stored(self) -> str:
+        """Type of the texels, as OpenImageIO calls it."""
+        return TYPES[self.texels]
+
+    def precision(self, layout: FileLayout) -> str:
+        """See Container."""
+        del layout
+        return self.stored
+
+    def files(self, layout: FileLayout, levels: int) -> list[str]:
+        """See Container: one file for all levels."""
+        del levels
+        return [f"{layout.name}.{self.name}"]
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """See Container."""
+        return quantised(values, self.texels, f"the map {layout.name}")
+
+    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
+        """See Container."""
+        return dequantised(texels)
 
 
 def specification(
