@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
 from mipbake.io.decode import upsample
-from mipbake.io.layout import FLIPPED, INVERTED, LAYOUTS, SIGNED, UNIT, FileChannel, FileLayout, MapLayout
+from mipbake.io.layout import FLIPPED, INVERTED, LAYOUTS, LOG, SIGNED, UNIT, FileChannel, FileLayout, MapLayout
 from mipbake.io.options import CARRIED
 from mipbake.prefilter.pixel_filter import level_sizes, resample
 from mipbake.texture_set import TextureSet
@@ -168,7 +168,9 @@ def pack(
     rules = list(source if as_source else PACKINGS[packing])
     used: set[str] = set()
     if normals.convention == SOURCE:
-        normals = replace(normals, convention=_convention(source))
+        # Tensors of roughness know one orientation alone, and their normals keep to it.
+        tensors = any(LOG in layout.encodings for layout, _ in maps)
+        normals = replace(normals, convention="opengl" if tensors else _convention(source))
     files = []
     for rule in rules:
         pieces = _present(rule, by_name)

@@ -74,6 +74,7 @@ _ALL = (
         (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
         anisotropic=True,
         documents=True,
+        sides="multiples of 4",
         notes=("leave texture.anisotropy at 1 and minFilter at LinearMipmapLinearFilter",),
     ),
     Preset(
@@ -82,6 +83,7 @@ _ALL = (
         (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
         anisotropic=True,
         documents=True,
+        sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
     ),
     Preset(
@@ -89,6 +91,7 @@ _ALL = (
         "Filament",
         (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
         documents=True,
+        sides="multiples of 4",
         notes=("leave specularAntiAliasing off",),
     ),
     Preset(

@@ -243,7 +243,8 @@ def test_the_stack_opens(written: Written) -> None:
     assert np.sqrt(np.mean(np.square(found.levels[0] - written.stack.levels[0]))) < 0.1
 
 
-SIDES = {"unreal": "powers of two", "unity": "multiples of 4", "godot": "powers of two"}
+SIDES = dict.fromkeys(("three", "babylon", "filament", "unity"), "multiples of 4")
+SIDES |= dict.fromkeys(("unreal", "godot"), "powers of two")
 
 
 @pytest.mark.parametrize("name", PRESETS)
