@@ -12,7 +12,7 @@ from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
 from mipbake.io.inputs import expand, kind
-from mipbake.io.materialx import read_materialx
+from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR
-from mipbake.io.mtlx_colour import colour_space_of, decoding
-from mipbake.io.mtlx_document import Element, Scope
-from mipbake.io.mtlx_shaders import Shader
-from mipbake.io.mtlx_signal import Channel, Signal, Texture
-from mipbake.io.mtlx_trace import Tracer
+from mipbake.io.mtlx.colour import colour_space_of, decoding
+from mipbake.io.mtlx.document import Element, Scope
+from mipbake.io.mtlx.shaders import Shader
+from mipbake.io.mtlx.signal import Channel, Signal, Texture
+from mipbake.io.mtlx.trace import Tracer
 from mipbake.io.options import COLOUR_ROLES, PLAIN_ROLES, ROLES, SHADING_ROLES, LoadOptions, MapChoice
 from mipbake.io.sources import Log, spoken
 

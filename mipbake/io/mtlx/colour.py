@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mipbake.errors import UsageError
 from mipbake.io.colour import LINEAR, SRGB, canonical_colour_space
-from mipbake.io.mtlx_signal import Texture
+from mipbake.io.mtlx.signal import Texture
 from mipbake.io.options import COLOUR_ROLES
 from mipbake.io.sources import Log
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mipbake.errors import InputError
-from mipbake.io.mtlx_document import Document, Element, Link, Scope, Value, read_document
-from mipbake.io.mtlx_roles import Sources, read_roles
-from mipbake.io.mtlx_shaders import SHADERS
-from mipbake.io.mtlx_trace import Tracer
+from mipbake.io.mtlx.document import Document, Element, Link, Scope, Value, read_document
+from mipbake.io.mtlx.roles import Sources, read_roles
+from mipbake.io.mtlx.shaders import SHADERS
+from mipbake.io.mtlx.trace import Tracer
 from mipbake.io.options import LoadOptions
 from mipbake.io.sources import Log
 from mipbake.io.tiles import is_pattern, pattern_files, tile_options

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mipbake.io.mtlx_document import Dangling, Document, Element, Given, Link, Scope, Value
-from mipbake.io.mtlx_signal import (
+from mipbake.io.mtlx.document import Dangling, Document, Element, Given, Link, Scope, Value
+from mipbake.io.mtlx.signal import (
     LETTERS,
     POSITIONS,
     Channel,
