@@ -137,9 +137,11 @@ def default_weights(
     if fitting:
         return min(fitting, key=lambda info: (not reads(info.network, source), target not in info.network.decoders))
     released = ", ".join(sorted({f"{t} with {f}" for i in found for t in i.targets for f in i.pixel_filters})) or "none"
+    others = [i.name for i in list_weights(folder) if target in i.targets and pixel_filter in i.pixel_filters]
+    named = f", name some that are no default ({', '.join(others)})" if others else ""
     raise UsageError(
         f"no trained weights for material model {target!r} with pixel filter {pixel_filter!r} (released: {released}); "
-        "choose one of those, or another method"
+        f"choose one of those{named}, or another method"
     )
 
 

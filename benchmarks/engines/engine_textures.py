@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,27 +115,18 @@ def _ktx2(name: str) -> Callable[[EngineMap], bytes]:
     def encoded(given: EngineMap) -> bytes:
         made = GPU_FORMATS[f"{name}_{'SRGB' if given.colour else 'UNORM'}{'_BLOCK' if name == 'BC7' else ''}"]
         height, width = given.levels[0].shape[:2]
-        levels = tuple(to_blocks(level, made) for level in eight_bit(given))
+        levels = to_blocks(eight_bit(given), made)
         return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), False)
 
     return encoded
 
 
-_DESCRIPTOR_AT = 48  # where the header of KTX 2 tells the descriptor's offset
-_PRIMARIES = 4 + 8 + 1  # the byte of a descriptor: total size, two words of the block, colour model
-
-
 def uastc(given: EngineMap) -> bytes:
     """A KTX 2 file of UASTC blocks with Zstandard, as KHR_texture_basisu takes it."""
-    import alktx2
-
-    raw = [(level.tobytes(), level.shape[1], level.shape[0]) for level in eight_bit(given)]
-    options = {"codec": "uastc", "quality": 100, "effort": 2, "threads": 1, "srgb": given.colour}
-    data = bytearray(alktx2.encode_raw_mips_to_ktx2(raw, False, linear=not given.colour, **options))
-    if not given.colour:  # KHR_texture_basisu: primaries of textures that hold no colours are unspecified
-        (at,) = struct.unpack_from("<I", data, _DESCRIPTOR_AT)
-        data[at + _PRIMARIES] = 0
-    return bytes(data)
+    made = GPU_FORMATS[f"UASTC_RGB_{'SRGB' if given.colour else 'UNORM'}_BLOCK"]
+    height, width = given.levels[0].shape[:2]
+    levels = to_blocks(eight_bit(given), made)
+    return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), True)
 
 
 KINDS: Mapping[str, Callable[[EngineMap], bytes]] = {

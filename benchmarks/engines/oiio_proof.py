@@ -18,7 +18,6 @@ from engine_textures import level_colours
 from numpy.typing import NDArray
 
 from mipbake import MipStack
-from mipbake.io.layout import to_file
 from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.stack import Provenance
 
@@ -109,22 +108,9 @@ def _exr(levels: Sequence[Image], folder: Path) -> Path:
 
 def _tx(levels: Sequence[Image], folder: Path) -> Path:
     """The same map as a tiled TIFF with a sub-image a level, in half floats."""
-    layout, chain = _stack(levels).maps()[0]
-    folder.mkdir(parents=True)
-    path = folder / "base_color.tx"
-    out = OpenImageIO.ImageOutput.create(str(path))
-    for index, level in enumerate(chain):
-        values = np.ascontiguousarray(to_file(level, layout, srgb=False), np.float32)
-        spec = OpenImageIO.ImageSpec(level.shape[1], level.shape[0], level.shape[2], "half")
-        spec.tile_width = spec.tile_height = 64
-        spec.attribute("tiff:half", 1)
-        spec.attribute("textureformat", "Plain Texture")
-        spec.attribute("wrapmodes", "periodic,periodic")
-        if not (out.open(str(path), spec, "AppendSubimage" if index else "Create") and out.write_image(values)):
-            raise RuntimeError(f"cannot write level {index} of {path}: {out.geterror()}")
-    out.close()
-    del out  # the file is complete only when the writer is gone
-    return path
+    stack = _stack(levels)
+    stack.save(folder, "tx")
+    return folder / "base_color.tx"
 
 
 WRITERS: Mapping[str, Callable[[Sequence[Image], Path], Path]] = {"exr": _exr, "tx": _tx}
