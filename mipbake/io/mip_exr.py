@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError
 from mipbake.io.layout import ENCODINGS, FileLayout
-from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, reader, specification, take, writer
+from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, specification, take_all, writer
 
 _TILE = 64
 
@@ -64,15 +63,4 @@ class MipExr(PlainTexels):
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""
         path = folder / f"{layout.name}.exr"
-        source = reader(path)
-        try:
-            levels = []
-            for index, size in enumerate(sizes):
-                if not source.seek_subimage(0, index):
-                    raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
-                levels.append(take(source, path, index, size, layout.channel_names, self.stored, (0, index)))
-            if source.seek_subimage(0, len(sizes)):
-                raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
-            return levels
-        finally:
-            source.close()
+        return take_all(path, sizes, layout.channel_names, len(layout.channels), self.stored)

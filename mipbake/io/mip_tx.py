@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import PlainTexels, finish, put, reader, specification, take, writer
+from mipbake.io.oiio_levels import PlainTexels, finish, put, specification, take_all, writer
 
 _TILE = 64
 
@@ -63,22 +62,7 @@ class MipTx(PlainTexels):
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""
         path = folder / f"{layout.name}.tx"
-        source = reader(path)
-        try:
-            levels = []
-            for index, size in enumerate(sizes):
-                if not source.seek_subimage(0, index):
-                    raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake it again")
-                if source.spec().nchannels != len(layout.channels):
-                    raise InputError(
-                        f"{path} has {source.spec().nchannels} channels, expected {len(layout.channels)}: bake it again"
-                    )
-                levels.append(take(source, path, index, size, None, self.stored, (0, index)))
-            if source.seek_subimage(0, len(sizes)):
-                raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake it again")
-            return levels
-        finally:
-            source.close()
+        return take_all(path, sizes, None, len(layout.channels), self.stored)
 
     def _colour_space(self, layout: FileLayout) -> str:
         if not layout.is_colour:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -156,3 +157,33 @@ def take(
     texels: NDArray[np.generic] = np.asarray(pixels).reshape(height, width, len(found))
     # OpenEXR sorts channels by name.
     return texels if names is None or names == tuple(found) else texels[..., [found.index(n) for n in names]]
+
+
+def take_all(
+    path: Path, sizes: Sequence[tuple[int, int]], names: tuple[str, ...] | None, channels: int, stored: str
+) -> list[NDArray[np.generic]]:
+    """Every level of a file that holds all of its own; see `take`.
+
+    Args:
+        sizes: (height, width) of every level. names: of the channels, None where the format forgets them.
+        channels: their number. stored: type of the texels.
+
+    Raises:
+        InputError: there are more or fewer levels, or one is not as it should be.
+    """
+    source = reader(path)
+    try:
+        levels = []
+        for index, size in enumerate(sizes):
+            if not source.seek_subimage(0, index):
+                raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
+            if source.spec().nchannels != channels:
+                raise InputError(
+                    f"{path} has {source.spec().nchannels} channels, expected {channels}: bake or convert it again"
+                )
+            levels.append(take(source, path, index, size, names, stored, (0, index)))
+        if source.seek_subimage(0, len(sizes)):
+            raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
+        return levels
+    finally:
+        source.close()
