@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -14,11 +14,20 @@ from mipbake.cli.folders import check_names, file_hashes, names_of
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.convert import TARGETS, Material, check_material_output, image_container, is_material_folder, open_material
+from mipbake.convert import (
+    LEARNED,
+    TARGETS,
+    Material,
+    check_material_output,
+    image_container,
+    is_material_folder,
+    open_material,
+)
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.io.discover import find
 from mipbake.io.options import LoadOptions
 from mipbake.material import model_named
+from mipbake.prefilter import method_named
 from mipbake.texture_set import TextureSet
 
 
@@ -45,19 +54,29 @@ def convert(
             help="exr: half floats, colours linear; png: 8 bits, colours sRGB-encoded, for gltf and gltf-anisotropic.",
         ),
     ] = DEFAULT_FORMAT,
+    weights: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="NAME",
+            help="Trained weights that fit how the surface reflects under the pixel filter, such as paper-cross.",
+            show_default="none: by formula, texel by texel, nothing filtered",
+        ),
+    ] = None,
 ) -> None:
-    """Convert texture sets to another material model, texel by texel: level 0 alone, nothing filtered.
+    """Convert texture sets to another material model: level 0 alone.
 
     A set that cannot be converted is reported and the others are converted all the same.
     """
     # Everything that is wrong for every set is said before the first is read.
     image_container(model_named(to).name, format)
+    if weights is not None:
+        method_named(LEARNED, weights)
     check_names(names_of(sources, lambda source: _name(source, load)), "convert")
 
     results = []
     for source in sources:
         try:
-            results.append(_convert_one(session, source, out, load, to, format))
+            results.append(_convert_one(session, source, out, load, to, format, weights))
         except MipbakeError as error:
             session.fail(str(error), error.exit_code)
             results.append({"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
@@ -70,7 +89,9 @@ def _name(source: Path, load: LoadOptions) -> str:
     return open_material(source).name if is_material_folder(source) else find(source, load).name
 
 
-def _convert_one(session: Session, source: Path, out: Path, load: LoadOptions, to: str, format: str) -> dict[str, Any]:
+def _convert_one(
+    session: Session, source: Path, out: Path, load: LoadOptions, to: str, format: str, weights: str | None
+) -> dict[str, Any]:
     """Converts and writes one set, prints what happened, and returns it for JSON."""
     given: TextureSet | Material
     if is_material_folder(source):
@@ -105,12 +126,12 @@ def _convert_one(session: Session, source: Path, out: Path, load: LoadOptions, t
         session.print(f"{source}: {given.width} x {given.height}", map_table(sources_of(given)), *remarks(given))
     with stages(session, place.name) as converting:
         converting.seconds.update(reading.seconds)
-        made = mipbake.convert(given, to)
+        made = mipbake.convert(given, to, weights)
         converting("convert", 1.0)
         files = made.save(place, format, lambda share: converting("write", share))
     size = sum(file.stat().st_size for file in files)
     session.print(
-        f"converted from {made.provenance.source_model} to {made.model}, level 0 alone, unfiltered",
+        f"converted from {made.provenance.source_model} to {made.model}, level 0 alone, {_rule(made)}",
         f"time: {converting.summary()}",
         f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
     )
@@ -126,3 +147,9 @@ def _convert_one(session: Session, source: Path, out: Path, load: LoadOptions, t
         "seconds": converting.seconds,
         "set": read,
     }
+
+
+def _rule(made: Material) -> str:
+    """How, in a few words."""
+    by = made.provenance
+    return f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"

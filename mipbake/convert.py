@@ -1,7 +1,7 @@
-"""Level 0 of a texture set in another material model, texel by texel and unfiltered.
+"""Level 0 of a texture set in another material model: texel by texel and unfiltered, or as a network fits it.
 
 A converted material lies in a folder: `material.json`, which declares every convention, and the maps beside it, one
-file each. It is not a MIP stack: nothing is prefiltered, and there is one level. What is converted to `gltf` or
+file each. It is not a MIP stack: there is one level. What is converted to `gltf` or
 `gltf-anisotropic` is a texture set again.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import __version__, material
+from mipbake.bake import bake
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
 from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, PARAMETRISATIONS, extra_layout
@@ -40,6 +41,9 @@ MATERIAL_SCHEMA_VERSION = 2
 ANALYTIC = "analytic"
 """The rule of `mipbake.material.convert`, texel by texel."""
 
+LEARNED = "neural"
+"""The rule that an encoder of one model and a decoder of another make, with the pixel filter in it."""
+
 
 @dataclass(frozen=True)
 class Conversion:
@@ -52,6 +56,7 @@ class Conversion:
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that the material was made from.
         warnings: what a user should know, in sentences.
+        weights, weights_sha256, pixel_filter: of the learned rule; None for the analytic one.
     """
 
     source_model: str
@@ -60,6 +65,9 @@ class Conversion:
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""
     warnings: tuple[str, ...] = ()
+    weights: str | None = None
+    weights_sha256: str | None = None
+    pixel_filter: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,36 +158,56 @@ class Material:
         }
 
 
-def convert(source: TextureSet | Material, target: str) -> Material:
-    """Converts level 0 to another material model, texel by texel; nothing is filtered.
+def convert(source: TextureSet | Material, target: str, weights: str | None = None) -> Material:
+    """Converts level 0 to another material model.
 
-    What the models share is kept to rounding, and what the target cannot represent becomes the nearest that it can; see
-    `mipbake.material`. Maps that do not shade are kept as they are.
+    By default texel by texel, and nothing is filtered: what the models share is kept to rounding, and what the target
+    cannot represent becomes the nearest that it can; see `mipbake.material`. With weights, what a decoder of the target
+    makes of the encoded source (Kemppinen et al. 2023, section 3.5): fitted to how the surface reflects under the pixel
+    filter, which is in it. Maps that do not shade are kept as they are.
 
     Args:
-        source: from `mipbake.load`, or a material that was converted before.
+        source: from `mipbake.load`, or, without weights, a material that was converted before.
         target: a material model in `mipbake.material.MODELS`.
+        weights: trained weights that read the source's model and make the target; None for the analytic rule.
 
     Raises:
-        UsageError: an unknown target.
+        UsageError: an unknown target or weights, weights that do not make it, or weights with a converted material.
     """
     model_named(target)
-    if isinstance(source, TextureSet):
-        model, sources = source.source_model, {}
-        for texture in source.maps.values():
-            if texture.source.path is not None:
-                sources[texture.source.path.name] = texture.source.sha256
-        stored = source.material(model)
-        extra = {role: texture.pixels for role, texture in source.plain_maps.items()}
-        made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
-    else:
-        model, stored, extra, given = source.model, source.stored, dict(source.extra), source.provenance
-        made = Conversion(model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
-    converted = material.convert(stored, model, target)
-    if target != model:
+    if isinstance(source, Material):
+        if weights is not None:
+            raise UsageError(f"weights convert texture sets alone, and {source.name} is a material that was converted")
+        given = source.provenance
+        made = Conversion(source.model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
+        return _converted(source.name, source.stored, target, source.extra, source.wrap, made)
+    extra = {role: texture.pixels for role, texture in source.plain_maps.items()}
+    sources = {t.source.path.name: t.source.sha256 for t in source.maps.values() if t.source.path is not None}
+    model = source.source_model
+    made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
+    if weights is None:
+        return _converted(source.name, source.material(model), target, extra, source.wrap, made)
+    stack = bake(source, LEARNED, target, weights=weights)
+    by = stack.provenance
+    made = replace(
+        made, rule=LEARNED, weights=by.weights, weights_sha256=by.weights_sha256, pixel_filter=by.pixel_filter
+    )
+    return Material(source.name, target, stack.levels[0], extra, source.wrap, made)
+
+
+def _converted(
+    name: str,
+    stored: NDArray[np.float32],
+    target: str,
+    extra: Mapping[str, NDArray[np.float32]],
+    wrap: tuple[str, str],
+    made: Conversion,
+) -> Material:
+    """By the analytic rule, from the model that `made` names."""
+    converted = material.convert(stored, made.source_model, target)
+    if target != made.source_model:
         converted = material.regularise(converted, target)
-    converted = np.ascontiguousarray(converted, np.float32)
-    return Material(source.name, target, converted, extra, source.wrap, made)
+    return Material(name, target, np.ascontiguousarray(converted, np.float32), extra, wrap, made)
 
 
 def image_container(model: str, format: str) -> Container:

@@ -50,6 +50,33 @@ def test_files_hold_level_0_as_it_was(folder: Path, tmp_path: Path, model: str, 
     assert back.extra["occlusion"] == pytest.approx(200 / 255, abs=PRECISION[fmt])
 
 
+def test_weights_fit_level_0_under_the_pixel_filter(folder: Path, tmp_path: Path) -> None:
+    texture_set = mipbake.load(folder)
+    made = mipbake.convert(texture_set, "beckmann", "paper-cross")
+    stack = mipbake.bake(texture_set, "neural", "beckmann", weights="paper-cross")
+    assert np.array_equal(made.stored, stack.levels[0])
+    assert set(made.extra) == {"occlusion"}
+    by = made.provenance
+    assert (by.rule, by.weights, by.weights_sha256) == ("neural", "paper-cross", stack.provenance.weights_sha256)
+    assert (by.source_model, by.pixel_filter) == ("gltf", "gaussian")
+    made.save(tmp_path / "out")
+    assert mipbake.open_material(tmp_path / "out").provenance == by
+    with pytest.raises(UsageError, match="weights convert texture sets alone"):
+        mipbake.convert(made, "ggx", "paper-cross")
+    plain = mipbake.convert(made, "ggx").provenance
+    assert (plain.rule, plain.weights, plain.source_model) == ("analytic", None, "beckmann")
+
+
+def test_weights_that_do_not_fit_are_an_error(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--to", "beckmann", "-o", str(tmp_path / "out")]
+    assert "unknown weights" in fails(capsys, 2, "convert", "nowhere", *out, "--weights", "nothing")
+    assert main(["convert", str(folder), *out, "--weights", "mipbake-1"]) == 2
+    assert "are for material model gltf" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(("model", "fmt"), [case for case in HOLDS if case[0].startswith("gltf")])
 def test_what_is_converted_to_gltf_is_a_texture_set_again(folder: Path, tmp_path: Path, model: str, fmt: str) -> None:
     texture_set = mipbake.load(folder)
