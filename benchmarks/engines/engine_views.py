@@ -1,4 +1,4 @@
-"""The views that engines render: a receding plane and a sphere, each from near, 1:1, middle and far."""
+"""The views that engines render: a receding plane, a wall seen straight on and a sphere, each at four scales."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
 _SPHERE_ROWS = 32  # of quads from pole to pole
 _FILLED = 0.94  # of the picture's half height by the sphere
 _PLANE_DOWN, _PLANE_ANGLE = 35.0, 28.0  # the middle of the view below the horizon, its height, degrees
+_WALL_TURN, _WALL_ANGLE = 20.0, 20.0  # of the picture about its middle, its height, degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class EngineView:
 
     Args:
         name: `plane-near`, `sphere-1:1`, ...
-        shape, scale: `plane` or `sphere`; a name in mipbake.compare.result.SCALES.
+        shape, scale: `plane`, `wall` or `sphere`; a name in mipbake.compare.result.SCALES.
         lod: median level of detail of the pixels.
         mesh, camera: the scene.
         side: pixels a side of the picture.
@@ -63,12 +64,12 @@ class EngineView:
 
 
 def engine_views(size: tuple[int, int], last_level: int, side: int) -> Iterator[EngineView]:
-    """Planes, then spheres, at every scale, for a texture of `size` (height, width).
+    """Planes, walls, then spheres, at every scale, for a texture of `size` (height, width).
 
     The camera stays; the texture repeats so often that the median level of detail of the pixels that show the surface
     is the middle of the scale, or `last_level` where that is less.
     """
-    for shape, (mesh, camera) in {"plane": _plane(size), "sphere": _sphere(size)}.items():
+    for shape, (mesh, camera) in {"plane": _plane(size), "wall": _wall(size), "sphere": _sphere(size)}.items():
         once = median_lod(mesh, camera, (side, side), size)
         for scale, lods in SCALES.items():
             lod = min(sum(lods) / 2, float(last_level))
@@ -88,6 +89,18 @@ def _plane(size: tuple[int, int]) -> tuple[Mesh, Camera]:
     positions = ground.positions - np.array([0, 0, reach / 2])
     uv = positions[:, [0, 2]] * [size[0] / size[1], 1.0]
     return Mesh("plane", positions, ground.normals, uv, ground.tangents, ground.triangles), camera
+
+
+def _wall(size: tuple[int, int]) -> tuple[Mesh, Camera]:
+    """A square seen straight on, which fills the picture, where footprints are as wide as long; turned, so that pixels
+    fall anywhere between texels.
+    """
+    turn = math.radians(_WALL_TURN)
+    camera = Camera((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), up=(math.sin(turn), 0.0, -math.cos(turn)),
+                    field_of_view=_WALL_ANGLE, near=0.1, far=40.0)  # fmt: skip
+    wall = shapes.plane(1.0, 1.0)
+    uv = wall.positions[:, [0, 2]] * [size[0] / size[1], 1.0]
+    return Mesh("wall", wall.positions, wall.normals, uv, wall.tangents, wall.triangles), camera
 
 
 def _sphere(size: tuple[int, int]) -> tuple[Mesh, Camera]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ from three_table import MARGIN_DB, Cell, page_of
 
 import mipbake
 from mipbake import TextureSet
+from mipbake.adjust import Adjustments, adjusted
 from mipbake.metrics import ldr_flip, snr_db
 from mipbake.metrics.images import displayed
 from mipbake.prefilter.pixel_filter import filter_named
@@ -39,19 +41,25 @@ SIDE = 96
 TEXELS = 512
 """Texels a side of what is baked: the middle of a set, repeated like the set itself."""
 
-CANDIDATES: Mapping[str, tuple[str, str]] = {
-    "linear": ("linear", "box"),
-    "linear, filtered": ("linear", "gaussian"),
-    "neural": ("neural", "gaussian"),
-    "auto": ("auto", "gaussian"),
+CANDIDATES: Mapping[str, tuple[str, str, Adjustments]] = {
+    "linear": ("linear", "box", Adjustments()),
+    "linear, filtered": ("linear", "gaussian", Adjustments()),
+    "neural": ("neural", "gaussian", Adjustments()),
+    "auto": ("auto", "gaussian", Adjustments()),
+    "neural, level 0 kept": ("neural", "gaussian", Adjustments(keep_level0=True)),
+    "auto, level 0 kept": ("auto", "gaussian", Adjustments(keep_level0=True)),
 }
-"""Name to method and pixel filter. `linear` with a box is what an engine makes of level 0."""
+"""Name to method, pixel filter, and what is changed after the bake. `linear` with a box is what an engine makes of
+level 0.
+"""
 
 CONTAINERS: Mapping[str, tuple[str, ...]] = {
     "linear": ("ktx2-rgba8", "half", "ktx2-bc7", "ktx2-uastc"),
     "linear, filtered": ("ktx2-rgba8",),
     "neural": ("ktx2-rgba8", "half", "ktx2-bc7", "ktx2-uastc"),
     "auto": ("ktx2-rgba8",),
+    "neural, level 0 kept": ("ktx2-rgba8",),
+    "auto, level 0 kept": ("ktx2-rgba8",),
 }
 """How each candidate reaches three.js."""
 
@@ -125,10 +133,11 @@ def measured(texture_set: TextureSet, done: set[tuple[str, str, str]]) -> Iterat
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         materials = {}
-        for name, (method, pixel_filter) in CANDIDATES.items():
+        baked = functools.cache(lambda *asked: mipbake.bake(texture_set, asked[0], "gltf", asked[1]))
+        for name, (method, pixel_filter, changes) in CANDIDATES.items():
             if all(key[0] != name for missing in todo.values() for key in missing):
                 continue
-            maps = stack_maps(mipbake.bake(texture_set, method, "gltf", pixel_filter))
+            maps = stack_maps(adjusted(baked(method, pixel_filter), texture_set, changes))
             for container in CONTAINERS[name]:
                 materials[name, container] = _written(maps, container, folder, f"{name} {container}")
         source = _written(engine_maps([texture_set.material("gltf")]), "float", folder, "source")

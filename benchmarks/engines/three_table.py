@@ -107,20 +107,25 @@ def _main(cells: Sequence[Cell]) -> list[str]:
 
 
 def _gains(rows: Sequence[Mapping[str, Cell]], names: Sequence[str]) -> list[str]:
-    """A table of how every candidate stands beside `linear`."""
+    """A table of how every candidate stands beside `linear`: everywhere, by shape and by scale."""
     lines = [
-        "| beside `linear` | better in SNR | mean gain | least | largest | better in FLIP | mean change of FLIP |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        "| beside `linear` | views | better in SNR | mean gain | least | largest | better in FLIP | its mean change |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
-    for name in names:
-        pairs = [(row[name], row["linear"]) for row in rows if name in row]
-        if name == "linear":
-            continue
+    cells = [row["linear"] for row in rows]
+    parts = ["all", *dict.fromkeys(c.shape for c in cells), *dict.fromkeys(c.scale for c in cells)]
+    for name, part in ((name, part) for name in names if name != "linear" for part in parts):
+        pairs = [
+            (row[name], row["linear"])
+            for row in rows
+            if name in row and part in ("all", row["linear"].shape, row["linear"].scale)
+        ]
         gains = [a.snr - b.snr for a, b in pairs]
         changes = [a.flip - b.flip for a, b in pairs]
         lines.append(
-            f"| {name} | {sum(g > 0 for g in gains)} of {len(gains)} | {fmean(gains):+.2f} dB | {min(gains):+.1f} dB "
-            f"| {max(gains):+.1f} dB | {sum(c < 0 for c in changes)} of {len(changes)} | {fmean(changes):+.4f} |"
+            f"| {name} | {part} | {sum(g > 0 for g in gains)} of {len(gains)} | {fmean(gains):+.2f} dB "
+            f"| {min(gains):+.1f} dB | {max(gains):+.1f} dB "
+            f"| {sum(c < 0 for c in changes)} of {len(changes)} | {fmean(changes):+.4f} |"
         )
     return lines
 

@@ -65,14 +65,14 @@ class Cost:
         if self.worst <= LIMIT or texels == "float":  # nothing is more precise
             return None
         advice = {
-            "uastc": "ktx2:rgba8",
+            "uastc": "ktx2",  # which chooses
             "bc1": f"{container}:bc",
             "bc": f"{container}:rgba8",
             "rgba8": f"{container}:rgba16f",
             "8": f"{container}:16",
             "half": f"{container}:float",
             "rgba16f": "exr:float",
-        }.get(texels, "ktx2:rgba8" if container == "glb" else "exr")
+        }.get(texels, "ktx2" if container == "glb" else "exr")
         return (
             f"{self.format} costs {self.worst:.1f} dB of what the bake gains, which is more than {LIMIT:g}: this "
             f"material is smooth enough for its texels to show; use --format {advice} where the engine takes it"
