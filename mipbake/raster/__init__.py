@@ -24,7 +24,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.raster.context import DepthPeeler, RasterizeContext, Topology, door
+from mipbake.raster._door import door
+from mipbake.raster.context import RasterizeContext, Topology
+from mipbake.raster.depth_peeler import DepthPeeler
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
