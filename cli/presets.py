@@ -21,10 +21,17 @@ def presets(
     """Show what each preset of `mipbake bake --preset` chooses. docs/engines says why, and how to import the files."""
     session: Session = context.obj
     session.configure(False, json)
-    rows = table("preset", "for", "target", "formats", "packing", "normals", "sides", "in the engine")
+    rows = table("preset", "for", "target", "formats", "packing", "normals", "sides")
     for preset in PRESETS.values():
         rows.add_row(*_row(preset))
-    session.print(rows)
+    rows.columns[3].min_width = max(len(output.format) for preset in PRESETS.values() for output in preset.outputs)
+    documents = [preset.name for preset in PRESETS.values() if preset.documents]
+    session.print(
+        rows,
+        f"a glTF source becomes a GLB: {', '.join(documents)}",
+        "target auto: gltf-anisotropic for sets with an anisotropy map, else gltf",
+        *(f"in {preset.engine}: {note}" for preset in PRESETS.values() for note in preset.notes),
+    )
     session.dump({"version": mipbake.__version__, "presets": {name: p for name, p in PRESETS.items()}})
 
 
@@ -32,14 +39,12 @@ def _row(preset: Preset) -> tuple[str, ...]:
     first = preset.outputs[0]
     normals = first.normals.convention + (" xy" if first.normals.channels == 2 else "")
     formats = ", ".join(output.format for output in preset.outputs)
-    target = "gltf or gltf-anisotropic, as the set" if preset.anisotropic else preset.target
     return (
         preset.name,
         preset.engine,
-        target,
+        preset.target,
         formats,
         first.packing,
         normals,
         preset.sides or "any",
-        "; ".join(preset.notes),
     )

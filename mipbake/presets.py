@@ -75,7 +75,7 @@ _ALL = (
         anisotropic=True,
         documents=True,
         sides="multiples of 4",
-        notes=("leave texture.anisotropy at 1 and minFilter at LinearMipmapLinearFilter",),
+        notes=("load with KTX2Loader and leave minFilter at LinearMipmapLinearFilter",),
     ),
     Preset(
         "babylon",
@@ -92,7 +92,7 @@ _ALL = (
         (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
         documents=True,
         sides="multiples of 4",
-        notes=("leave specularAntiAliasing off",),
+        notes=("gltfio needs nothing; set specularAntiAliasing to false in materials of your own",),
     ),
     Preset(
         "unreal",

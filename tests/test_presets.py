@@ -307,6 +307,8 @@ def test_presets_prints_every_row() -> None:
             each.outputs[0].normals.convention,
         ):
             assert cell in row
+        assert all(f"in {each.engine}: {note}\n" in said for note in each.notes)
+    assert max(map(len, said.splitlines())) <= 120
     code, said = run("presets", "--json")
     assert code == 0 and list(json.loads(said)["presets"]) == list(PRESETS)
     assert json.loads(said)["presets"]["unity"]["outputs"][0]["format"] == "dds:bc"
