@@ -116,6 +116,8 @@ def _bake_one(
     whole = read.texture_set
     model = resolve_target(whole, asked.target)
     check_outputs(asked.outputs, model)
+    if whole.anisotropic and model == "gltf":
+        session.print(f"note: the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
     with stages(session, whole.name) as baking:
         baking.seconds.update(reading.seconds)
         baked = mipbake.bake(whole, asked.method, model, asked.pixel_filter, baking, asked.weights, asked.budget)

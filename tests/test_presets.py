@@ -274,6 +274,12 @@ def test_the_command_line_says_what_it_chose_and_warns(tmp_path) -> None:
     assert "in the engine: keep Mip Gen Settings at Leave Existing Mips" in said
 
 
+def test_anisotropy_that_an_engine_does_not_read_is_told(source: Path, tmp_path: Path) -> None:
+    for preset, wanted in (("unity", True), ("three", False)):
+        code, said = run("bake", source, "-o", tmp_path / preset, "--method", "linear", "--preset", preset)
+        assert code == 0 and ("note: the target gltf has no anisotropy" in said) == wanted
+
+
 def test_options_go_before_a_preset(tmp_path) -> None:
     folder = packed_sets.orm(tmp_path / "wood")
     arguments = ["bake", folder, "-o", tmp_path / "out", "--method", "linear", "--preset", "unity"]
