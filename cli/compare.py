@@ -128,7 +128,10 @@ def compare(
         bool, typer.Option("--cache/--no-cache", help="Keep references of renders for the next comparison.")
     ] = True,
 ) -> None:
-    """Compare methods on a texture set: measures, renders and a report that opens in a browser."""
+    """Compare methods on a texture set in a report for the browser.
+
+    Measures, renders, and a verdict.
+    """
 
     conditions = [parse(text) for text in fail_if or []]
     check_report(out)

@@ -63,9 +63,10 @@ def convert(
         ),
     ] = None,
 ) -> None:
-    """Convert texture sets to another material model: level 0 alone.
+    """Convert texture sets to another material model, level 0 alone.
 
-    A set that cannot be converted is reported and the others are converted all the same.
+    By formula, texel by texel, and nothing is filtered, or by trained weights. A set that cannot be converted is
+    reported and the others are converted all the same.
     """
     # Everything that is wrong for every set is said before the first is read.
     image_container(model_named(to).name, format)

@@ -25,7 +25,10 @@ def info(
         bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
     ] = False,
 ) -> None:
-    """Show what is in a texture file, or in every file of a stack: levels, formats, conventions, provenance."""
+    """Show what is in a texture file, or in every file of a stack.
+
+    Levels, formats, conventions, provenance.
+    """
     session: Session = context.obj
     session.configure(False, json)
     folder = path.parent if path.name == MANIFEST else path

@@ -37,9 +37,10 @@ def validate(
         int, typer.Option(help="Samples per pixel in each of two estimates of the reference; 1 or more.")
     ] = DEFAULT_SAMPLES,
 ) -> None:
-    """Measure a stack against the reference of its source: SNR in dB by level of detail, higher is better.
+    """Measure a stack against its source: SNR in dB, higher is better.
 
-    Pass the reading options that it was baked with.
+    The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
+    with.
     """
     chosen = parse_lods(lods)
     if seed < 0:
