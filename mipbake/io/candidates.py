@@ -212,8 +212,8 @@ def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, lo
     if len(first) > 1:
         names = " and ".join(c.header.path.name for c in first)
         raise InputError(
-            f"{names} are both candidates for {role}: choose one with the option maps ({role}=FILE), or give each set "
-            "its own folder"
+            f"{names} are both candidates for {role}: choose one with --map {role}=FILE (maps in Python), or give "
+            "each set its own folder"
         )
     return first[0]
 

@@ -140,8 +140,8 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     elif decoded.mean_length < SHORT_LENGTH:
         warnings = (
             f"{source.path.name}: its normals are shorter than one (mean length {decoded.mean_length:.3f}), as "
-            "averaging leaves them; they are renormalised, and normal_length=roughness would count what is missing as "
-            "roughness",
+            "averaging leaves them; they are renormalised; --normal-length roughness (normal_length in Python) would "
+            "count what is missing as roughness",
         )
     return DecodedMap(TextureMap(decoded.vectors, replace(source, notes=tuple(notes))), warnings, variance)
 

@@ -215,8 +215,8 @@ def _check_complete(
     listed = ", ".join(found[:12]) + (f" and {len(found) - 12} more" if len(found) > 12 else "")
     remedy = {"normal": "normal=FILE, or normal=none for a flat one", "roughness": "roughness=FILE or a number"}
     raise InputError(
-        f"{folder} has no {' and no '.join(missing)} map that its file names tell; found: {listed}; name one with the "
-        f"option maps ({', '.join(remedy[m] for m in missing)})"
+        f"{folder} has no {' and no '.join(missing)} map that its file names tell; found: {listed}; name one with "
+        f"--map, maps in Python ({', '.join(remedy[m] for m in missing)})"
     )
 
 
