@@ -166,7 +166,8 @@ def _write_one(
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
     learned = f" with {provenance.weights}" if provenance.weights else ""
-    sizes = asked.preset.check(texture_set.width, texture_set.height) if asked.preset else []
+    blocks = any(each.container.texels in ("bc", "bc1", "uastc") for each in asked.outputs)
+    sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
     warnings = [*sizes, *(each.warning for each in costs if each.warning)]
     session.print(
         f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "

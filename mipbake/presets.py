@@ -54,12 +54,12 @@ class Preset:
         """The target that it chooses, a name in `mipbake.bake.TARGETS`."""
         return "auto" if self.anisotropic else "gltf"
 
-    def check(self, width: int, height: int) -> list[str]:
-        """What is wrong with a size, in sentences."""
+    def check(self, width: int, height: int, blocks: bool = True) -> list[str]:
+        """What is wrong with a size, in sentences. `blocks`: whether any texels are; others need no multiples of 4."""
         sides = (width, height)
         fine = {
             "": True,
-            "multiples of 4": all(side % 4 == 0 for side in sides),
+            "multiples of 4": not blocks or all(side % 4 == 0 for side in sides),
             "powers of two": all(side & (side - 1) == 0 for side in sides),
         }[self.sides]
         if fine:

@@ -256,6 +256,7 @@ def test_sizes(name: str, width: int, height: int) -> None:
     )
     said = PRESETS[name].check(width, height)
     assert bool(said) == (not good)
+    assert bool(PRESETS[name].check(width, height, blocks=False)) == (not good and sides != "multiples of 4")
     assert not said or (sides in said[0] and f"{width} x {height}" in said[0] and "\n" not in said[0])
 
 
