@@ -55,6 +55,8 @@ def main() -> int:
 
 def validated(path: Path) -> list[str]:
     """Errors of Khronos's validator; prints how much it said."""
+    if not MODULES.is_dir():
+        raise RuntimeError(f"no {MODULES}: run `npm ci` in {HERE}")
     command = ["node", str(HERE / "gltf/validate.cjs"), str(path)]
     environment = {"NODE_PATH": str(MODULES), "PATH": str(Path(shutil.which("node") or "node").parent)}
     report = json.loads(subprocess.run(command, capture_output=True, check=True, text=True, env=environment).stdout)
