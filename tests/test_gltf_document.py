@@ -115,6 +115,8 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "UTF-8": (b'{"asset": "\xff"}', "holds JSON that is damaged"),
     "deep": (b'{"a":' + b"[" * 100000, "holds JSON that is damaged"),
     "NaN": (b'{"asset": NaN}', "NaN is no number in JSON"),
+    "a number beyond floats": (b'{"asset": {"version": "2.0"}, "extras": 1e400}', "the number 1e400 is beyond what a"),
+    "nested": (_json(extras=json.loads("[" * 300 + "]" * 300)), "with more than 200 objects in each other"),
     "no asset": (b"{}", "is JSON without asset.version"),
     "glTF 1": (b'{"asset": {"version": "1.0"}}', "is of glTF version 1.0: expected 2.0"),
     "later": (b'{"asset": {"version": "2.1", "minVersion": "2.1"}}', "is of glTF version 2.1, and needs 2.1"),
@@ -183,6 +185,10 @@ IMAGES: dict[str, tuple[Callable[[GltfFile], object], str]] = {
     "unknown type": (
         lambda made: made.image(b"BM1234", "b", "image/bmp"),
         r"no image type that glTF knows \(image/bmp",
+    ),
+    "odd type": (
+        lambda made: made.image(b"123456", "b", ["image/png"]),
+        r"no image type that glTF knows \(\['image/png'\]",
     ),
     "no PNG": (lambda made: made.image(b"123456", "b"), "that glTF knows, though it is declared as image/png"),
     "nowhere": (lambda made: made.json["images"].append({}), "image 0 has neither a bufferView nor a URI"),

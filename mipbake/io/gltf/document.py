@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from mipbake.io.messages import one_line
 Json = dict[str, Any]
 
 _EXTENSIONS = ("extensionsUsed", "extensionsRequired")
+_DEPTH = 200
+"""Objects and arrays in each other: far more than a document needs, and few enough to be copied and written."""
+
 _ARRAYS = ("buffers", "bufferViews", "images", "textures", "samplers", "materials")
 
 
@@ -123,15 +127,37 @@ def _parsed(path: Path, text: bytes) -> Json:
     def refuse(constant: str) -> NoReturn:
         raise ValueError(f"{constant} is no number in JSON")
 
+    def number_of(digits: str) -> float:
+        if not math.isfinite(value := float(digits)):
+            raise ValueError(f"the number {digits[:20]} is beyond what a float holds")
+        return value
+
     try:
-        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=refuse)
+        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=refuse, parse_float=number_of)
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"{path} holds JSON that is damaged ({one_line(str(error))}): export or download it again"
         ) from error
     if not isinstance(parsed, dict):
         raise InputError(f"{path} holds JSON that is no object: expected a glTF 2.0 document")
+    if _is_deeper(parsed, _DEPTH):
+        raise InputError(
+            f"{path} holds JSON with more than {_DEPTH} objects in each other: expected fewer, export it flat"
+        )
     return parsed
+
+
+def _is_deeper(node: Any, depth: int) -> bool:
+    """Whether objects and arrays lie more than so many levels deep."""
+    layer = [node]
+    for _ in range(depth):
+        layer = [
+            inner
+            for each in layer
+            for inner in (each.values() if isinstance(each, dict) else each)
+            if isinstance(inner, (dict, list))
+        ]
+    return bool(layer)
 
 
 def _check_version(path: Path, parsed: Json) -> None:

@@ -71,7 +71,7 @@ def stored_image(document: Document, index: object, where: str = "a texture") ->
         raise InputError(f"{document.path}: {what} has neither a bufferView nor a URI: export it again")
     kind = kind_of(data)
     if kind is None:
-        declared = image.get("mimeType")
+        declared = str(image.get("mimeType") or "")
         said = f", though it is declared as {declared}" if declared in _KINDS else f" ({declared})" if declared else ""
         raise InputError(
             f"{document.path}: {what} is of no image type that glTF knows{said}: expected PNG or JPEG, convert it and "

@@ -101,7 +101,7 @@ def _mapping(document: Document, info: Json, what: str) -> Mapping2D:
         )
         rotation = round(float(transform.get("rotation", 0.0)), 6)
         coordinates = int(transform["texCoord"] if "texCoord" in transform else info.get("texCoord", 0))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{document.path}: the texture coordinates of {what} are not as glTF defines them: export it again"
         ) from error
