@@ -50,7 +50,11 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     _check_places(found, out, asked)
     results: list[dict[str, Any]] = []
     made: dict[Path, list[tuple[Job, MipStack, Encoded]]] = {}
+    broken = {job.source for job in found if isinstance(job, Failure)}
     for job in found:
+        if isinstance(job, Job) and job.source in broken and not _writes_maps(job, asked):
+            made[job.source] = []  # its GLB, all that it is baked for, will not be written
+            continue
         try:
             if isinstance(job, Failure):
                 raise job.error
@@ -132,6 +136,11 @@ def _wants_glb(job: Job, asked: Asked) -> bool:
     return asked.glb or (asked.documents and job.document is not None)
 
 
+def _writes_maps(job: Job, asked: Asked) -> bool:
+    """Whether files of maps are written, not a document alone."""
+    return bool(asked.outputs) and not (asked.documents and job.document is not None)
+
+
 def _write_one(
     session: Session,
     job: Job,
@@ -144,9 +153,8 @@ def _write_one(
 ) -> dict[str, Any]:
     """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
     place = folder / texture_set.name
-    alone = asked.documents and job.document is not None
     seen = shown(texture_set)
-    outputs = () if alone else chosen_all(seen, stack, asked.outputs)
+    outputs = chosen_all(seen, stack, asked.outputs) if _writes_maps(job, asked) else ()
     baking("texels", 1.0)
     beside, costs = {}, []
     if _wants_glb(job, asked):
@@ -202,11 +210,12 @@ def _write_document(
     out: Path,
 ) -> dict[str, Any]:
     """Writes the GLB of a document, all of whose materials were baked; returns what was done, for JSON."""
-    first = parts[0][0]
-    wanted = sum(isinstance(job, Job) and job.source == source for job in found)
+    first = next(job for job in found if isinstance(job, Job) and job.source == source)
     path = out / f"{first.place}.{GLB}"
-    if len(parts) < wanted:
-        raise InputError(f"{path} is not written: {wanted - len(parts)} of {wanted} materials could not be baked")
+    if len(parts) < sum(job.source == source for job in found):
+        raise InputError(
+            f"{path} is not written, for not every material could be baked: see what is said of the others"
+        )
     if first.document is None:
         raise AssertionError("only documents are collected")
     results = [(job.bake, stack, textures) for job, stack, textures in parts if job.bake is not None]

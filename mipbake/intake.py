@@ -127,13 +127,13 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
 
 @dataclass(frozen=True)
 class Failure:
-    """A source that cannot be read, and why."""
+    """A source, or some of the materials of a document, that cannot be read, and why."""
 
     source: Path
     error: InputError | UsageError
 
 
-def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> list[Job]:
+def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | Failure]:
     what = kind(path)
     if what in ("materialx", "gltf"):
         if options != LoadOptions():
@@ -175,7 +175,7 @@ def _by_pattern(path: Path) -> dict[int, list[Path]]:
     return {tile: list(every.get(tile, [file])) for tile, file in wanted.items()}
 
 
-def _gltf(path: Path, scratch: Path) -> list[Job]:
+def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
     scratch.mkdir()
     document = read_document(path)
     found = read_materials(document, scratch)
@@ -184,7 +184,7 @@ def _gltf(path: Path, scratch: Path) -> list[Job]:
         for b in found.bakes
     ]
     made[0] = replace(made[0], notes=found.notes + made[0].notes, warnings=found.warnings + made[0].warnings)
-    return made
+    return [*made, *(Failure(path, InputError(error)) for error in found.errors)]
 
 
 def document_name(path: Path) -> str:

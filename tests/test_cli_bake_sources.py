@@ -168,12 +168,18 @@ def broken_document(folder: Path) -> Path:
     return made.write(folder / "two")
 
 
-def test_a_document_with_a_broken_image_is_refused_whole(tmp_path, capsys) -> None:
+@pytest.mark.parametrize("formats", ["png", "png,glb", "glb"])
+def test_a_broken_image_leaves_the_other_materials(tmp_path, capsys, formats) -> None:
+    """It is told once, and the document as a whole is not written."""
     source = broken_document(tmp_path)
-    assert main(["bake", str(source), "-o", str(tmp_path / "out"), "--format", "png,glb", *LINEAR]) == 3
+    assert main(["bake", str(source), "-o", str(tmp_path / "out"), "--format", formats, *LINEAR]) == 3
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mipbake: ")]
-    assert len(lines) == 1 and str(source) in lines[0] and "image 1 (bad)" in lines[0]
-    assert not (tmp_path / "out").exists()
+    assert len(lines) == 1 + ("glb" in formats)
+    assert str(source) in lines[0] and "image 1 (bad)" in lines[0] and "(material 1 (bad) cannot be baked)" in lines[0]
+    if "glb" in formats:
+        assert "two.glb is not written, for not every material" in lines[1]
+    assert (tmp_path / "out" / "two" / "good").is_dir() == ("png" in formats)
+    assert not (tmp_path / "out" / "two" / "bad").exists() and not (tmp_path / "out" / "two.glb").exists()
 
 
 def test_one_broken_source_does_not_stop_others(tmp_path, capsys) -> None:

@@ -379,6 +379,23 @@ def test_broken_textures_are_told_in_a_sentence(tmp_path: Path) -> None:
         materials_of(made, tmp_path)
 
 
+def test_materials_that_are_broken_leave_the_others(tmp_path: Path) -> None:
+    """What several have in common is told once, with their names."""
+    made = simple()
+    made.json["textures"].append({"source": made.image(b"no image", "x")})
+    for name in "abcdef":
+        made.material(name, normalTexture={"index": 1})
+    made.material("g", normalTexture={"index": 7})
+    made.material("h", normalTexture={"index": 0}, pbrMetallicRoughness={"roughnessFactor": 0.5})
+    found = materials_of(made, tmp_path)
+    assert [bake.materials for bake in found.bakes] == [(0,), (8,)]
+    image, index = found.errors
+    assert "image 1 (x) is of no image type" in image
+    labels = ", ".join(f"material {i + 1} ({name})" for i, name in enumerate("abcd"))
+    assert image.endswith(f"({labels} and 2 more cannot be baked)")
+    assert "names 7 of its 2 textures" in index and index.endswith("(material 7 (g) cannot be baked)")
+
+
 def test_images_that_are_compressed_already_are_refused(tmp_path: Path) -> None:
     made = GltfFile()
     image = made.image(ktx2(1), "k", "image/ktx2")

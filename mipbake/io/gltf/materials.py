@@ -55,11 +55,15 @@ class GltfBake:
 
 @dataclass(frozen=True)
 class GltfMaterials:
-    """The bakes of a document, and what is to be said of the materials that are in none."""
+    """The bakes of a document, and what is to be said of the materials that are in none.
+
+    `errors`: what is wrong with those that should be baked and cannot be read, a sentence each.
+    """
 
     bakes: tuple[GltfBake, ...]
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
 
 
 @dataclass
@@ -107,28 +111,43 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
         folder: an existing, empty one. The images are written there; the caller deletes it.
 
     Raises:
-        InputError: no material can be baked; an image is missing, damaged or of a kind that cannot be read.
+        InputError: no material can be baked; what is wrong with the first where none can be read.
     """
     images = Extracted(document, folder)
     groups: dict[tuple[Any, ...], list[_Material]] = {}
     notes: list[str] = []
     warnings: list[str] = []
+    broken: dict[str, list[str]] = {}
     for index, material in enumerate(document.all("materials")):
         try:
             found = _material(document, index, material, images)
             groups.setdefault(_key(found, images), []).append(found)
         except _SkippedError as skipped:
             (warnings if skipped.loud else notes).append(str(skipped))
-    if not groups:
+        except InputError as error:
+            broken.setdefault(str(error), []).append(_label(index, material))
+    names: set[str] = set()
+    bakes = []
+    for materials in groups.values():
+        try:
+            bakes.append(_bake(document, materials, images, names))
+        except InputError as error:
+            broken.setdefault(str(error), []).extend(material.name for material in materials)
+    errors = tuple(f"{reason} ({_several(labels)} cannot be baked)" for reason, labels in broken.items())
+    if not bakes and errors:
+        raise InputError(errors[0] + (f"; {len(errors) - 1} more are broken in other ways" if errors[1:] else ""))
+    if not bakes:
         reasons = [*warnings, *notes]
         shown = "; ".join(reasons[:3]) + (f"; and {len(reasons) - 3} more" if len(reasons) > 3 else "")
         raise InputError(
             f"{document.path} has no material to bake ({shown or 'it has none at all'}): expected one with a normal or "
             "a metallicRoughness texture"
         )
-    names: set[str] = set()
-    bakes = [_bake(document, materials, images, names) for materials in groups.values()]
-    return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings))
+    return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings), errors)
+
+
+def _several(labels: Sequence[str]) -> str:
+    return ", ".join(labels[:4]) + (f" and {len(labels) - 4} more" if len(labels) > 4 else "")
 
 
 def _label(index: int, material: Json) -> str:
