@@ -13,6 +13,7 @@ import numpy as np
 from mipbake.errors import InputError
 from mipbake.io.gltf.document import Document, Json, member, number
 from mipbake.io.gltf.extracted import Extracted, unique_name
+from mipbake.io.gltf.references import animated_members
 from mipbake.io.gltf.slots import (
     ANISOTROPIC,
     ANISOTROPY,
@@ -254,7 +255,8 @@ def _key(found: _Material, images: Extracted) -> tuple[Any, ...]:
 
 
 def _bake(document: Document, materials: Sequence[_Material], images: Extracted, names: set[str]) -> GltfBake:
-    first, notes, warnings = materials[0], [n for m in materials for n in m.notes], _sampler_warnings(materials)
+    first, notes = materials[0], [n for m in materials for n in m.notes]
+    warnings = [*_sampler_warnings(materials), *_animation_warnings(document, materials)]
     maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
     factors: dict[str, float] = {}
     files: list[Path] = []
@@ -335,6 +337,30 @@ def _base_colour(
 def _factor(factors: dict[str, float], role: str, value: float) -> None:
     if not math.isclose(value, 1.0, abs_tol=1e-9):
         factors[role] = value
+
+
+def _animation_warnings(document: Document, materials: Sequence[_Material]) -> list[str]:
+    """What is baked in at the value that it has without the animation."""
+    animated = animated_members(document.json)
+    found = []
+    for each in materials:
+        baked = {
+            "pbrMetallicRoughness/roughnessFactor": each.roughness,
+            "pbrMetallicRoughness/metallicFactor": each.metallic,
+        }
+        if NORMAL in each.slots:
+            baked[f"{NORMAL}/scale"] = each.scale
+        if each.strength:
+            baked[f"extensions/{ANISOTROPY}/anisotropyStrength"] = each.strength
+            baked[f"extensions/{ANISOTROPY}/anisotropyRotation"] = each.rotation
+        if each.cutoff is not None:
+            baked["alphaCutoff"] = each.cutoff * each.colour[3]
+        found += [
+            f"{each.name}: an animation sets {member}, which is baked in as {baked[member]:g}, its value at rest: what "
+            "the animation sets comes on top of that, so look at it in the result"
+            for member in sorted(animated.get(each.index, set()) & baked.keys())
+        ]
+    return found
 
 
 def _sampler_warnings(materials: Sequence[_Material]) -> list[str]:

@@ -7,6 +7,7 @@ references that anybody could know.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,6 +63,18 @@ def buffer_uses(document: Json) -> list[Json]:
 def extensions_of(document: Json) -> set[str]:
     """Names of the extensions that some object has."""
     return {n for each in _objects(document) if isinstance(each.get("extensions"), dict) for n in each["extensions"]}
+
+
+def animated_members(document: Json) -> dict[int, set[str]]:
+    """Members of materials that animations set through KHR_animation_pointer: material to paths within it."""
+    found: dict[int, set[str]] = {}
+    for each in _objects(document.get("animations")):
+        extensions = each.get("extensions")
+        target = extensions.get("KHR_animation_pointer") if isinstance(extensions, dict) else None
+        pointer = target.get("pointer") if isinstance(target, dict) else None
+        if isinstance(pointer, str) and (named := re.fullmatch(r"/materials/([0-9]{1,9})/(.+)", pointer)):
+            found.setdefault(int(named[1]), set()).add(named[2])
+    return found
 
 
 def _is_index(value: object) -> bool:
