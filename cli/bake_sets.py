@@ -157,8 +157,10 @@ def _write_one(
     outputs = chosen_all(seen, stack, asked.outputs) if _writes_maps(job, asked) else ()
     baking("texels", 1.0)
     beside, costs = {}, []
+    left_out: tuple[str, ...] = ()
     if _wants_glb(job, asked):
         textures = encoded(stack, job.bake.slots if job.bake else None, asked.levels)
+        left_out = () if outputs else textures.left_out
         costs.append(cost(seen, stack, output(), textures.files, asked.levels, GLB))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
@@ -176,7 +178,7 @@ def _write_one(
     learned = f" with {provenance.weights}" if provenance.weights else ""
     blocks = any(each.container.texels in ("bc", "bc1", "uastc") for each in asked.outputs)
     sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
-    warnings = [*sizes, *(each.warning for each in costs if each.warning)]
+    warnings = [*sizes, *left_out, *(each.warning for each in costs if each.warning)]
     session.print(
         f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
         f"{len(stack.levels)} levels",

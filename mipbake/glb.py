@@ -24,7 +24,7 @@ from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.layout import from_file
 from mipbake.io.map_files import MapFile, quantised_levels
-from mipbake.io.options import SHADING_ROLES
+from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import replaced_file
 from mipbake.output import Output
 from mipbake.packing import Normals
@@ -54,10 +54,12 @@ class Encoded:
     Args:
         maps: slot to a KTX 2 file.
         files: the same decoded, as they will be sampled.
+        left_out: which maps of the stack are in none of them, in sentences.
     """
 
     maps: Mapping[str, bytes]
     files: tuple[MapFile, ...]
+    left_out: tuple[str, ...]
 
 
 def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | None = None) -> Encoded:
@@ -82,16 +84,30 @@ def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | N
         texels = [level[..., : len(encodings)] for level in from_blocks(texture)]
         return data, replace(file, levels=[from_file(container.dequantise(t), encodings, srgb) for t in texels])
 
+    planned = stack.files(_OUTPUT, levels)
     wanted = {
         slot: file
-        for file in stack.files(_OUTPUT, levels)
+        for file in planned
         if (slot := _SLOTS.get(file.layout.name)) is not None
         and (slots is None or slot in slots)
         and file.container.texels == "uastc"
     }
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
         made = dict(zip(wanted, pool.map(encode, wanted.values()), strict=True))
-    return Encoded({slot: data for slot, (data, _) in made.items()}, tuple(file for _, file in made.values()))
+    files = tuple(file for _, file in made.values())
+    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files))
+
+
+def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
+    """What is said of maps that no texture holds; of carried channels it has been said when they were read."""
+    held = {channel.map for file in files for channel in file.layout.channels}
+    reasons = {"emissive": "it has values above 1, which its textures of 8 bits do not hold"}
+    return tuple(
+        f"the map {role} is not in the GLB: {reasons.get(role, 'glTF has no texture for it')}; write it beside, with "
+        f"--format {GLB},exr"
+        for role in stack.extra
+        if role not in held and not role.startswith(CARRIED)
+    )
 
 
 def output() -> Output:

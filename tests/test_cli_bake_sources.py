@@ -130,6 +130,20 @@ def test_a_glb_of_a_folder(tmp_path) -> None:
     assert stack.size == (8, 8) and (tmp_path / "out" / "wood" / "wood.glb").exists()
 
 
+def test_maps_that_a_glb_cannot_hold_are_told(tmp_path) -> None:
+    folder = write_set(tmp_path / "lamp")
+    write_image(folder / "emissive.exr", np.full((8, 8, 3), 3, np.float32))
+    write_image(folder / "height.png", grey(1, 8))
+    code, report = bake(folder, "-o", tmp_path / "out", "--format", "glb")
+    assert code == 0
+    warnings = report["results"][0]["warnings"]
+    assert any("the map emissive is not in the GLB: it has values above 1" in each for each in warnings)
+    assert any("the map height is not in the GLB: glTF has no texture for it" in each for each in warnings)
+    code, report = bake(folder, "-o", tmp_path / "out", "--format", "glb,exr")
+    assert code == 0 and not any("is not in the GLB" in each for each in report["results"][0]["warnings"])
+    assert {"emissive.exr", "height.exr", "lamp.glb"} <= {p.name for p in (tmp_path / "out" / "lamp").iterdir()}
+
+
 @pytest.mark.parametrize("content", [b"somebody's", b"glTF"])
 def test_a_foreign_glb_is_not_overwritten(tmp_path, capsys, content) -> None:
     source = small().write(tmp_path / "bolt")
