@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 
 import pytest
 
@@ -62,6 +63,39 @@ def test_a_document_of_others(tmp_path, capsys) -> None:
     out = shown(capsys, made.write(tmp_path / "a"))
     assert f"image a picture: image/png, {len(png('a', 8))} bytes" in out
     assert "material Wood: method linear" in out
+
+
+def of_another_kind(place: int, kind: str, value: int) -> bytes:
+    """A KTX 2 file of 8 x 8 texels with another number in a field of its header."""
+    data = bytearray(ktx2(1))
+    struct.pack_into(kind, data, place, value)
+    return bytes(data)
+
+
+COLOUR_MODEL = struct.unpack_from("<I", ktx2(1), 48)[0] + 12
+
+
+@pytest.mark.parametrize(
+    ("data", "texels"),
+    [
+        (of_another_kind(COLOUR_MODEL, "<B", 163), "ETC1S, linear, 8 x 8, 4 levels"),
+        (of_another_kind(COLOUR_MODEL, "<B", 200), "colour model 200, linear, 8 x 8, 4 levels"),
+        (of_another_kind(12, "<I", 157), "Vulkan format 157, linear, 8 x 8, 4 levels"),
+        (of_another_kind(36, "<I", 6), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
+        (of_another_kind(44, "<I", 1), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
+    ],
+)
+def test_textures_that_are_not_read_are_described(tmp_path, capsys, data, texels) -> None:
+    """Theirs is the header alone; what follows it is left to who decodes them."""
+    (tmp_path / "a.ktx2").write_bytes(data)
+    assert f"a.ktx2: KTX 2, {texels}" in shown(capsys, tmp_path / "a.ktx2")
+    made = GltfFile()
+    made.image(data, "bark", "image/ktx2")
+    made.image(ktx2(2), "moss", "image/ktx2")
+    out = shown(capsys, made.write(tmp_path / "a"))
+    assert f"image bark: image/ktx2, {texels}" in out and "image moss: image/ktx2, UASTC" in out
+    (tmp_path / "a.ktx2").write_bytes(data[:60])
+    assert "ends within its header" in fails(capsys, 3, "info", tmp_path / "a.ktx2")
 
 
 @pytest.mark.parametrize("formats", [("exr", "png"), ()])

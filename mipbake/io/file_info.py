@@ -150,7 +150,7 @@ def file_info(path: Path) -> FileInfo:
     except OSError as error:
         raise InputError(f"cannot read {path} ({error.strerror}): expected a file of a stack, or its folder") from error
     if start == ktx2.IDENTIFIER:
-        return _gpu(path, "KTX 2", ktx2.decoded(path.read_bytes(), str(path)))
+        return _ktx2(path)
     if path.suffix.lower() == ".ktx2":
         raise InputError(f"{path} is no KTX 2 file: it does not begin like one; bake or download it again")
     if start.startswith(b"DDS "):
@@ -175,9 +175,23 @@ def _document_image(document: Document, index: int) -> ImageInfo:
     name = name if isinstance(name, str) and name else str(index)
     if kind != KTX2:
         return ImageInfo(name, kind.mime, "", "", (), len(data))
-    texture = ktx2.decoded(data, f"image {index} ({name}) of {document.path}")
-    space = "sRGB" if texture.format.srgb else "linear"
-    return ImageInfo(name, kind.mime, texture.format.name, space, _sizes(texture), len(data))
+    what = f"image {index} ({name}) of {document.path}"
+    outline = ktx2.outline(data, what)
+    if outline.readable:
+        ktx2.decoded(data, what)  # whether it is complete
+    return ImageInfo(name, kind.mime, outline.texels, _space(outline.srgb), outline.levels, len(data))
+
+
+def _ktx2(path: Path) -> FileInfo:
+    data = path.read_bytes()
+    outline = ktx2.outline(data, str(path))
+    if outline.readable:
+        return _gpu(path, "KTX 2", ktx2.decoded(data, str(path)))
+    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, _space(outline.srgb), len(data))
+
+
+def _space(srgb: bool) -> str:
+    return "sRGB" if srgb else "linear"
 
 
 def _sizes(texture: GpuTexture) -> tuple[tuple[int, int], ...]:
@@ -193,7 +207,7 @@ def _gpu(path: Path, kind: str, texture: GpuTexture) -> FileInfo:
         made.name,
         (),
         _sizes(texture),
-        "sRGB" if made.srgb else "linear",
+        _space(made.srgb),
         path.stat().st_size,
         _about(values.pop(ABOUT, "")),
         values,

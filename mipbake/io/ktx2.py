@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from mipbake.errors import InputError
 from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
@@ -87,6 +88,80 @@ def _values(values: Mapping[str, bytes]) -> bytes:
     return bytes(out)
 
 
+@dataclass(frozen=True)
+class Outline:
+    """What the header of a file tells, whatever its texels are.
+
+    Args:
+        texels: what they are stored as. srgb: whether colours are encoded so.
+        levels: (width, height) of each, finest first.
+        readable: whether `decoded` reads files of this kind.
+    """
+
+    texels: str
+    srgb: bool
+    levels: tuple[tuple[int, int], ...]
+    readable: bool
+
+
+def outline(data: bytes, name: str) -> Outline:
+    """What the header of a file tells; InputError, which calls it `name`, where it is none or broken."""
+    try:
+        head = _head(data, name)
+    except struct.error as error:
+        raise InputError(f"{name} ends within its header: it is no complete KTX 2 file") from error
+    _check_size(head, name, 0)  # 0 levels are to be made by who loads the file
+    other = _MODELS.get(head.model, f"colour model {head.model}") if not head.vulkan else f"Vulkan format {head.vulkan}"
+    return Outline(
+        other if head.made is None else head.made.name,
+        head.transfer == _SRGB,
+        tuple(level_size(head.width, head.height, index) for index in range(max(1, head.count))),
+        head.made is not None and not head.several and head.scheme in (NONE, ZSTANDARD),
+    )
+
+
+_MODELS = {163: "ETC1S", 166: "UASTC"}
+"""Colour models of textures that are transcoded when they are loaded, and have no Vulkan format."""
+
+
+@dataclass(frozen=True)
+class _Head:
+    """The fields of a header; `several`: whether there are layers, faces or slices; `made`: None for other formats."""
+
+    vulkan: int
+    width: int
+    height: int
+    several: bool
+    count: int
+    scheme: int
+    model: int
+    transfer: int
+    made: GpuFormat | None
+
+
+def _head(data: bytes, name: str) -> _Head:
+    if data[: len(IDENTIFIER)] != IDENTIFIER:
+        raise InputError(f"{name} is no KTX 2 file: it does not begin like one")
+    vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
+    descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
+    (channel,) = struct.unpack_from("<B", data, descriptor_at + 31)
+    made = next((f for f in GPU_FORMATS.values() if _is(f, vulkan, model, transfer, channel)), None)
+    several = bool(depth or layers or faces != 1)
+    return _Head(vulkan, width, height, several, count, scheme, model, transfer, made)
+
+
+def _check_size(head: _Head, name: str, least: int) -> None:
+    """InputError where no texture is so large, or has so many levels, `least` or more."""
+    if not head.width or not head.height:
+        raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")
+    if max(head.width, head.height) > MOST:
+        raise InputError(f"{name} tells of {head.width} x {head.height} texels: expected {MOST} along a side at most")
+    most = max(head.width, head.height).bit_length()
+    if not least <= head.count <= most:
+        raise InputError(f"{name} tells of {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
+
+
 def decoded(data: bytes, name: str) -> GpuTexture:
     """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
     try:
@@ -96,35 +171,27 @@ def decoded(data: bytes, name: str) -> GpuTexture:
 
 
 def _decoded(data: bytes, name: str) -> GpuTexture:
-    if data[: len(IDENTIFIER)] != IDENTIFIER:
-        raise InputError(f"{name} is no KTX 2 file: it does not begin like one")
-    vk_format, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
-    descriptor_at, _, values_at, values_length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
-    (channel,) = struct.unpack_from("<B", data, descriptor_at + 31)
-    made = next((f for f in GPU_FORMATS.values() if _is(f, vk_format, model, transfer, channel)), None)
+    head = _head(data, name)
+    made, width, height, count = head.made, head.width, head.height, head.count
     if made is None:
         raise InputError(
-            f"{name} has the Vulkan format {vk_format} with colour model {model}: expected one of "
+            f"{name} has the Vulkan format {head.vulkan} with colour model {head.model}: expected one of "
             f"{', '.join(GPU_FORMATS)}"
         )
-    if depth or layers or faces != 1 or not width or not height:
+    if head.several:
         raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")
-    if max(width, height) > MOST:
-        raise InputError(f"{name} tells of {width} x {height} texels: expected {MOST} along a side at most")
-    if scheme not in (NONE, ZSTANDARD):
-        raise InputError(f"{name} has the supercompression scheme {scheme}: expected 0 (none) or 2 (Zstandard)")
-    most = max(width, height).bit_length()
-    if not 1 <= count <= most:
-        raise InputError(f"{name} tells of {count} levels: {width} x {height} texels have 1 to {most}")
+    _check_size(head, name, 1)
+    if head.scheme not in (NONE, ZSTANDARD):
+        raise InputError(f"{name} has the supercompression scheme {head.scheme}: expected 0 (none) or 2 (Zstandard)")
+    *_, values_at, values_length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
     levels = []
     for index in range(count):
         at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
         stored = data[at : at + length]
         expected = made.level_size(*level_size(width, height, index))
-        if len(stored) != length or inflated != expected or (scheme == NONE and length != expected):
+        if len(stored) != length or inflated != expected or (head.scheme == NONE and length != expected):
             raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
-        levels.append(_inflated(stored, expected, name, index) if scheme == ZSTANDARD else stored)
+        levels.append(_inflated(stored, expected, name, index) if head.scheme == ZSTANDARD else stored)
     return GpuTexture(
         made, width, height, tuple(levels), _read_values(data[values_at : values_at + values_length], name)
     )
