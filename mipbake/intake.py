@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from mipbake.io.gltf.materials import GltfBake, read_materials
 from mipbake.io.inputs import expand, kind
 from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
+from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of
 from mipbake.packing import source_files
@@ -180,16 +180,11 @@ def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
     document = read_document(path)
     found = read_materials(document, scratch)
     made = [
-        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, document_name(path), document, b)
+        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, safe_name(path.stem, "document"), document, b)
         for b in found.bakes
     ]
     made[0] = replace(made[0], notes=found.notes + made[0].notes, warnings=found.warnings + made[0].warnings)
     return [*made, *(Failure(path, InputError(error)) for error in found.errors)]
-
-
-def document_name(path: Path) -> str:
-    """What the results of a document are called."""
-    return re.sub(r"[^\w.-]+", "_", path.stem).strip("._-") or "document"
 
 
 def _materialx(path: Path) -> list[Job]:

@@ -304,13 +304,14 @@ def test_webp_is_read(tmp_path: Path) -> None:
 
 def test_names_are_safe_and_unique(tmp_path: Path) -> None:
     made = GltfFile()
-    names = ["../Ä b", "a", "A", "a_2", "", None, "x" * 200, "..."]
+    names = ["../Ä b", "a", "A", "a_2", "", None, "x" * 200, "...", "CON", "\N{CJK UNIFIED IDEOGRAPH-6728}" * 100]
     for index, name in enumerate(names):
         made.texture(made.image(png(f"normal{index * 'x'}", 8), str(index)))
         made.material("", normalTexture={"index": index})
         made.json["materials"][-1]["name"] = name
     found = [bake.name for bake in materials_of(made, tmp_path).bakes]
-    assert found == ["Ä_b", "a", "A_2", "a_2_2", "material_4", "material_5", "x" * 80, "material_7"]
+    made_up = ["material_4", "material_5", "x" * 120, "material_7", "_CON", names[-1][:40]]
+    assert found == ["Ä_b", "a", "A_2", "a_2_2", *made_up]
 
 
 def test_metallic_roughness_beside_specular_glossiness_is_baked(tmp_path: Path) -> None:

@@ -225,10 +225,12 @@ def test_what_a_shader_leaves_out_is_its_default(folder: Path, shader: str) -> N
 
 
 def test_several_materials_have_names_of_their_own(folder: Path) -> None:
-    names = ["Wood oak", "Wood_oak", "wood/oak"]
+    names = ["Wood oak", "Wood_oak", "wood/oak", "nul.x", "y" * 300]
     rough = link("specular_roughness", "rough")
     body = image("rough", "float", "rough.png") + "".join(material("standard_surface", rough, name=n) for n in names)
-    assert [m.name for m in read_materialx(document(folder, body))] == ["Wood_oak", "Wood_oak_2", "wood_oak_3"]
+    assert [m.name for m in read_materialx(document(folder, body))] == [
+        *("Wood_oak", "Wood_oak_2", "wood_oak_3", "_nul.x", "y" * 120)
+    ]
 
 
 def test_a_material_that_cannot_be_read_does_not_hide_others(folder: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from mipbake.io.layout import MANIFEST, MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHE
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
+from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import IgnoredFile, Log, spoken
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -32,12 +32,11 @@ class Candidate:
     reason: str
 
 
-def _safe_name(folder: Path) -> str:
-    """A folder's name in the letters and digits of any script; of a `textures` folder that of its parent."""
+def _name_of(folder: Path) -> str:
+    """A set's name: that of its folder; of a `textures` folder that of its parent."""
     resolved = folder.resolve()
     name = resolved.parent.name if resolved.name.lower() == "textures" else ""
-    readable = unicodedata.normalize("NFC", name or resolved.name)
-    return re.sub(r"[^\w.-]+", "_", readable).strip("._-") or "texture_set"
+    return safe_name(name or resolved.name, "texture_set")
 
 
 def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Path]]:
@@ -49,7 +48,7 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         for file in files:
             if not file.is_file():
                 raise InputError(f"{file} is not a file: expected the maps of one texture set")
-        return _safe_name(files[0].parent), files[0].parent, files
+        return _name_of(files[0].parent), files[0].parent, files
     folder = Path(path)
     if not folder.exists():
         raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
@@ -61,7 +60,7 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         inner = [d for d in folder.iterdir() if d.is_dir() and d.name.lower() == "textures"]
         if inner:
             _refuse_baked(inner[0])
-            return _safe_name(folder), inner[0], _visible(inner[0])
+            return _name_of(folder), inner[0], _visible(inner[0])
     if not files:
         folders = sorted(d for d in folder.iterdir() if d.is_dir() and not d.name.startswith("."))
         if folders:
@@ -71,7 +70,7 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
                 f"{', '.join(str(d) for d in folders[:4])}{more}?"
             )
         raise InputError(f"{folder} is empty: expected the maps of one texture set")
-    return _safe_name(folder), folder, files
+    return _name_of(folder), folder, files
 
 
 def _refuse_baked(folder: Path) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 import urllib.parse
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,24 +16,9 @@ from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import content_key, image_bytes, image_label
 from mipbake.io.layout import srgb_encode
 from mipbake.io.read import Header, read_header, read_image
+from mipbake.io.safe_names import unique_name
 
 _SUFFIXES = ("png", "jpg", "jpeg", "webp")
-
-
-def unique_name(name: object, otherwise: str, taken: set[str]) -> str:
-    """A name in the letters and digits of any script that is not taken, whatever the case; it is taken then.
-
-    Args:
-        name: as a document has it. otherwise: what stands for one that has no letters or digits, or is no text.
-        taken: names, casefolded; the new one is added.
-    """
-    readable = unicodedata.normalize("NFC", name) if isinstance(name, str) else ""
-    safe = re.sub(r"[^\w.-]+", "_", readable)[:80].strip("._-") or otherwise
-    found, count = safe, 2
-    while found.casefold() in taken:
-        found, count = f"{safe}_{count}", count + 1
-    taken.add(found.casefold())
-    return found
 
 
 class Extracted:

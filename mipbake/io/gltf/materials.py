@@ -12,7 +12,7 @@ import numpy as np
 
 from mipbake.errors import InputError
 from mipbake.io.gltf.document import Document, Json, member, number
-from mipbake.io.gltf.extracted import Extracted, unique_name
+from mipbake.io.gltf.extracted import Extracted
 from mipbake.io.gltf.references import animated_members
 from mipbake.io.gltf.slots import (
     ANISOTROPIC,
@@ -25,6 +25,7 @@ from mipbake.io.gltf.slots import (
     slot_of,
 )
 from mipbake.io.options import LoadOptions, MapChoice
+from mipbake.io.safe_names import unique_name
 
 _UNLIT, _SPECULAR_GLOSSINESS = "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness"
 

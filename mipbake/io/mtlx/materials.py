@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from mipbake.io.mtlx.roles import Sources, read_roles
 from mipbake.io.mtlx.shaders import SHADERS
 from mipbake.io.mtlx.trace import Tracer
 from mipbake.io.options import LoadOptions
+from mipbake.io.safe_names import unique_name
 from mipbake.io.sources import Log
 from mipbake.io.tiles import is_pattern, pattern_files, tile_options
 
@@ -147,7 +147,7 @@ def _material(document: Document, tracer: Tracer, surface: _Surface, taken: set[
             files.append(file)
         else:
             raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
-    name = _unique(surface.name or node.get("name", ""), taken)
+    name = unique_name(surface.name or node.get("name", ""), "material", taken)
     return MtlxMaterial(
         name,
         document.path,
@@ -164,14 +164,3 @@ def _paths(options: LoadOptions) -> list[Path]:
     """The files and patterns that maps name, each once."""
     named = [choice for choice in options.maps.values() if isinstance(choice, str)]
     return list(dict.fromkeys(Path(_CHANNELS.sub("", choice)) for choice in named))
-
-
-def _unique(name: str, taken: set[str]) -> str:
-    """The name in letters and digits of any script, with a number where it is taken already."""
-    base = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", name)).strip("._-") or "material"
-    safe, count = base, 1
-    while safe.casefold() in taken:  # folders of some systems do not tell capitals apart
-        count += 1
-        safe = f"{base}_{count}"
-    taken.add(safe.casefold())
-    return safe
