@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import signal
@@ -26,6 +27,7 @@ from mipbake.cli.validate import validate
 
 EXIT_UNEXPECTED = 1
 EXIT_USAGE = 2
+EXIT_INPUT = 3
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
@@ -101,17 +103,28 @@ def main(arguments: Sequence[str]) -> int:
             "fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            code = _defect(session, error)
+        else:
+            name = str(error.filename)[:80]
+            code = session.fail(f"{name}... is longer than a name can be: give the path of a file", EXIT_INPUT)
     except Exception as error:
-        if session.debug:
-            import traceback
-
-            traceback.print_exc()
-        code = session.fail(
-            f"sorry, this is a defect ({type(error).__name__}: {error}); please report it with the output of "
-            "`mipbake --version` and of the same command as `mipbake --debug ...`",
-            EXIT_UNEXPECTED,
-        )
+        code = _defect(session, error)
     return code
+
+
+def _defect(session: Session, error: Exception) -> int:
+    """Says that an error was not foreseen, and returns the exit code."""
+    if session.debug:
+        import traceback
+
+        traceback.print_exc()
+    return session.fail(
+        f"sorry, this is a defect ({type(error).__name__}: {error}); please report it with the output of "
+        "`mipbake --version` and of the same command as `mipbake --debug ...`",
+        EXIT_UNEXPECTED,
+    )
 
 
 def _parsing_message(error: Exception) -> str:

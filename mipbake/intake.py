@@ -122,6 +122,11 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
             found += _jobs_of(path, options, scratch / str(index))
         except (InputError, UsageError) as error:
             found.append(Failure(path, error))
+        except OSError as error:  # a name that is too long, here or in a document; a folder that went away meanwhile
+            reason = f"{error.strerror}, {str(error.filename)[:80]}"
+            found.append(
+                Failure(path, InputError(f"{path} cannot be read ({reason}): check the name, and that it is there"))
+            )
     return found
 
 

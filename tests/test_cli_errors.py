@@ -234,3 +234,23 @@ def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatc
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 130
     assert "interrupted" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+LONG = "a" * 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["bake", LONG, "-o", "o"], ["bake", f"{LONG}/<UDIM>.png", "-o", "o"], ["info", LONG], ["inspect", LONG]],
+)
+def test_names_that_are_too_long(tmp_path, monkeypatch, capsys, arguments):
+    monkeypatch.chdir(tmp_path)
+    assert LONG[:80] in fails(capsys, 3, *arguments)
+    assert tree(tmp_path) == []
+
+
+def test_a_name_that_is_too_long_leaves_the_other_sources(folder, tmp_path, capsys):
+    arguments = ["bake", LONG, str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", "png"]
+    assert main(arguments) == 3
+    assert (tmp_path / "out" / "metal" / "stack.json").is_file()
+    assert "File name too long" in capsys.readouterr().err

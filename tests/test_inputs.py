@@ -44,6 +44,12 @@ def test_a_glob_that_finds_nothing_is_refused(tmp_path: Path) -> None:
         expand([f"{tmp_path}/*.png"])
 
 
+def test_an_empty_name_is_not_the_working_directory() -> None:
+    """As a variable of a shell leaves that is not set."""
+    with pytest.raises(InputError, match="a source has no name"):
+        expand([""])
+
+
 def test_what_does_not_exist_stays_as_it_is(tmp_path: Path) -> None:
     assert expand([f"{tmp_path}/none", "a.<UDIM>.png"]) == [tmp_path / "none", Path("a.<UDIM>.png")]
 
@@ -98,6 +104,8 @@ def test_kinds_by_suffix(tmp_path: Path) -> None:
         kind(other)
     with pytest.raises(InputError, match="does not exist"):
         kind(tmp_path / "none")
+    with pytest.raises(InputError, match="is neither a file nor a folder"):
+        kind(os.devnull)
 
 
 def test_kinds_of_folders(tmp_path: Path) -> None:

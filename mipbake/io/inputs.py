@@ -27,7 +27,7 @@ def expand(sources: Sequence[str]) -> list[Path]:
     or [ is a glob: what it finds, sorted; ** crosses folders.
 
     Raises:
-        InputError: a list that cannot be read or is empty, or a glob that finds nothing.
+        InputError: an empty name, a list that cannot be read or is empty, or a glob that finds nothing.
     """
     found: dict[str, Path] = {}
     for source in sources:
@@ -52,7 +52,8 @@ def kind(path: str | os.PathLike[str]) -> Kind:
     if path.is_dir():
         return "udim" if _holds_tiles(path) else "folder"
     if not path.is_file():
-        raise InputError(f"{path} does not exist: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
+        what = "is neither a file nor a folder" if path.exists() else "does not exist"
+        raise InputError(f"{path} {what}: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
     suffix = path.suffix.lower()
     if suffix in (".gltf", ".glb"):
         return "gltf"
@@ -80,6 +81,8 @@ def _listed(file: Path) -> list[Path]:
 
 
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
+    if not entry:
+        raise InputError("a source has no name: expected a path, look where the empty one came from")
     path = folder / entry
     if os.path.lexists(path) or not any(c in entry for c in "*?["):
         return [path]
