@@ -105,9 +105,7 @@ def _bake_one(
         check_output(place / _stack_name(found.name, tile), file_hashes(found))
     with stages(session, job.source.name) as reading:
         reading("read", 0.0)
-        read = job.read()
-        if _wants_glb(job, asked) and read.mosaic is None:
-            read = read.changed(multiple_of_side(read.texture_set))
+        read = job.read(multiple_of_side) if _wants_glb(job, asked) else job.read()
         reading("read", 1.0)
     for texture_set in read.sets.values():
         check_output(place / texture_set.name, file_hashes(texture_set))

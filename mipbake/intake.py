@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.discover import find
@@ -19,7 +20,9 @@ from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of
 from mipbake.packing import source_files
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet, load
-from mipbake.udim import Mosaic, islands, joined, split
+from mipbake.udim import CLAMPED, Mosaic, islands, joined, split
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -60,14 +63,18 @@ class Job:
 
     def found(self) -> dict[int, Discovery]:
         """What would be read, by tile. InputError where it cannot."""
-        return {tile: part.find() for tile, part in self.parts.items()}
+        return {tile: _of_tile(tile, part.find) for tile, part in self.parts.items()}
 
-    def read(self) -> Read:
-        """What is baked. InputError where it cannot be read."""
-        sets = {tile: part.load() for tile, part in self.parts.items()}
-        if list(sets) == [0]:
-            return Read(sets, sets[0])
-        named = {tile: replace(each, name=tile_name(each.name, tile)) for tile, each in sets.items()}
+    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> Read:
+        """What is baked, every texture set changed as it is wanted. InputError where it cannot be read."""
+        if list(self.parts) == [0]:
+            alone = change(self.parts[0].load())
+            return Read({0: alone}, alone)
+        named = {}
+        for tile, part in self.parts.items():
+            each = _of_tile(tile, part.load)
+            # Its borders meet other tiles, not its own other side.
+            named[tile] = change(replace(each, name=tile_name(each.name, tile), wrap=CLAMPED))
         mosaic = joined(named)
         return Read(named, mosaic.texture_set, mosaic)
 
@@ -86,10 +93,6 @@ class Read:
     texture_set: TextureSet
     mosaic: Mosaic | None = field(default=None)
 
-    def changed(self, texture_set: TextureSet) -> Read:
-        """With another texture set in the place of the only one."""
-        return Read({0: texture_set}, texture_set)
-
     def stacks(self, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
         """Every texture set with its own stack."""
         if self.mosaic is None:
@@ -98,6 +101,16 @@ class Read:
         for tile, stack in split(baked, self.mosaic).items():
             tiled = replace(self.sets[tile], wrap=stack.wrap)
             yield tiled, replace(stack, source_files=source_files(tiled))
+
+
+def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
+    """What is read of a part; an InputError says which tile it is about."""
+    try:
+        return read()
+    except InputError as error:
+        if not tile:
+            raise
+        raise InputError(f"tile {tile}: {error}") from error
 
 
 def tile_name(name: str, tile: int) -> str:

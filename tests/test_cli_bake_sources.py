@@ -267,6 +267,34 @@ def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
     assert (first[:, -1] > first[:, 0] + 1e-4).all()  # 1002 to its right is brighter
 
 
+def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
+    """As sets that are no tiles are; and each still continues in the next."""
+    (folder := tmp_path / "rock").mkdir()
+    for tile, value in ((1001, 0.2), (1002, 0.8)):
+        write_image(folder / f"rock_base_color.{tile}.png", bytes_of(np.full((6, 10, 3), value)))
+        write_image(folder / f"rock_normal_gl.{tile}.png", encoded(height_field(6, 10, seed=tile)))
+        write_image(folder / f"rock_roughness.{tile}.png", bytes_of(np.full((6, 10), value)))
+    code, report = bake(folder, "-o", tmp_path / "out", "--format", "png,glb")
+    assert code == 0
+    for result in report["results"]:
+        assert any("resampled from 10 x 6 to 12 x 8" in note for note in result["set"]["notes"])
+        check_structure((Path(result["out"]) / f"{Path(result['out']).name}.glb").read_bytes())
+        stack = mipbake.open_stack(result["out"])
+        assert stack.size == (8, 12)
+    left = mipbake.open_stack(report["results"][0]["out"]).levels[0][..., 0]
+    assert np.ptp(left[:, :-2]) < 0.01  # nothing of its own other side, nor of the next tile's
+
+
+@pytest.mark.parametrize("role", ["normal_gl", "roughness"])
+def test_a_tile_that_lacks_a_map_is_named(tmp_path, capsys, role) -> None:
+    folder = tiles(tmp_path / "rock")
+    (folder / f"rock_{role}.1002.png").unlink()
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), *LINEAR, "--format", "png"]) == 3
+    said = capsys.readouterr().err
+    assert "mipbake: tile 1002: " in said and f"no {role.removesuffix('_gl')} map" in said and said.count("\n") == 1
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["rock_1021"]
+
+
 def test_lists_and_globs(tmp_path) -> None:
     for name in ("a", "b", "c"):
         write_set(tmp_path / "sets" / name)
