@@ -36,6 +36,17 @@ def folder(tmp_path: Path) -> Path:
         ([node("dot", "n", "float", link("in", "n"))], "metallic", "a loop"),
         ([node("image", "n", "float")], "metallic", "without a file"),
         ([node("extract", "n", "float", link("in", "orm"), value("index", "7", "integer"))], "metallic", "channel 7"),
+        ([node("multiply", "n", "float", link("in1", "rough"), value("in2", "nan"))], "metallic", "the value 'nan'"),
+        (
+            [node("multiply", "n", "float", link("in1", "rough"), value("in2", "1e999"))],
+            "metallic",
+            "the value '1e999'",
+        ),
+        (
+            [node("extract", "n", "float", link("in", "orm"), value("index", "inf", "integer"))],
+            "metallic",
+            "channel -1",
+        ),
         ([node("bump", "n", "vector3", link("height", "rough"))], "normal", "bump (n)"),
         (
             [node("normalmap", "n", "vector3", link("in", "orm"), value("space", "object", "string"))],
@@ -57,6 +68,15 @@ def test_what_cannot_be_read_is_told(folder: Path, nodes: Sequence[str], role: s
     assert found.options.maps[role] == default
     assert any(reason in w and "cannot be read" in w for w in found.warnings), found.warnings
     mipbake.load(found.files, found.options)
+
+
+@pytest.mark.parametrize("cutoff", ["0", "2", "-1"])
+def test_cutoffs_that_no_opacity_reaches_are_left_out(folder: Path, cutoff: str) -> None:
+    body = image("rough", "float", "rough.png") + image("mask", "float", "mask.png")
+    inputs = [link("roughness", "rough"), link("alpha", "mask"), value("alpha_mode", "1", "integer")]
+    found = only(document(folder, body + material("gltf_pbr", *inputs, value("alpha_cutoff", cutoff))))
+    assert found.options.alpha_cutoff is None and "opacity" in short(found, folder)
+    assert any(f"either side of the cutoff {cutoff}" in w for w in found.warnings)
 
 
 def test_long_chains_end_in_a_sentence(folder: Path) -> None:

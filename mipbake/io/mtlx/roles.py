@@ -249,9 +249,15 @@ def _opacity(sources: Sources, reading: _Reading, log: Log) -> float | None:
         mode = sources.number("alpha_mode", 0)
         if mode == 0:
             _drop(reading, "opacity", "the shader's alpha_mode is opaque", log)
-        return sources.number("alpha_cutoff", 0.5) if mode == 1 and "opacity" in reading.textures else None
-    threshold = sources.number("opacityThreshold", 0)
-    return threshold if threshold and "opacity" in reading.textures else None
+        cutoff = sources.number("alpha_cutoff", 0.5) if mode == 1 else None
+    else:
+        cutoff = sources.number("opacityThreshold", 0) or None
+    if cutoff is None or "opacity" not in reading.textures:
+        return None
+    if not 0 < cutoff <= 1:
+        log.warnings.append(f"no opacity lies on either side of the cutoff {cutoff:g}: it is left out")
+        return None
+    return cutoff
 
 
 def _weights(sources: Sources, reading: _Reading, log: Log) -> None:

@@ -3,6 +3,7 @@ something that cannot be read, and why."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -96,12 +97,14 @@ def unread(reason: str) -> Signal:
 
 
 def numbers(text: str) -> tuple[float, ...] | None:
+    """The numbers that a value holds; None where they are none, or not finite."""
     if text.strip() in ("true", "false"):
         return (float(text.strip() == "true"),)
     try:
-        return tuple(float(part) for part in text.split(","))
+        found = tuple(float(part) for part in text.split(","))
     except ValueError:
         return None
+    return found if all(math.isfinite(each) for each in found) else None
 
 
 def picked(signal: Signal, index: int) -> Signal:
