@@ -260,6 +260,19 @@ def test_channels_of_grey_images(tmp_path: Path) -> None:
     load(bake.files, bake.options)
 
 
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize("slot", ["normalTexture", "anisotropyTexture"])
+def test_grey_images_hold_no_directions(slot: str, channels: int, tmp_path: Path) -> None:
+    made = simple(png("grey", 8, channels))
+    if slot == "normalTexture":
+        made.json["materials"][0]["normalTexture"]["index"] = 1
+    else:
+        anisotropy = {"anisotropyStrength": 1, "anisotropyTexture": {"index": 1}}
+        made.json["materials"][0]["extensions"] = {"KHR_materials_anisotropy": anisotropy}
+    with pytest.raises(InputError, match=rf"image 1 \(b\) is grey, and cannot hold the directions of a {slot}"):
+        materials_of(made, tmp_path)
+
+
 @pytest.mark.parametrize(
     ("sampler", "wrap", "warning"),
     [

@@ -90,6 +90,19 @@ class Extracted:
             return PurePosixPath(urllib.parse.unquote(uri).replace("\\", "/")).stem
         return ""
 
+    def is_grey(self, image: int) -> bool:
+        """Whether an image has no three channels of colour."""
+        header = self.header(image)
+        return header.channels - (header.alpha >= 0) < 3
+
+    def check_directions(self, image: int, slot: str) -> None:
+        """InputError where an image lacks a channel of the vectors that its slot holds."""
+        if self.is_grey(image):
+            raise InputError(
+                f"{self.document.path}: {image_label(image, self.document.all('images')[image])} is grey, and cannot "
+                f"hold the directions of a {slot}: expected red, green and blue, export it again"
+            )
+
     def mean_colour(self, image: int) -> NDArray[np.float64]:
         """(3,) mean of an image's sRGB-encoded colours, linear."""
         pixels = self._pixels(image)
@@ -106,15 +119,7 @@ class Extracted:
 
         Without an image it is one texel: KHR_materials_anisotropy takes (1, 0.5, 1) where there is no texture.
         """
-        if image is None:
-            stored = np.array([[[1.0, 0.5, 1.0]]])
-        else:
-            stored = unit_range(self._pixels(image)).astype(np.float64)
-            if stored.shape[-1] < 3:
-                raise InputError(
-                    f"{self.document.path}: image {image} has {stored.shape[-1]} channels, an anisotropyTexture needs "
-                    "3: direction in red and green, strength in blue; export it again"
-                )
+        stored = np.array([[[1.0, 0.5, 1.0]]]) if image is None else unit_range(self._pixels(image)).astype(np.float64)
         x, y = (stored[..., i] * 2 - 1 for i in (0, 1))
         length = np.maximum(np.hypot(x, y), 1e-6)
         c, s = math.cos(rotation), math.sin(rotation)

@@ -265,14 +265,15 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
     def channels(image: int, letters: str) -> str:
         path = images.file(image)
         files.append(path)
-        header = images.header(image)
-        grey = header.channels - (header.alpha >= 0) < 3
-        return f"{path.name}:{'R' if grey and letters != 'A' else letters}"
+        return f"{path.name}:{'R' if letters != 'A' and images.is_grey(image) else letters}"
 
     def made(path: Path) -> str:
         files.append(path)
         return f"{path.name}:RGB"
 
+    for slot in (NORMAL, ANISOTROPIC):
+        if slot in first.slots:
+            images.check_directions(first.slots[slot].image, slot)
     maps["base_color"] = _base_colour(materials, images, channels, made, notes)
     if NORMAL in first.slots:
         maps["normal"] = channels(first.slots[NORMAL].image, "RGB")
