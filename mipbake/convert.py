@@ -253,7 +253,7 @@ def open_material(path: str | Path) -> Material:
     file = folder / MATERIAL_MANIFEST
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"cannot read {file} ({error}): expected what `mipbake convert` wrote") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != MATERIAL_SCHEMA:
         raise InputError(f"{file} is not the description of a material: its schema is not {MATERIAL_SCHEMA}")

@@ -283,7 +283,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         nested = sorted(p.parent for p in folder.glob(f"*/{MANIFEST}"))
         hint = f"; did you mean {nested[0]}?" if nested else ", expected what `mipbake bake` wrote"
         raise InputError(f"{folder} holds no {MANIFEST}{hint}") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
         raise InputError(f"{path} is not the description of a stack: its schema is not {SCHEMA}")

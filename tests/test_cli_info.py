@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import struct
+import tracemalloc
 
 import pytest
+import zstandard
 
 from mipbake.cli.main import main
+from mipbake.io import ktx2 as container
 from mipbake.io.gltf.quad import QuadOptions, standalone
+from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
 
-from .command_line import fails
+from .command_line import fails, write_set
 from .gltf_files import GltfFile, ktx2, png
 from .stacks import made_stack
 
@@ -122,3 +126,54 @@ def test_descriptions_of_no_stack_are_told(tmp_path, capsys, outputs) -> None:
 
 def test_entries_that_say_little(tmp_path, capsys) -> None:
     assert "0 levels" in shown(capsys, saved(tmp_path / "s", outputs=[{}, {"format": "exr", "maps": {"a": {}}}]))
+
+
+def test_levels_are_not_inflated(tmp_path, capsys) -> None:
+    """A hundred kilobytes of a stream can stand for gigabytes."""
+    side, packer = 8192, zstandard.ZstdCompressor()
+    made = bytearray(container.encoded(GpuTexture(GPU_FORMATS["R8G8B8A8_UNORM"], 1, 1, (bytes(4),), {}), True))
+    struct.pack_into("<2I", made, 20, side, side)
+    stream = packer.compress(bytes(4 * side * side))
+    struct.pack_into("<3Q", made, 80, len(made), len(stream), 4 * side * side)
+    (tmp_path / "a.ktx2").write_bytes(made + stream)
+    tracemalloc.start()
+    assert "8192 x 8192, 1 level" in shown(capsys, tmp_path / "a.ktx2")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4e6
+
+
+@pytest.fixture
+def exr(tmp_path):
+    made_stack((4, 8)).save(tmp_path / "s", "exr")
+    return (tmp_path / "s" / "roughness.exr").read_bytes()
+
+
+def test_broken_files_whose_names_are_no_text(tmp_path, capsys, exr) -> None:
+    """The library quotes the bytes that it does not understand."""
+    broken = tmp_path / "a.exr"
+    broken.write_bytes(exr.replace(b"channels\0chlist", b"channels\xffchlist"))
+    assert "cannot read" in fails(capsys, 3, "info", broken)
+    assert "a.exr is not a readable .exr image" in fails(
+        capsys, 3, "bake", tmp_path, "-o", tmp_path / "out", "--map", "roughness=a.exr", "--map", "normal=none"
+    )
+
+
+def test_numbers_in_place_of_texts(tmp_path, capsys, exr) -> None:
+    (tmp_path / "a.exr").write_bytes(exr.replace(b"mipbake\0string", b"mipbake\0strinx"))
+    assert "made by" not in shown(capsys, tmp_path / "a.exr")
+
+
+def test_broken_png_files_take_one_sentence(tmp_path, capfd) -> None:
+    """libpng would print one of its own."""
+    (tmp_path / "a.png").write_bytes(png("a", 8).replace(b"IDAT", b"IDA\xff"))
+    assert main(["info", str(tmp_path / "a.png")]) == 3
+    assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_descriptions_without_end(tmp_path, capsys) -> None:
+    (tmp_path / "stack.json").write_text("[" * 200_000)
+    assert "cannot read" in fails(capsys, 3, "info", tmp_path)
+    assert "are not mipbake's" in fails(
+        capsys, 4, "bake", write_set(tmp_path / "in" / tmp_path.name), "-o", tmp_path.parent
+    )

@@ -67,9 +67,7 @@ def test_weights_fit_level_0_under_the_pixel_filter(folder: Path, tmp_path: Path
     assert (plain.rule, plain.weights, plain.source_model) == ("analytic", None, "beckmann")
 
 
-def test_weights_that_do_not_fit_are_an_error(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_weights_that_do_not_fit_are_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = ["--to", "beckmann", "-o", str(tmp_path / "out")]
     assert "unknown weights" in fails(capsys, 2, "convert", "nowhere", *out, "--weights", "nothing")
     assert main(["convert", str(folder), *out, "--weights", "mipbake-1"]) == 2

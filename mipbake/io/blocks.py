@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError
 from mipbake.io import bc7, dds, uastc
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.io.messages import told_by
 from mipbake.io.publish import temporary_folder
 
 Texels = NDArray[np.generic]
@@ -118,7 +119,7 @@ def _by_image_library(texture: GpuTexture) -> list[Texels]:
         path.write_bytes(dds.encoded(texture))
         source = OpenImageIO.ImageInput.open(str(path))
         if source is None:
-            raise InputError(f"texels of {texture.format.name} cannot be decoded ({OpenImageIO.geterror().strip()})")
+            raise InputError(f"texels of {texture.format.name} cannot be decoded ({told_by(OpenImageIO.geterror)})")
         try:
             levels: list[Texels] = []
             for index in range(len(texture.levels)):

@@ -16,6 +16,7 @@ from mipbake.io.gltf.images import KTX2, stored_image
 from mipbake.io.gpu_format import GpuTexture, level_size
 from mipbake.io.layout import MANIFEST
 from mipbake.io.oiio_levels import ABOUT, reader
+from mipbake.io.read import PNG_SIGNATURE, check_png
 
 _PNG_HEAD = 128
 """Bytes that hold the first chunks of a PNG file, of which that of the colour space is one."""
@@ -178,7 +179,7 @@ def _document_image(document: Document, index: int) -> ImageInfo:
     what = f"image {index} ({name}) of {document.path}"
     outline = ktx2.outline(data, what)
     if outline.readable:
-        ktx2.decoded(data, what)  # whether it is complete
+        ktx2.stored(data, what)  # whether it is complete
     return ImageInfo(name, kind.mime, outline.texels, _space(outline.srgb), outline.levels, len(data))
 
 
@@ -186,7 +187,7 @@ def _ktx2(path: Path) -> FileInfo:
     data = path.read_bytes()
     outline = ktx2.outline(data, str(path))
     if outline.readable:
-        return _gpu(path, "KTX 2", ktx2.decoded(data, str(path)))
+        return _gpu(path, "KTX 2", ktx2.stored(data, str(path)))
     return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, _space(outline.srgb), len(data))
 
 
@@ -194,11 +195,11 @@ def _space(srgb: bool) -> str:
     return "sRGB" if srgb else "linear"
 
 
-def _sizes(texture: GpuTexture) -> tuple[tuple[int, int], ...]:
+def _sizes(texture: GpuTexture | ktx2.StoredTexture) -> tuple[tuple[int, int], ...]:
     return tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
 
 
-def _gpu(path: Path, kind: str, texture: GpuTexture) -> FileInfo:
+def _gpu(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> FileInfo:
     values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
     made = texture.format
     return FileInfo(
@@ -215,19 +216,23 @@ def _gpu(path: Path, kind: str, texture: GpuTexture) -> FileInfo:
 
 
 def _image(path: Path) -> FileInfo:
+    start = path.read_bytes() if path.suffix.lower() == ".png" else b""
+    if start.startswith(PNG_SIGNATURE):
+        check_png(path, start)
     source = reader(path)
     try:
         spec = source.spec()
-        attributes = {
-            name: str(value)
-            for name in ("textureformat", "wrapmodes", "compression")
-            if (value := spec.getattribute(name)) is not None
-        }
-        about = _about(str(spec.getattribute(ABOUT) or spec.getattribute("ImageDescription") or ""))
+
+        def said(name: str) -> str:
+            value = spec.getattribute(name)
+            return value if isinstance(value, str) else ""  # broken files have numbers in places of texts
+
+        attributes = {name: said(name) for name in ("textureformat", "wrapmodes", "compression") if said(name)}
+        about = _about(said(ABOUT) or said("ImageDescription"))
         channels, kind = tuple(spec.channelnames), str(spec.format)
         # The library takes PNG files that say nothing for sRGB.
-        silent = path.suffix.lower() == ".png" and b"sRGB" not in path.read_bytes()[:_PNG_HEAD]
-        space = "" if silent else str(spec.getattribute("oiio:ColorSpace") or "")
+        silent = path.suffix.lower() == ".png" and b"sRGB" not in start[:_PNG_HEAD]
+        space = "" if silent else said("oiio:ColorSpace")
         levels = [(spec.width, spec.height)]
         while source.seek_subimage(0, len(levels)):
             levels.append((source.spec().width, source.spec().height))
@@ -240,6 +245,6 @@ def _image(path: Path) -> FileInfo:
 def _about(text: str) -> Mapping[str, Any]:
     try:
         content = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}

@@ -162,17 +162,39 @@ def _check_size(head: _Head, name: str, least: int) -> None:
         raise InputError(f"{name} tells of {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
 
 
-def decoded(data: bytes, name: str) -> GpuTexture:
-    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
+@dataclass(frozen=True)
+class StoredTexture:
+    """A texture as a file stores it: like `GpuTexture`, with levels that may be Zstandard streams still."""
+
+    format: GpuFormat
+    width: int
+    height: int
+    levels: tuple[bytes, ...]
+    values: Mapping[str, bytes]
+    supercompressed: bool
+
+
+def stored(data: bytes, name: str) -> StoredTexture:
+    """What is in a file, nothing inflated; InputError as for `decoded`, but for streams that are broken."""
     try:
-        return _decoded(data, name)
+        return _stored(data, name)
     except struct.error as error:
         raise InputError(f"{name} ends within its header: it is no complete KTX 2 file") from error
 
 
-def _decoded(data: bytes, name: str) -> GpuTexture:
+def decoded(data: bytes, name: str) -> GpuTexture:
+    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
+    found = stored(data, name)
+    levels = found.levels
+    if found.supercompressed:
+        sizes = (found.format.level_size(*level_size(found.width, found.height, i)) for i in range(len(levels)))
+        levels = tuple(_inflated(*pair, name, i) for i, pair in enumerate(zip(levels, sizes, strict=True)))
+    return GpuTexture(found.format, found.width, found.height, levels, found.values)
+
+
+def _stored(data: bytes, name: str) -> StoredTexture:
     head = _head(data, name)
-    made, width, height, count = head.made, head.width, head.height, head.count
+    made, width, height = head.made, head.width, head.height
     if made is None:
         raise InputError(
             f"{name} has the Vulkan format {head.vulkan} with colour model {head.model}: expected one of "
@@ -185,16 +207,14 @@ def _decoded(data: bytes, name: str) -> GpuTexture:
         raise InputError(f"{name} has the supercompression scheme {head.scheme}: expected 0 (none) or 2 (Zstandard)")
     *_, values_at, values_length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
     levels = []
-    for index in range(count):
+    for index in range(head.count):
         at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
-        stored = data[at : at + length]
+        levels.append(data[at : at + length])
         expected = made.level_size(*level_size(width, height, index))
-        if len(stored) != length or inflated != expected or (head.scheme == NONE and length != expected):
+        if len(levels[-1]) != length or inflated != expected or (head.scheme == NONE and length != expected):
             raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
-        levels.append(_inflated(stored, expected, name, index) if head.scheme == ZSTANDARD else stored)
-    return GpuTexture(
-        made, width, height, tuple(levels), _read_values(data[values_at : values_at + values_length], name)
-    )
+    values = _read_values(data[values_at : values_at + values_length], name)
+    return StoredTexture(made, width, height, tuple(levels), values, head.scheme == ZSTANDARD)
 
 
 def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int) -> bool:

@@ -172,7 +172,7 @@ def is_result_folder(path: Path, manifest_name: str, schema: str) -> bool:
             return False
         known = {manifest_name, *listed_files(manifest)}
         return all(p.name in known and p.is_file() for p in path.iterdir())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
 
 

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 
 def one_line(message: str, otherwise: str = "no reason given") -> str:
     """The first line of an error message, without the full stop; `otherwise` where there is none."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     return lines[0].rstrip(".") if lines else otherwise
+
+
+def told_by(geterror: Callable[[], str]) -> str:
+    """The first line of what OpenImageIO's `geterror` tells, which may quote bytes of a file that are no text."""
+    try:
+        return one_line(geterror())
+    except UnicodeDecodeError as error:
+        return one_line(error.object.decode("utf-8", "backslashreplace"))

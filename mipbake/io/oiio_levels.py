@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
 from mipbake.io.layout import FileLayout
-from mipbake.io.messages import one_line
+from mipbake.io.messages import told_by
 from mipbake.io.quantise import dequantised, quantised
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def writer(path: Path) -> OpenImageIO.ImageOutput:
 
     out = OpenImageIO.ImageOutput.create(str(path))
     if out is None:
-        raise OutputError(f"cannot write {path}: {one_line(OpenImageIO.geterror())}")
+        raise OutputError(f"cannot write {path}: {told_by(OpenImageIO.geterror)}")
     return out
 
 
@@ -102,13 +102,13 @@ def put(
 ) -> None:
     """Writes one level; OutputError when that fails."""
     if not (out.open(str(path), spec, mode) and out.write_image(np.ascontiguousarray(level))):
-        raise OutputError(f"cannot write level {index} of {path}: {one_line(out.geterror())}")
+        raise OutputError(f"cannot write level {index} of {path}: {told_by(out.geterror)}")
 
 
 def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
     """Closes a writer; the file is complete only when the last reference to it is gone, too."""
     if not out.close():
-        raise OutputError(f"cannot write {path}: {one_line(out.geterror())}")
+        raise OutputError(f"cannot write {path}: {told_by(out.geterror)}")
 
 
 def reader(path: Path) -> OpenImageIO.ImageInput:
@@ -119,7 +119,7 @@ def reader(path: Path) -> OpenImageIO.ImageInput:
     config.attribute("oiio:UnassociatedAlpha", 1)
     source = OpenImageIO.ImageInput.open(str(path), config)
     if source is None:
-        raise InputError(f"cannot read {path}: {one_line(OpenImageIO.geterror())}")
+        raise InputError(f"cannot read {path}: {told_by(OpenImageIO.geterror)}")
     return source
 
 
@@ -153,7 +153,7 @@ def take(
         )
     pixels = source.read_image(*place, 0, len(found), stored)
     if pixels is None or source.has_error:
-        raise InputError(f"cannot read level {index} of {path}: {one_line(source.geterror())}")
+        raise InputError(f"cannot read level {index} of {path}: {told_by(source.geterror)}")
     texels: NDArray[np.generic] = np.asarray(pixels).reshape(height, width, len(found))
     # OpenEXR sorts channels by name.
     return texels if names is None or names == tuple(found) else texels[..., [found.index(n) for n in names]]

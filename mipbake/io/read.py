@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io.messages import told_by
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -72,8 +73,8 @@ def read_image(path: Path) -> Image:
         data = path.read_bytes()
     except OSError as error:
         raise _unreadable(path, error) from error
-    if data.startswith(_PNG_SIGNATURE):
-        _check_png(path, data)
+    if data.startswith(PNG_SIGNATURE):
+        check_png(path, data)
     digest = hashlib.sha256(data).hexdigest()
     del data
     image = _open(path)
@@ -81,7 +82,7 @@ def read_image(path: Path) -> Image:
     stored = header.depth if header.depth in _NATIVE else "float"
     pixels = image.read_image(0, 0, 0, header.channels, stored)
     if pixels is None or image.has_error:
-        reason = _one_line(image.geterror())
+        reason = told_by(image.geterror)
         raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
     image.close()
     values: NDArray[np.generic] = np.asarray(pixels).reshape(header.height, header.width, header.channels)
@@ -100,15 +101,13 @@ def _open(path: Path) -> OpenImageIO.ImageInput:
         raise _unreadable(path, error) from error
     if not start:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
-    if start.startswith(_PNG_SIGNATURE) and len(start) == 24:
+    if start.startswith(PNG_SIGNATURE) and len(start) == 24:
         _check_size(path, int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"))
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = OpenImageIO.ImageInput.open(str(path), config)
     if image is None:
-        raise InputError(
-            f"{path} is not a readable {path.suffix or 'image'} image ({_one_line(OpenImageIO.geterror())})"
-        )
+        raise InputError(f"{path} is not a readable {path.suffix or 'image'} image ({told_by(OpenImageIO.geterror)})")
     return image
 
 
@@ -141,16 +140,14 @@ def _unreadable(path: Path, error: OSError) -> InputError:
     return InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions")
 
 
-def _one_line(message: str) -> str:
-    return " ".join(message.split()) or "no reason given"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-
-
-def _check_png(path: Path, data: bytes) -> None:
-    """Walks the chunks of a PNG: libpng fills what is missing silently, or prints to the standard error itself."""
-    at = len(_PNG_SIGNATURE)
+def check_png(path: Path, data: bytes) -> None:
+    """InputError for a PNG whose chunks are damaged or cut short: libpng fills what is missing silently, or prints to
+    the standard error itself.
+    """
+    at = len(PNG_SIGNATURE)
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4], "big")
         kind, end = data[at + 4 : at + 8], at + 8 + length
