@@ -28,8 +28,24 @@ while len(head := sys.stdin.buffer.read(8)) == 8:
 """
 
 
-def compressed(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
-    """(H, W, 4) uint8 levels, sides multiples of 4, to their blocks. Threads may call it at the same time."""
+_AT_ONCE = 1 << 13
+"""So many blocks are changed at a time, which takes some kilobytes for each."""
+
+_STEPS = np.array([0, 4, 9, 13, 17, 21, 26, 30, 34, 38, 43, 47, 51, 55, 60, 64]) / 64
+"""Where the indices of mode 6 lie between the ends of a block."""
+
+
+def compressed(levels: Sequence[NDArray[np.generic]], exactly_opaque: bool = False) -> tuple[bytes, ...]:
+    """(H, W, 4) uint8 levels, sides multiples of 4, to their blocks. Threads may call it at the same time.
+
+    With `exactly_opaque`, for colours, blocks of opaque texels have an alpha of 1 and not of 254 / 255, which takes a
+    bit from some of the colours.
+    """
+    made = _encoded(levels)
+    return tuple(map(_opaque, made, levels)) if exactly_opaque else made
+
+
+def _encoded(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
     if sum(level.shape[0] * level.shape[1] for level in levels) <= _INLINE:
         return _here(levels)
     given = b"".join(
@@ -58,3 +74,39 @@ def _here(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
         bytes(etcpak.compress_bc7(np.ascontiguousarray(level).tobytes(), level.shape[1], level.shape[0], settings))
         for level in levels
     )
+
+
+def _opaque(blocks: bytes, level: NDArray[np.generic]) -> bytes:
+    """Blocks of opaque texels with an alpha of 1, which etcpak leaves at 254 / 255 in some of mode 6.
+
+    There the last bit of an end is that of all its channels: it is set, and of the odd colours beside those that were
+    meant the better are taken.
+    """
+    data = np.frombuffer(blocks, np.uint8).reshape(-1, 16)
+    rows, columns = level.shape[0] // 4, level.shape[1] // 4
+    solid = (level[..., 3] == 255).reshape(rows, 4, columns, 4).all((1, 3)).ravel()
+    whole = (data[:, 6] >= 254) & (data[:, 7] == 255) & (data[:, 8] & 1 == 1)  # the bits 49 to 64: alpha, last bits
+    found = np.flatnonzero(solid & ((data[:, 0] & 127) == 64) & ~whole)
+    if not len(found):
+        return blocks
+    out = data.copy()
+    for part in np.array_split(found, -(-len(found) // _AT_ONCE)):
+        texels = np.stack([level[4 * (i // columns) :, 4 * (i % columns) :][:4, :4, :3] for i in part])
+        out[part] = _with_last_bits(data[part], texels.reshape(-1, 16, 3))
+    return bytes(out)
+
+
+def _with_last_bits(data: NDArray[np.uint8], texels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """(N, 16) blocks of mode 6 with alpha and all last bits set, and the colours that suit (N, 16, 3) texels."""
+    wanted = np.moveaxis(texels.astype(np.float32), 2, 1)
+    bits = np.unpackbits(data, axis=1, bitorder="little")
+    ends = bits[:, 7:49].reshape(-1, 3, 2, 7) @ (1 << np.arange(7))
+    # The first texel has one bit less, its highest.
+    share = _STEPS[np.insert(bits[:, 65:], 3, 0, axis=1).reshape(-1, 1, 16, 4) @ (1 << np.arange(4))]
+    trials = np.stack([np.maximum(ends - step, 0) for step in ([0, 0], [0, 1], [1, 0], [1, 1])])
+    low, high = np.moveaxis(2 * trials + 1, -1, 0)[..., None]
+    errors = np.square(low + (high - low) * share - wanted).sum(-1)
+    best = np.take_along_axis(trials, errors.argmin(0)[None, ..., None], 0)[0]
+    bits[:, 7:49] = (best[..., None] >> np.arange(7) & 1).reshape(-1, 42)
+    bits[:, 49:65] = 1
+    return np.packbits(bits, axis=1, bitorder="little")

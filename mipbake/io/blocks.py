@@ -32,7 +32,7 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
         return tuple(np.ascontiguousarray(widened(level, made.channels)).tobytes() for level in levels)
     padded = [_padded(np.asarray(level, np.uint8)) for level in levels]
     if made.name.startswith("BC7"):
-        return bc7.compressed([widened(level, 4) for level in padded])
+        return bc7.compressed([widened(level, 4) for level in padded], exactly_opaque=made.srgb)
     if made.name.startswith("UASTC"):
         return uastc.compressed([widened(np.asarray(level, np.uint8), 4) for level in levels], made)
     return tuple(_quicktex(np.asarray(widened(level, made.channels), np.uint8), made) for level in padded)
