@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 
 from mipbake.bake import bake
 from mipbake.errors import UsageError
+from mipbake.io.colour import unit_range
+from mipbake.io.decode import unit_directions
 from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.normal import normalised
+from mipbake.io.read import read_image
+from mipbake.io.sources import taken
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 Level = NDArray[np.float32]
+
+_SAME = 1e-5
+"""Difference of unit vectors that is no more than rounding."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +29,9 @@ class Adjustments:
     """Changes of a stack; the defaults change nothing.
 
     Args:
-        keep_level0: level 0 as the source has it (normals made unit), not filtered by the pixel filter.
+        keep_level0: level 0 as the source's files have it, not filtered by the pixel filter. Normals and directions are
+            not made unit, so that every texel comes out as it came in where format, packing and size are the same;
+            where vectors have been changed since they were read (resampled, scaled, tiles), they are unit.
         strength: 1 keeps what was baked, 0 gives plainly averaged maps (`linear` with the box), what lies between a
             mixture.
         min_roughness: perceptual roughness that no texel falls below.
@@ -50,7 +59,7 @@ class Adjustments:
         if self.strength < 1:
             lines.append(f"blended towards plain averages: strength {self.strength:g}.")
         if self.keep_level0:
-            lines.append("level 0 is that of the source, normals made unit: the pixel filter is not in it.")
+            lines.append("level 0 is that of the source: the pixel filter is not in it.")
         if self.min_roughness:
             lines.append(f"no roughness is below {self.min_roughness:g}.")
         return tuple(lines)
@@ -77,6 +86,9 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
         levels = [_blend(a, b, asked.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
     if asked.keep_level0:
         levels[0] = texture_set.material(stack.model)
+        for layout in LAYOUTS[stack.model]:
+            if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
+                levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
     if asked.min_roughness:
         roughness = channels_of(stack.model, "roughness")
         for index, level in enumerate(levels):
@@ -85,6 +97,26 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
             levels[index] = raised
     provenance = replace(stack.provenance, promise=None, adjustments=asked.spoken)
     return replace(stack, levels=levels, provenance=provenance)
+
+
+def _as_stored(texture_set: TextureSet, role: str) -> Level:
+    """Vectors of level 0 as their file stores them, before they were made unit; unit where more than that was done."""
+    unit, source = texture_set.maps[role].pixels, texture_set.maps[role].source
+    if source.path is None:
+        return unit
+    stored = unit_range(taken(source, read_image(source.path)))
+    count = min(stored.shape[2], 3 if role == "normal" else 2)
+    if stored.shape[:2] != unit.shape[:2] or count < 2:
+        return unit
+    vectors, again = unit.copy(), unit.copy()
+    vectors[..., :count] = stored[..., :count] * np.float32(2) - np.float32(1)
+    if role == "normal":
+        if texture_set.convention.name == "directx":
+            vectors[..., 1] *= -1
+        again = normalised(vectors)
+    else:
+        again[..., :2] = unit_directions(vectors[..., :2])
+    return vectors if np.abs(again - unit).max() < _SAME else unit
 
 
 def _blend(plain: Level, baked: Level, strength: float, model: str) -> Level:

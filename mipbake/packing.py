@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mipbake.errors import UsageError
 from mipbake.io.decode import upsample
 from mipbake.io.layout import FLIPPED, INVERTED, LAYOUTS, LOG, SIGNED, UNIT, FileChannel, FileLayout, MapLayout
+from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED
 from mipbake.prefilter.pixel_filter import level_sizes, resample
 from mipbake.texture_set import TextureSet
@@ -209,6 +210,9 @@ def _file(
     pieces = [_as_asked(piece, normals) for piece in file.pieces]
     if normals.channels == 2 and all(piece.map == "normal" for piece in pieces):
         pieces = pieces[:2]
+        layout, levels = maps["normal"]
+        if len(layout.encodings) == 3:  # whoever works the third out takes for granted that they are unit
+            maps = {**maps, "normal": (layout, [normalised(level) for level in levels])}
     chains = {p.map: maps[p.map][1] for p in pieces if p.map}
     # Baked levels are never resampled: maps that do not shade take their size.
     leading = [chain for name, chain in chains.items() if maps[name][0].shades] or list(chains.values())
@@ -216,13 +220,13 @@ def _file(
     chains = {name: _at_size(chain, (size[0], size[1]), wrap) for name, chain in chains.items()}
     count = min(len(chain) for chain in chains.values())
     first = next(iter(chains.values()))
-    levels = []
+    stacked = []
     for index in range(count):
         constant = np.ones(first[index].shape[:2], np.float32)
         parts = [chains[p.map][index][..., p.index] if p.map else constant * np.float32(p.default or 0) for p in pieces]
-        levels.append(np.stack(parts, -1))
+        stacked.append(np.stack(parts, -1))
     channels = tuple(_channel(piece, maps) for piece in pieces)
-    return FileLayout(file.name, channels, any(maps[name][0].shades for name in chains)), levels
+    return FileLayout(file.name, channels, any(maps[name][0].shades for name in chains)), stacked
 
 
 def _as_asked(piece: Piece, normals: Normals) -> Piece:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +11,13 @@ import pytest
 import mipbake
 from mipbake.adjust import Adjustments, adjusted
 from mipbake.errors import UsageError
-from mipbake.stack import MipStack
+from mipbake.io.read import read_image
+from mipbake.output import Output
+from mipbake.packing import Normals
+from mipbake.stack import MipStack, read_output
 from mipbake.texture_set import TextureSet
 
-from .input_files import height_field
+from .input_files import bytes_of, height_field, write_image
 from .stacks import smooth, unit
 
 NORMAL, ROUGHNESS, DIRECTION, STRENGTH = slice(5, 8), slice(4, 5), slice(8, 10), slice(10, 11)
@@ -51,6 +55,64 @@ def test_keep_level0(shape, anisotropic) -> None:
     np.testing.assert_array_equal(found.levels[0], source)
     for level, before in zip(found.levels[1:], stack.levels[1:], strict=True):
         np.testing.assert_array_equal(level, before)
+
+
+def noisy_vectors(top: int, seed: int = 5) -> np.ndarray:
+    """(12, 20, 3) normals as compression leaves them: of any length, as integers up to `top`."""
+    noise = np.random.default_rng(seed).normal(0, 0.1, (12, 20, 3))
+    return bytes_of((height_field(12, 20) * (1 + noise) + 1) / 2, top)
+
+
+def written(folder: Path, top: int, suffix: str = "png", depth: str | None = None) -> dict[str, np.ndarray]:
+    """A set with normals, and directions, that are not unit; file stem to texels."""
+    colours, grey = (bytes_of(smooth((12, 20), count, count), top) for count in (3, 1))
+    orm, packed = np.dstack([grey, grey // 2, grey]), np.dstack([noisy_vectors(top), grey])
+    files = {"wood_base_color": colours, "wood_normal_dx": packed, "wood_orm": orm, "wood_anisotropy": 1 * colours}
+    folder.mkdir()
+    for stem, pixels in files.items():
+        write_image(folder / f"{stem}.{suffix}", pixels / top if depth else pixels, depth)
+    return files
+
+
+@pytest.mark.parametrize(
+    ("output", "top", "suffix", "depth"),
+    [
+        ("png:8", 255, "png", None),
+        ("png:16", 65535, "png", None),
+        ("tx:8", 255, "png", None),
+        ("tx:16", 65535, "png", None),
+        ("exr:half", 255, "exr", "half"),
+    ],
+)
+def test_level_0_is_that_of_the_files(tmp_path, output, top, suffix, depth) -> None:
+    """Bit for bit, vectors that are not unit and channels without a role too, where depth and packing are the same."""
+    written(tmp_path / "wood", top, suffix, depth)
+    texture_set = mipbake.load(tmp_path / "wood", normal_convention="directx")
+    stack = adjusted(baked(texture_set), texture_set, Adjustments(keep_level0=True))
+    stack.save(tmp_path / "out", output)
+    files = read_output(tmp_path / "out", 0)
+    assert {file.layout.name for file in files} == {path.stem for path in (tmp_path / "wood").iterdir()}
+    for file in files:
+        name, container = file.layout.name, file.container
+        source = read_image(tmp_path / "wood" / f"{name}.{suffix}").pixels
+        found = container.read(tmp_path / "out", file.layout, [level.shape[:2] for level in file.levels])[0]
+        np.testing.assert_array_equal(found, source, name)
+
+
+def test_normals_that_were_changed_are_unit(tmp_path) -> None:
+    """Scaled, resampled, or with z to be worked out by a shader."""
+    written(tmp_path / "wood", 255)
+    texture_set = mipbake.load(tmp_path / "wood", normal_convention="directx")
+    stack = adjusted(baked(texture_set), texture_set, Adjustments(keep_level0=True))
+    assert np.abs(np.linalg.norm(stack.levels[0][..., NORMAL], axis=-1) - 1).max() > 0.1
+    (file,) = [f for f in stack.files(Output("png", "separate", Normals("opengl", 2))) if f.layout.name == "normal"]
+    np.testing.assert_allclose(file.levels[0], texture_set.maps["normal"].pixels[..., :2], atol=1e-6)
+    for changed in (
+        mipbake.load(tmp_path / "wood", normal_convention="directx", factors={"normal": 0.5}),
+        replace(texture_set, maps={**texture_set.maps, "normal": made_set((12, 20)).maps["normal"]}),
+    ):
+        kept = adjusted(baked(changed), changed, Adjustments(keep_level0=True)).levels[0][..., NORMAL]
+        np.testing.assert_array_equal(kept, changed.maps["normal"].pixels)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
