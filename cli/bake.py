@@ -107,6 +107,14 @@ def bake(
             show_default=f"{SOURCE}, which is as in the set",
         ),
     ] = None,
+    alpha_cutoff: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            metavar="0..1",
+            help="What the renderer tests opacity against: every level then keeps its coverage.",
+            show_default="opacity is blended",
+        ),
+    ] = None,
     max_level: Annotated[
         Optional[int],  # noqa: UP045
         typer.Option(
@@ -148,6 +156,7 @@ def bake(
     A set that cannot be baked is reported and the others are baked all the same.
     """
     # Everything that is wrong for every set is said before the first is read.
+    load = replace(load, alpha_cutoff=alpha_cutoff)
     method_named(method, weights, budget)
     filter_named(pixel_filter)
     chosen_preset = preset_named(preset) if preset else None

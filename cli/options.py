@@ -65,14 +65,6 @@ def _reading(
         Optional[bool],  # noqa: UP045
         typer.Option("--gloss/--no-gloss", help="Whether the roughness map is inverted.", show_default="by file name"),
     ] = DEFAULTS.roughness_is_gloss,
-    alpha_cutoff: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option(
-            metavar="0..1",
-            help="What the renderer tests opacity against: every level then keeps its coverage.",
-            show_default="opacity is blended",
-        ),
-    ] = DEFAULTS.alpha_cutoff,
     wrap_u: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.")] = DEFAULTS.wrap[0],
     wrap_v: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.")] = DEFAULTS.wrap[1],
 ) -> LoadOptions:
@@ -84,7 +76,6 @@ def _reading(
         normal_length=normal_length,
         roughness_is_gloss=gloss,
         wrap=(wrap_u, wrap_v),
-        alpha_cutoff=alpha_cutoff,
     )
 
 

@@ -243,7 +243,7 @@ def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
     ]
     asked = found.options
     factors = sorted(asked.factors.items())
-    options = (found.convention.name, asked.normal_length, asked.wrap, factors, asked.alpha_cutoff)
+    options = (found.convention.name, asked.normal_length, asked.wrap, factors)
     return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
 
 

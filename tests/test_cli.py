@@ -169,6 +169,23 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     assert "Exit codes" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("command", ["inspect", "convert", "validate", "compare"])
+def test_only_bake_asks_what_opacity_is_tested_against(capsys, command):
+    """The others have nothing that it would change."""
+    assert main(["bake", "--help"]) == 0
+    assert "--alpha-cutoff" in capsys.readouterr().out
+    assert main([command, "--help"]) == 0
+    assert "--alpha-cutoff" not in capsys.readouterr().out
+
+
+def test_validate_knows_its_set_whatever_opacity_was_tested_against(tmp_path, capsys):
+    folder = write_set(tmp_path / "metal", opacity=bumps()["roughness"])
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--alpha-cutoff", "0.5"]) == 0
+    stack = tmp_path / "out" / "metal"
+    assert main(["validate", str(folder), str(stack), "--points", "4", "--samples", "1", "--lods", "0"]) == 0
+    assert "hashes differ" not in capsys.readouterr().out
+
+
 def test_version(capsys):
     assert main(["--version"]) == 0
     lines = capsys.readouterr().out.splitlines()

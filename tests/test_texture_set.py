@@ -319,6 +319,7 @@ def test_the_source_hash_is_that_of_the_pixels(tmp_path: Path) -> None:
     assert load(folder, wrap=("clamp", "clamp")).source_hash != first.source_hash
     assert load(folder, normal_convention="directx").source_hash != first.source_hash
     assert load(folder, maps={"metallic": 1}).source_hash != first.source_hash
+    assert load(folder, alpha_cutoff=0.5).source_hash == first.source_hash  # of levels alone
     write_image(folder / "roughness.png", pixels_for("roughness")[::-1].copy())
     assert load(folder).source_hash != first.source_hash
 
