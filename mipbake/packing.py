@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mipbake.errors import UsageError
 from mipbake.io.decode import upsample
 from mipbake.io.layout import FLIPPED, INVERTED, LAYOUTS, LOG, SIGNED, UNIT, FileChannel, FileLayout, MapLayout
+from mipbake.io.names import with_convention
 from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED
 from mipbake.prefilter.pixel_filter import level_sizes, resample
@@ -168,7 +169,8 @@ def pack(
     as_source = packing == SOURCE and {m.name for m, _ in maps if m.shades} <= known | {"anisotropy"}
     rules = list(source if as_source else PACKINGS[packing])
     used: set[str] = set()
-    if normals.convention == SOURCE:
+    asked = normals.convention
+    if asked == SOURCE:
         # Tensors of roughness know one orientation alone, and their normals keep to it.
         tensors = any(LOG in layout.encodings for layout, _ in maps)
         normals = replace(normals, convention="opengl" if tensors else _convention(source))
@@ -176,8 +178,10 @@ def pack(
     for rule in rules:
         pieces = _present(rule, by_name)
         if pieces:
-            used |= {piece.map for piece in pieces}
-            files.append(PackedFile(rule.name, pieces))
+            maps_here = {piece.map for piece in pieces}
+            used |= maps_here
+            told = asked != SOURCE and "normal" in maps_here
+            files.append(PackedFile(with_convention(rule.name, asked) if told else rule.name, pieces))
     for layout, _ in maps:
         if layout.name not in used and not layout.name.startswith(CARRIED):
             files.append(PackedFile(layout.name, tuple(Piece(layout.name, i) for i in range(len(layout.encodings)))))

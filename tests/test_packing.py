@@ -110,6 +110,34 @@ def test_green_of_normals_in_every_packing(tmp_path, made, packing, convention) 
     assert np.abs(levels["normal"][0].astype(int) - wanted).max() <= 1
 
 
+@pytest.mark.parametrize("convention", ["opengl", "directx"])
+@pytest.mark.parametrize(
+    ("opengl", "directx"),
+    [
+        ("wood_normal_gl", "wood_normal_dx"),
+        ("Wood_1K_NormalGL", "Wood_1K_NormalDX"),
+        ("wood_Normal_OpenGL_2k", "wood_Normal_DirectX_2k"),
+        ("WOOD_NRM_GL", "WOOD_NRM_DX"),
+    ],
+)
+def test_names_tell_the_convention_that_is_written(tmp_path, opengl, directx, convention) -> None:
+    for number, (stem, down) in enumerate([(opengl, False), (directx, True)]):
+        given = {"wood_normal_gl": None, "wood_roughness": ROUGH, stem: encoded(NORMALS, directx=down)}
+        folder = packed_sets.write(tmp_path / f"wood{number}", **given)
+        levels, _ = out(folder, Output("png", "source", Normals(convention)))
+        assert {opengl, directx} & set(levels) == {opengl if convention == "opengl" else directx}
+        levels, _ = out(folder)
+        assert stem in levels
+
+
+def test_names_that_tell_no_convention_stay(tmp_path) -> None:
+    names = {"jungle_normal": encoded(NORMALS), "jungle_base_color": COLOUR, "jungle_roughness_dx": ROUGH}
+    folder = packed_sets.write(tmp_path / "jungle", wood_normal_gl=None, wood_base_color=None, **names)
+    stack = mipbake.bake(mipbake.load(folder, maps={"roughness": "jungle_roughness_dx.png"}), "linear")
+    files = stack.files(Output("png", "source", Normals("directx")))
+    assert {file.layout.name for file in files} >= set(names)
+
+
 def test_two_channels_stay_two(tmp_path) -> None:
     levels, _ = out(packed_sets.two_channels(tmp_path / "wood"))
     assert levels["wood_normal"][0].shape == (16, 16, 2)

@@ -161,6 +161,26 @@ def interpretations(stem: str) -> list[NameMatch]:
     return found
 
 
+_OPPOSITE = {"gl": "DX", "ogl": "DX", "opengl": "DirectX", "dx": "GL", "directx": "OpenGL", "d3d": "GL"}
+_CONVENTION = re.compile(rf"(?:{'|'.join(sorted(_OPPOSITE, key=len, reverse=True))})(?![A-Za-z])", re.IGNORECASE)
+
+
+def with_convention(stem: str, convention: str) -> str:
+    """The name of a normal map's file as it is where the map is of a convention; as it was where it tells none."""
+
+    def tells(name: str) -> set[str | None]:
+        return {m.convention for match in interpretations(name) for m in match.meanings if m.role == "normal"}
+
+    found = list(_CONVENTION.finditer(stem))
+    if not found or not tells(stem) - {None, convention}:
+        return stem
+    word = found[-1][0]
+    other = _OPPOSITE[word.lower()]
+    other = other.lower() if word.islower() else other.upper() if word.isupper() else other
+    renamed = stem[: found[-1].start()] + other + stem[found[-1].end() :]
+    return renamed if convention in tells(renamed) else stem
+
+
 def classify(stems: Sequence[str]) -> list[NameMatch | None]:
     """What the files of one folder mean, by the names of all: of several interpretations of a name the one that leaves
     what most other names leave, then one that is of use, then the longest word. None for names without a known word.
