@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import mipbake
-from mipbake import InputError, MipbakeError, UsageError
+from mipbake import InputError, MipbakeError, OutputError, UsageError
 from mipbake.adjust import Adjustments, adjusted
 from mipbake.bake import resolve_target
 from mipbake.cli.folders import check_names, file_hashes
@@ -16,11 +17,13 @@ from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost
 from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
-from mipbake.intake import Failure, Job, tile_name
+from mipbake.intake import Failure, Job
+from mipbake.io.publish import published
+from mipbake.io.tiles import name_with, name_without
 from mipbake.opacity import shown
 from mipbake.output import Output, check_outputs
 from mipbake.presets import Preset
-from mipbake.stack import MipStack, Provenance, check_output, read_output
+from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder, read_output
 from mipbake.texture_set import TextureSet
 
 
@@ -51,14 +54,18 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     results: list[dict[str, Any]] = []
     made: dict[Path, list[tuple[Job, MipStack, Encoded]]] = {}
     broken = {job.source for job in found if isinstance(job, Failure)}
-    for job in found:
+    for jobs in _together(found):
+        job = jobs[0]
         if isinstance(job, Job) and job.source in broken and not _writes_maps(job, asked):
             made[job.source] = []  # its GLB, all that it is baked for, will not be written
             continue
         try:
             if isinstance(job, Failure):
                 raise job.error
-            results += _bake_one(session, job, out, asked, made)
+            if job.tiled:
+                results += _bake_tiles(session, [each for each in jobs if isinstance(each, Job)], out, asked)
+            else:
+                results += _bake_one(session, job, out / job.place, asked, made)
         except MipbakeError as error:
             session.fail(str(error), error.exit_code)
             results.append({"source": job.source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
@@ -71,38 +78,90 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     return results
 
 
+def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
+    """What is written together: the groups of tiles of one set; everything else is alone."""
+    for (_, tiled), several in groupby(found, lambda job: (_tiles_of(job), isinstance(job, Job) and job.tiled)):
+        jobs = list(several)
+        yield from [jobs] if tiled else ([job] for job in jobs)
+
+
+def _tiles_of(job: Job | Failure) -> tuple[Path, str]:
+    """Source and name of a set of tiles, the same for all its groups."""
+    if isinstance(job, Failure) or not job.tiled:
+        return job.source, ""
+    tile, part = next(iter(job.parts.items()))
+    try:
+        return job.source, name_without(part.find().name, tile)
+    except (InputError, UsageError):  # its turn will say what is wrong
+        return job.source, ""
+
+
 def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
     """UsageError where two results would lie in one place; OutputError where a GLB cannot."""
     jobs = [job for job in found if isinstance(job, Job)]
-    check_names([name for job in jobs for name in _names(job)], "bake")
+    check_names(_all_names(jobs), "bake")
     documents = {job.source: job for job in jobs if job.document is not None}
     check_names([(job.place, source) for source, job in documents.items()], "bake")
-    alone = [name for job in jobs if job.document is None for name in _names(job)]
+    alone = _all_names([job for job in jobs if job.document is None])
     check_names([*alone, *((job.place, source) for source, job in documents.items())], "bake")
     if asked.glb or asked.documents:
         for source, job in documents.items():
             check_file(out / f"{job.place}.{GLB}", source)
 
 
+def _all_names(jobs: Sequence[Job]) -> list[tuple[str, Path]]:
+    """Where stacks go, and where they come from; groups of tiles of one set go to one place."""
+    tiled = dict.fromkeys(name for job in jobs if job.tiled for name in _names(job))
+    return [*(name for job in jobs if not job.tiled for name in _names(job)), *tiled]
+
+
 def _names(job: Job) -> list[tuple[str, Path]]:
     """Where a job's stacks go, and where they come from; nothing where its turn will say what is wrong."""
     try:
-        return [(str(Path(job.place) / _stack_name(f.name, tile)), job.source) for tile, f in job.found().items()]
+        names = [name_without(f.name, tile) if tile else f.name for tile, f in job.found().items()]
     except (InputError, UsageError):
         return []
+    return [(str(Path(job.place) / name), job.source) for name in dict.fromkeys(names)]
 
 
-def _stack_name(name: str, tile: int) -> str:
-    return tile_name(name, tile) if tile else name
+def _bake_tiles(session: Session, jobs: Sequence[Job], out: Path, asked: Asked) -> list[dict[str, Any]]:
+    """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
+    target = out / _tiles_of(jobs[0])[1]
+    found = [each for job in jobs for each in job.found().values()]
+    check_output(target, {name: told for each in found for name, told in file_hashes(each).items()})
+    with published(target, is_stack_folder) as folder:
+        results = [result for job in jobs for result in _bake_one(session, job, folder, asked, {})]
+        made = [result["stack"]["provenance"].sources for result in results]
+        check_output(target, {name: told for sources in made for name, told in sources.items()})
+        for result in results:
+            _gather(result, folder, target)
+    size = sum(result["bytes"] for result in results)
+    count = sum(len(result["files"]) for result in results)
+    session.print(f"wrote {target}: {len(results)} tiles, {count} files, {size / 1e6:.2f} MB")
+    return results
+
+
+def _gather(result: dict[str, Any], folder: Path, target: Path) -> None:
+    """Moves the files of a tile out of its own folder, into the one of all tiles, which will be called `target`."""
+    for each in result["files"]:
+        moved = folder / each["path"].name
+        if moved.exists():
+            raise OutputError(f"cannot write {target}: two of its tiles have a file {moved.name}, rename the maps")
+        each["path"].rename(moved)
+        each["path"] = target / moved.name
+    result["out"].rmdir()
+    result["out"] = result["files"][0]["path"]
 
 
 def _bake_one(
-    session: Session, job: Job, out: Path, asked: Asked, made: dict[Path, list[tuple[Job, MipStack, Encoded]]]
+    session: Session, job: Job, place: Path, asked: Asked, made: dict[Path, list[tuple[Job, MipStack, Encoded]]]
 ) -> list[dict[str, Any]]:
-    """Bakes a set, or tiles that touch, writes every stack, prints what happened, and returns it for JSON."""
-    place = out / job.place
+    """Bakes a set, or tiles that touch, writes every stack, prints what happened, and returns it for JSON.
+
+    `place`: the folder that their folders are written into.
+    """
     for tile, found in job.found().items():
-        check_output(place / _stack_name(found.name, tile), file_hashes(found))
+        check_output(place / (name_with(found.name, tile) if tile else found.name), file_hashes(found))
     with stages(session, job.source.name) as reading:
         reading("read", 0.0)
         read = job.read(multiple_of_side) if _wants_glb(job, asked) else job.read()
@@ -157,9 +216,10 @@ def _write_one(
     beside, costs = {}, []
     left_out: tuple[str, ...] = ()
     if _wants_glb(job, asked):
-        textures = encoded(stack, job.bake.slots if job.bake else None, asked.levels)
+        inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
+        textures = encoded(inside, job.bake.slots if job.bake else None, asked.levels)
         left_out = () if outputs else textures.left_out
-        costs.append(cost(seen, stack, output(), textures.files, asked.levels, GLB))
+        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
         else:
@@ -185,7 +245,7 @@ def _write_one(
         *(line for each in costs for line in _cost_lines(each)),
         *(f"warning: {line}" for line in warnings),
         f"time: {baking.summary()}",
-        *([f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB"] if files else []),
+        *([f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB"] if files and not job.tiled else []),
     )
     return {
         "source": job.source,

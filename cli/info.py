@@ -11,8 +11,8 @@ import typer
 import mipbake
 from mipbake.cli.session import Session
 from mipbake.io.file_info import FileInfo, ImageInfo, file_info, stack_info
-from mipbake.io.layout import MANIFEST
-from mipbake.stack import read_manifest
+from mipbake.io.layout import MANIFEST, manifests
+from mipbake.stack import manifest_path, read_manifest
 
 
 def info(
@@ -31,25 +31,40 @@ def info(
     """
     session: Session = context.obj
     session.configure(False, json)
-    folder = path.parent if path.name == MANIFEST else path
-    if folder.is_dir():
-        stack = stack_info(folder, read_manifest(folder))
-        files = [file_info(file) for file in stack.files]
-        levels = stack.levels or max((len(image.levels) for file in files for image in file.images), default=0)
-        session.print(
-            f"{folder}: {stack.name}, {stack.model}, {stack.width} x {stack.height}, {_counted(levels, 'level')}, "
-            f"wrap {', '.join(stack.wrap)}",
-            f"baked by {stack.method} of mipbake {stack.version}"
-            + (f" with {stack.weights}" if stack.weights else "")
-            + f", pixel filter {stack.pixel_filter}",
-            *(f"{name}: normals {convention}" for name, convention in stack.conventions),
-        )
-        content = {"stack": stack.content}
+    if path in manifests(path.parent):
+        stacks = [_stack(session, path)]
+    elif path.is_dir():
+        several = manifests(path)
+        stacks = [_stack(session, file) for file in several] if len(several) > 1 else [_stack(session, path)]
     else:
-        files, content = [file_info(path)], {}
+        file = file_info(path)
+        session.print(*_lines(file))
+        session.dump({"version": mipbake.__version__, "files": [file]})
+        return
+    content: dict[str, Any] = {"tiles": stacks} if len(stacks) > 1 else stacks[0]
+    session.dump({"version": mipbake.__version__, **content})
+
+
+def _stack(session: Session, path: Path) -> dict[str, Any]:
+    """Prints what is in a stack and its files, and returns it for JSON."""
+    where = manifest_path(path)
+    path = where.parent if where.name == MANIFEST else where
+    stack = stack_info(where, read_manifest(where))
+    files = [file_info(file) for file in stack.files]
+    levels = stack.levels or max((len(image.levels) for file in files for image in file.images), default=0)
+    session.print(
+        f"{path}: {stack.name}, {stack.model}, {stack.width} x {stack.height}, {_counted(levels, 'level')}, "
+        f"wrap {', '.join(stack.wrap)}",
+        f"baked by {stack.method} of mipbake {stack.version}"
+        + (f" with {stack.weights}" if stack.weights else "")
+        + f", pixel filter {stack.pixel_filter}",
+        *(f"{name}: normals {convention}" for name, convention in stack.conventions),
+    )
     for each in files:
-        session.print(*_lines(each))
-    session.dump({"version": mipbake.__version__, **content, "files": files})
+        holds = stack.channels.get(each.path)
+        first, *others = _lines(each)
+        session.print(first, *([f"  holds: {holds}"] if holds else []), *others)
+    return {"stack": stack.content, "files": files}
 
 
 def _lines(file: FileInfo) -> list[str]:

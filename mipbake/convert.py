@@ -226,7 +226,7 @@ def image_container(model: str, format: str) -> Container:
 
 def is_material_folder(path: Path) -> bool:
     """Whether a folder holds a converted material and nothing else."""
-    return is_result_folder(path, MATERIAL_MANIFEST, MATERIAL_SCHEMA)
+    return is_result_folder(path, [path / MATERIAL_MANIFEST], MATERIAL_SCHEMA)
 
 
 def check_material_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
@@ -240,7 +240,7 @@ def check_material_output(path: str | Path, sources: Mapping[str, str] | None = 
     target = Path(path)
     check_target(target, is_material_folder)
     if sources is not None and is_material_folder(target):
-        check_same_sources(target / MATERIAL_MANIFEST, "material", sources)
+        check_same_sources([target / MATERIAL_MANIFEST], "material", sources)
 
 
 def open_material(path: str | Path) -> Material:

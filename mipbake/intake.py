@@ -16,7 +16,7 @@ from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
 from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import Discovery
-from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of
+from mipbake.io.tiles import is_pattern, name_with, pattern_files, tile_options, tiles_of
 from mipbake.packing import source_files
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet, load
@@ -61,6 +61,11 @@ class Job:
     document: Document | None = None
     bake: GltfBake | None = None
 
+    @property
+    def tiled(self) -> bool:
+        """Whether it is about tiles, which share a folder with all others of their source."""
+        return 0 not in self.parts
+
     def found(self) -> dict[int, Discovery]:
         """What would be read, by tile. InputError where it cannot."""
         return {tile: _of_tile(tile, part.find) for tile, part in self.parts.items()}
@@ -74,7 +79,7 @@ class Job:
         for tile, part in self.parts.items():
             each = _of_tile(tile, part.load)
             # Its borders meet other tiles, not its own other side.
-            named[tile] = change(replace(each, name=tile_name(each.name, tile), wrap=CLAMPED))
+            named[tile] = change(replace(each, name=name_with(each.name, tile), wrap=CLAMPED))
         mosaic = joined(named)
         return Read(named, mosaic.texture_set, mosaic)
 
@@ -100,7 +105,7 @@ class Read:
             return
         for tile, stack in split(baked, self.mosaic).items():
             tiled = replace(self.sets[tile], wrap=stack.wrap)
-            yield tiled, replace(stack, source_files=source_files(tiled))
+            yield tiled, replace(stack, source_files=source_files(tiled), tile=tile)
 
 
 def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
@@ -111,11 +116,6 @@ def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
         if not tile:
             raise
         raise InputError(f"tile {tile}: {error}") from error
-
-
-def tile_name(name: str, tile: int) -> str:
-    """What the stack of a tile is called."""
-    return name if name.endswith(f"_{tile}") else f"{name}_{tile}"
 
 
 def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Job | Failure]:

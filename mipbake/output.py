@@ -10,6 +10,7 @@ from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, Container, format_nam
 from mipbake.io.layout import ENCODINGS, LAYOUTS, FileLayout, MapLayout, to_file
 from mipbake.io.map_files import Levels, MapFile
 from mipbake.io.quantise import fits
+from mipbake.io.tiles import name_without, names_tile
 from mipbake.packing import SEPARATE, SOURCE, Normals, PackedFile, Wrap, pack
 
 
@@ -85,6 +86,7 @@ def planned(
     wrap: Wrap,
     levels: int | None = None,
     beside: bool = False,
+    tile: int = 0,
 ) -> list[MapFile]:
     """The files of an output.
 
@@ -97,6 +99,7 @@ def planned(
         levels: so many of each file; None for all. Containers whose files always hold every level get all.
         beside: whether there are other outputs: then files whose values no texels of the container hold are left to
             them.
+        tile: of UDIM, which every name carries, as those of the source do or at its end; 0 for none.
 
     A file with values outside 0 to 1 (emission, heights) takes half floats where its texels would be integers and the
     container has them.
@@ -104,7 +107,7 @@ def planned(
     files = []
     packing = SEPARATE if output.packing == SOURCE and not source else output.packing
     for packed, chain in pack(maps, packing, source, output.normals, wrap):
-        named = replace(packed, name=_name(output, set_name, packed))
+        named = replace(packed, name=_name(output, set_name, packed, tile))
         container = output.container
         if packed.name in output.texels:
             container = FORMATS[container.name][output.texels[packed.name]]
@@ -115,8 +118,10 @@ def planned(
     return files
 
 
-def _name(output: Output, set_name: str, packed: FileLayout) -> str:
-    return output.naming.format(set=set_name, file=output.names.get(packed.name, packed.name))
+def _name(output: Output, set_name: str, packed: FileLayout, tile: int) -> str:
+    without = name_without(set_name, tile) if tile else set_name
+    name = output.naming.format(set=without, file=output.names.get(packed.name, packed.name))
+    return name if not tile or names_tile(name, tile) else f"{name}.{tile}"
 
 
 def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Container:

@@ -1,6 +1,7 @@
 """The result of a bake: every level of every map, where it came from, and how it is written and read back.
 
-A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it.
+A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it. Those of UDIM tiles
+share one, each with a `stack.1001.json` of its own, so that engines find all tiles of a map in one place.
 """
 
 from __future__ import annotations
@@ -16,7 +17,16 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.io.layout import LAYOUTS, MANIFEST, PARAMETRISATIONS, SCHEMA, MapLayout, extra_layout
+from mipbake.io.layout import (
+    LAYOUTS,
+    MANIFEST,
+    PARAMETRISATIONS,
+    SCHEMA,
+    MapLayout,
+    extra_layout,
+    manifest_name,
+    manifests,
+)
 from mipbake.io.map_files import (
     CONVENTIONS,
     Levels,
@@ -83,6 +93,7 @@ class MipStack:
         provenance: how it was made.
         source_files: which channels of which maps lay together in the files that it was made from; empty where that is
             unknown.
+        tile: of UDIM, which names of files carry; 0 for what is no tile.
 
     Raises:
         UsageError: on construction, when model, sizes or channels are not as described, or a value is not finite.
@@ -95,6 +106,7 @@ class MipStack:
     wrap: tuple[str, str]
     provenance: Provenance
     source_files: tuple[PackedFile, ...] = ()
+    tile: int = 0
 
     def __post_init__(self) -> None:
         """Checks the shapes."""
@@ -160,7 +172,7 @@ class MipStack:
 
         manifest = _manifest(self, plans)
         manifest["outputs"] += [{"format": Path(name).suffix[1:], "files": [name], "maps": {}} for name in beside or {}]
-        saved = save_maps(target, MANIFEST, manifest, write, is_stack_folder)
+        saved = save_maps(target, manifest_name(self.tile), manifest, write, is_stack_folder)
         progress(1.0)
         return saved
 
@@ -169,7 +181,7 @@ class MipStack:
 
         `beside` other outputs, files that this one's texels cannot hold are left to them.
         """
-        return planned(output, self.name, self.maps(), self.source_files, self.wrap, levels, beside)
+        return planned(output, self.name, self.maps(), self.source_files, self.wrap, levels, beside, self.tile)
 
     def about(self) -> str:
         """How the stack was made, as JSON for the files themselves."""
@@ -200,28 +212,28 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
     check_target(target, is_stack_folder)
     if sources is None or not is_stack_folder(target):
         return
-    check_same_sources(target / MANIFEST, "stack", sources)
+    check_same_sources(manifests(target), "stack", sources)
 
 
 def is_stack_folder(path: Path) -> bool:
-    """Whether a folder holds a stack and nothing else."""
-    return is_result_folder(path, MANIFEST, SCHEMA)
+    """Whether a folder holds a stack, or those of tiles, and nothing else."""
+    return is_result_folder(path, manifests(path), SCHEMA)
 
 
 def open_stack(path: str | Path) -> MipStack:
-    """Reads a stack that `MipStack.save` wrote, whatever its format.
+    """Reads a stack that `MipStack.save` wrote, whatever its format, from its folder or by its `stack.1001.json`.
 
     The values are those of the files, what an engine samples: vectors are unit only up to the rounding of the format.
 
     Raises:
         InputError: no stack there, a map that is missing or broken, or a schema of a later version.
     """
-    folder = Path(path)
-    manifest = read_manifest(folder)
+    file = manifest_path(path)
+    folder, manifest = file.parent, read_manifest(file)
     try:
         model = manifest["model"]
         if model not in MODELS:
-            raise InputError(f"{folder / MANIFEST} names the model {model!r}: expected one of {', '.join(MODELS)}")
+            raise InputError(f"{file} names the model {model!r}: expected one of {', '.join(MODELS)}")
         wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
         output = best_output(manifest)
         found = read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
@@ -229,9 +241,10 @@ def open_stack(path: str | Path) -> MipStack:
         names = [layout.name for layout in LAYOUTS[model]]
         provenance = _read_provenance(manifest["provenance"])
         levels = [np.concatenate(parts, -1) for parts in zip(*(chains.pop(name) for name in names), strict=True)]
-        return MipStack(str(manifest["name"]), model, levels, chains, wrap, provenance)
+        tile = int(manifest.get("tile", 0))
+        return MipStack(str(manifest["name"]), model, levels, chains, wrap, provenance, tile=tile)
     except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
-        raise InputError(f"{folder / MANIFEST} does not describe a stack ({error}): bake it again") from error
+        raise InputError(f"{file} does not describe a stack ({error}): bake it again") from error
 
 
 def read_output(path: str | Path, index: int) -> list[MapFile]:
@@ -240,9 +253,9 @@ def read_output(path: str | Path, index: int) -> list[MapFile]:
     Raises:
         InputError: as `open_stack`. IndexError: the stack has fewer outputs.
     """
-    folder = Path(path)
-    output = read_manifest(folder)["outputs"][index]
-    return read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
+    file = manifest_path(path)
+    output = read_manifest(file)["outputs"][index]
+    return read_files(FORMATS[output["format"]].__getitem__, file.parent, output["maps"])
 
 
 def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -272,17 +285,27 @@ def _read_provenance(content: Mapping[str, Any]) -> Provenance:
     return provenance
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """stack.json of a stack's folder; InputError where there is none, or one of another version."""
-    path = folder / MANIFEST
+def manifest_path(path: str | Path) -> Path:
+    """The file that declares a stack: `path` itself, or the only one of that folder. InputError where there is none."""
+    folder = Path(path)
+    if folder.is_file():
+        return folder
     if not folder.is_dir():
         raise InputError(f"no such folder: {folder}, expected a folder that holds {MANIFEST}")
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    found = manifests(folder)
+    if not found:
         nested = sorted(p.parent for p in folder.glob(f"*/{MANIFEST}"))
         hint = f"; did you mean {nested[0]}?" if nested else ", expected what `mipbake bake` wrote"
-        raise InputError(f"{folder} holds no {MANIFEST}{hint}") from None
+        raise InputError(f"{folder} holds no {MANIFEST}{hint}")
+    if len(found) > 1:
+        raise InputError(f"{folder} holds the stacks of {len(found)} tiles: name one of them, such as {found[0]}")
+    return found[0]
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """What a stack's file declares, from `manifest_path`; InputError where it is broken or of another version."""
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
@@ -315,6 +338,7 @@ def _manifest(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]]]
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
         "name": stack.name,
+        **({"tile": stack.tile} if stack.tile else {}),
         "model": stack.model,
         "parametrisation": PARAMETRISATIONS[stack.model],
         "width": width,

@@ -16,8 +16,8 @@ from . import mtlx_documents as mtlx
 from .command_line import fails, tree, write_set
 from .gltf_files import GltfFile, check_structure, many_materials, png, split
 from .gltf_results import two_textures
-from .gpu_textures import halved, openimageio_levels
-from .input_files import bytes_of, encoded, height_field, write_image
+from .gpu_textures import openimageio_levels
+from .input_files import encoded, height_field, write_image
 from .packed_sets import grey, write
 from .test_presets import run
 
@@ -230,69 +230,6 @@ def test_a_materialx_document(tmp_path) -> None:
     wanted = openimageio_levels(tmp_path / "rough.png", 1)[0] / 255
     np.testing.assert_allclose(stack.levels[0][..., 4:5], wanted, atol=1e-6)
     assert result["set"]["maps"]["roughness"]["path"].endswith("rough.png")
-
-
-def tiles(folder: Path) -> Path:
-    """1001 and 1002 side by side, and 1021 apart from both."""
-    folder.mkdir()
-    for number, tile in enumerate((1001, 1002, 1021)):
-        for role, pixels in (
-            ("base_color", bytes_of(np.full((8, 8, 3), 0.2 + 0.2 * number))),
-            ("normal_gl", encoded(height_field(8, 8, seed=number))),
-            ("roughness", grey(number, 8)),
-        ):
-            write_image(folder / f"rock_{role}.{tile}.png", pixels)
-    return folder
-
-
-@pytest.mark.parametrize("source", ["", "rock_base_color.<UDIM>.png"])
-def test_tiles(tmp_path, source) -> None:
-    folder = tiles(tmp_path / "rock")
-    code, report = bake(folder / source if source else folder, "-o", tmp_path / "out", "--format", "png")
-    assert code == 0
-    names = sorted(p.name for p in (tmp_path / "out").iterdir())
-    assert len(names) == len(report["results"]) == 3
-    for name, tile in zip(names, (1001, 1002, 1021), strict=True):
-        assert name.endswith(f"_{tile}")
-        files = {p.name for p in (tmp_path / "out" / name).iterdir()}
-        assert f"rock_roughness.{tile}_mip00.png" in files  # names stay names
-        levels = mipbake.open_stack(tmp_path / "out" / name).levels
-        assert [level.shape[:2] for level in levels] == [(h, w) for w, h in halved(8, 8)]
-
-
-def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
-    folder = tiles(tmp_path / "rock")
-    assert bake(folder, "-o", tmp_path / "out", "--format", "exr:float")[0] == 0
-    first = mipbake.open_stack(next((tmp_path / "out").glob("*_1001"))).levels[2][..., 0]
-    assert (first[:, -1] > first[:, 0] + 1e-4).all()  # 1002 to its right is brighter
-
-
-def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
-    """As sets that are no tiles are; and each still continues in the next."""
-    (folder := tmp_path / "rock").mkdir()
-    for tile, value in ((1001, 0.2), (1002, 0.8)):
-        write_image(folder / f"rock_base_color.{tile}.png", bytes_of(np.full((6, 10, 3), value)))
-        write_image(folder / f"rock_normal_gl.{tile}.png", encoded(height_field(6, 10, seed=tile)))
-        write_image(folder / f"rock_roughness.{tile}.png", bytes_of(np.full((6, 10), value)))
-    code, report = bake(folder, "-o", tmp_path / "out", "--format", "png,glb")
-    assert code == 0
-    for result in report["results"]:
-        assert any("resampled from 10 x 6 to 12 x 8" in note for note in result["set"]["notes"])
-        check_structure((Path(result["out"]) / f"{Path(result['out']).name}.glb").read_bytes())
-        stack = mipbake.open_stack(result["out"])
-        assert stack.size == (8, 12)
-    left = mipbake.open_stack(report["results"][0]["out"]).levels[0][..., 0]
-    assert np.ptp(left[:, :-2]) < 0.01  # nothing of its own other side, nor of the next tile's
-
-
-@pytest.mark.parametrize("role", ["normal_gl", "roughness"])
-def test_a_tile_that_lacks_a_map_is_named(tmp_path, capsys, role) -> None:
-    folder = tiles(tmp_path / "rock")
-    (folder / f"rock_{role}.1002.png").unlink()
-    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), *LINEAR, "--format", "png"]) == 3
-    said = capsys.readouterr().err
-    assert "mipbake: tile 1002: " in said and f"no {role.removesuffix('_gl')} map" in said and said.count("\n") == 1
-    assert [p.name for p in (tmp_path / "out").iterdir()] == ["rock_1021"]
 
 
 def test_lists_and_globs(tmp_path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.layout import MANIFEST, MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA
+from mipbake.io.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
@@ -75,9 +75,9 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
 
 def _refuse_baked(folder: Path) -> None:
     """InputError for a stack, whose maps are filtered already, and for a material in a model that sets are not in."""
-    if _manifest(folder, MANIFEST, SCHEMA) is not None:
+    if any(_manifest(file, SCHEMA) is not None for file in manifests(folder)):
         raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
-    converted = _manifest(folder, MATERIAL_MANIFEST, MATERIAL_SCHEMA)
+    converted = _manifest(folder / MATERIAL_MANIFEST, MATERIAL_SCHEMA)
     if converted is not None and not str(converted.get("model")).startswith("gltf"):
         raise InputError(
             f"{folder} is a material converted to {converted.get('model')}: expected a texture set, give its source "
@@ -85,10 +85,10 @@ def _refuse_baked(folder: Path) -> None:
         )
 
 
-def _manifest(folder: Path, name: str, schema: str) -> dict[str, Any] | None:
-    """The manifest of that name and schema; None where there is none."""
+def _manifest(file: Path, schema: str) -> dict[str, Any] | None:
+    """A manifest of that schema; None where the file is none."""
     try:
-        manifest = json.loads((folder / name).read_text(encoding="utf-8"))
+        manifest = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return manifest if isinstance(manifest, dict) and manifest.get("schema") == schema else None

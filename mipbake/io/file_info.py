@@ -14,7 +14,7 @@ from mipbake.io.gltf import container
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import KTX2, stored_image
 from mipbake.io.gpu_format import GpuTexture, level_size
-from mipbake.io.layout import MANIFEST
+from mipbake.io.layout import INVERTED
 from mipbake.io.oiio_levels import ABOUT, reader
 from mipbake.io.read import PNG_SIGNATURE, check_png
 
@@ -83,6 +83,7 @@ class StackInfo:
         method, version, weights, pixel_filter: how it was baked, as its provenance has it.
         conventions: format and normal convention of every output that tells one.
         files: all that are listed, in the folder itself.
+        channels: file to what each of its channels holds, where that is told.
     """
 
     content: Mapping[str, Any]
@@ -98,13 +99,14 @@ class StackInfo:
     pixel_filter: str
     conventions: tuple[tuple[str, str], ...]
     files: tuple[Path, ...]
+    channels: Mapping[Path, str]
 
 
-def stack_info(folder: Path, manifest: Mapping[str, Any]) -> StackInfo:
+def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
     """What a stack's description says; nothing is read beside it.
 
     Args:
-        folder: of the stack. manifest: its description, from `mipbake.stack.read_manifest`.
+        file: that declares the stack. manifest: what it says, from `mipbake.stack.read_manifest`.
 
     Raises:
         InputError: it does not describe a stack, or lists files elsewhere.
@@ -126,18 +128,30 @@ def stack_info(folder: Path, manifest: Mapping[str, Any]) -> StackInfo:
             str(made.get("weights") or ""),
             str(made["pixel_filter"]),
             tuple((str(o["format"]), str(o["normal_convention"])) for o in outputs if "normal_convention" in o),
-            tuple(_within(folder, name) for name in dict.fromkeys(listed)),
+            tuple(_within(file, name) for name in dict.fromkeys(listed)),
+            {_within(file, name): _holds(entry) for entry in entries for name in entry.get("files", ())},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{folder / MANIFEST} does not describe a stack ({error!r}): bake it again") from error
+        raise InputError(f"{file} does not describe a stack ({error!r}): bake it again") from error
 
 
-def _within(folder: Path, name: object) -> Path:
+def _holds(entry: Mapping[str, Any]) -> str:
+    """What the channels of a file hold, those of one map together."""
+    parts: list[tuple[str, str]] = []
+    for channel in entry.get("channels", ()):
+        role = str(channel["map"]) or str(channel["meaning"])
+        told = f"1 - {role}" if channel["kind"] == INVERTED else role
+        if parts and parts[-1][1] == told:
+            parts[-1] = (parts[-1][0] + str(channel["name"]), told)
+        else:
+            parts.append((str(channel["name"]), told))
+    return ", ".join(f"{names} {told}" for names, told in parts)
+
+
+def _within(file: Path, name: object) -> Path:
     if not isinstance(name, str) or name in ("", ".", "..") or any(letter in name for letter in "/\\:\0"):
-        raise InputError(
-            f"{folder / MANIFEST} lists the file {name!r}: expected names of files in its folder; bake it again"
-        )
-    return folder / name
+        raise InputError(f"{file} lists the file {name!r}: expected names of files in its folder; bake it again")
+    return file.parent / name
 
 
 def file_info(path: Path) -> FileInfo:

@@ -6,8 +6,10 @@ number itself in a float file. An *encoding* says, channel by channel, how it fo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from mipbake.io.colour import srgb_to_linear
 from mipbake.io.options import COLOUR_ROLES
 
 MANIFEST = "stack.json"
-"""The file of a stack's folder that declares everything about it."""
+"""The file of a stack's folder that declares everything about it; `manifest_name` where tiles lie in one folder."""
 
 SCHEMA = "mipbake-stack"
 
@@ -32,6 +34,19 @@ a DirectX normal map; `log`: the value itself, a logarithm that only float conta
 
 ENCODINGS = frozenset({COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG})
 """All of them."""
+
+
+def manifest_name(tile: int) -> str:
+    """The file that declares everything about the stack of a UDIM tile, or, for 0, of what is none."""
+    return f"stack.{tile}.json" if tile else MANIFEST
+
+
+def manifests(folder: Path) -> list[Path]:
+    """The files of a folder that declare stacks, by their names; none where it cannot be listed."""
+    try:
+        return sorted(p for p in folder.iterdir() if re.fullmatch(r"stack(\.1\d{3})?\.json", p.name))
+    except OSError:
+        return []
 
 
 @dataclass(frozen=True)

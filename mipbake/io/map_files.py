@@ -164,37 +164,43 @@ def listed_files(manifest: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def is_result_folder(path: Path, manifest_name: str, schema: str) -> bool:
-    """Whether a folder holds a manifest of that schema, files that it lists, and nothing else."""
+def is_result_folder(path: Path, manifests: Sequence[Path], schema: str) -> bool:
+    """Whether a folder holds manifests of that schema, one or more, files that they list, and nothing else."""
     try:
-        manifest = json.loads((path / manifest_name).read_text(encoding="utf-8"))
-        if manifest["schema"] != schema:
-            return False
-        known = {manifest_name, *listed_files(manifest)}
-        return all(p.name in known and p.is_file() for p in path.iterdir())
+        known = {file.name for file in manifests}
+        for file in manifests:
+            manifest = json.loads(file.read_text(encoding="utf-8"))
+            if manifest["schema"] != schema:
+                return False
+            known.update(listed_files(manifest))
+        return bool(manifests) and all(p.name in known and p.is_file() for p in path.iterdir())
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
 
 
-def check_same_sources(manifest_path: Path, what: str, sources: Mapping[str, str]) -> None:
+def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[str, str]) -> None:
     """OutputError where an earlier result shares no source file with the one to be written in its place.
 
     Args:
-        manifest_path: of the earlier result.
+        manifests: of the earlier result, one or more.
         what: it is, in a word.
         sources: source file name to SHA-256, empty where the file has not been read yet.
     """
-    manifest = json.loads(manifest_path.read_text(encoding="utf-8"))
-    provenance = manifest.get("provenance")
-    earlier = provenance.get("sources") if isinstance(provenance, dict) else None
-    earlier = earlier if isinstance(earlier, dict) else {}
+    names: list[str] = []
+    earlier: dict[str, str] = {}
+    for file in manifests:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+        names.append(str(manifest.get("name")))
+        provenance = manifest.get("provenance")
+        found = provenance.get("sources") if isinstance(provenance, dict) else None
+        earlier |= found if isinstance(found, dict) else {}
     # Somebody who edits one map and starts again means the same place; another set shares no file with this one.
     shared = [n for n in sources if n in earlier and sources[n] in ("", earlier[n])]
     if shared or not earlier or not sources:
         return
-    target = manifest_path.parent
+    target = manifests[0].parent
     raise OutputError(
-        f"cannot write to {target}: it holds the {what} {manifest.get('name')!r} of other source files "
+        f"cannot write to {target}: it holds the {what} {_listed(names)!r} of other source files "
         f"({_listed(earlier)}) than those to be read now; choose another output folder, or "
         f"remove {target} if it is no longer needed"
     )

@@ -119,6 +119,21 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
     return replace(options, maps=maps)
 
 
+def names_tile(name: str, tile: int) -> bool:
+    """Whether a file's name, given without its suffix, tells its tile: so that <UDIM> can stand for it."""
+    return any(found == tile for found, _, _ in _readings(f"{name}."))
+
+
+def name_with(name: str, tile: int) -> str:
+    """What the set of a tile is called."""
+    return name if name.endswith(f"_{tile}") else f"{name}_{tile}"
+
+
+def name_without(name: str, tile: int) -> str:
+    """What the set of all tiles is called, from that of one."""
+    return name.removesuffix(f"_{tile}") or name
+
+
 def _tile_named(text: str) -> int | None:
     """The tile that a placeholder's text names: 1001 to 1999, or u1_v1 and so on."""
     if re.fullmatch(r"1\d{3}", text):
