@@ -22,8 +22,7 @@ from mipbake.io.gltf.quad import QuadOptions, standalone
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
 from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
-from mipbake.io.layout import from_file
-from mipbake.io.map_files import MapFile, quantised_levels
+from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import replaced_file
 from mipbake.output import Output
@@ -80,14 +79,12 @@ def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | N
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
         texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
-        srgb, encodings = container.srgb(file.layout), file.layout.encodings
-        texels = [level[..., : len(encodings)] for level in from_blocks(texture)]
-        return data, replace(file, levels=[from_file(container.dequantise(t), encodings, srgb) for t in texels])
+        texels = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
+        return data, replace(file, levels=[stood_for(t, container, file.layout) for t in texels])
 
-    planned = stack.files(_OUTPUT, levels)
     wanted = {
         slot: file
-        for file in planned
+        for file in stack.files(_OUTPUT, levels)
         if (slot := _SLOTS.get(file.layout.name)) is not None
         and (slots is None or slot in slots)
         and file.container.texels == "uastc"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
 from mipbake.io.layout import ENCODINGS, LAYOUTS, FileLayout, MapLayout, to_file
-from mipbake.io.map_files import Levels, MapFile
+from mipbake.io.map_files import Levels, MapFile, row_blocks
 from mipbake.io.quantise import fits
 from mipbake.io.tiles import name_without, names_tile
 from mipbake.packing import SEPARATE, SOURCE, Normals, PackedFile, Wrap, pack
@@ -134,4 +134,4 @@ def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Contai
 def _fits(container: Container, layout: FileLayout, levels: Levels) -> bool:
     """Whether integers can hold the levels of a file."""
     srgb = container.srgb(layout)
-    return all(fits(to_file(level, layout.encodings, srgb)) for level in levels)
+    return all(fits(to_file(block, layout.encodings, srgb)) for level in levels for block in row_blocks(level))

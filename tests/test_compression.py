@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -192,3 +193,20 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     (result,) = json.loads(said)["results"]
     assert [each["format"].split(":")[0] for each in result["costs"]] == ["png", "dds"]
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
+
+
+def test_memory(tmp_path) -> None:
+    """Files are read back, and measured, in little more than what they and the stack take."""
+    texture_set = TextureSet.from_arrays(
+        "plain", normal=height_field(1024, 1024), roughness=0.5, base_color=smooth((1024, 1024), 3)
+    )
+    stack = mipbake.bake(texture_set, "linear")
+    stack.save(tmp_path / "out", "exr")
+    size = sum(level.nbytes for level in stack.levels)
+    tracemalloc.start()
+    files = read_output(tmp_path / "out", 0)
+    assert tracemalloc.get_traced_memory()[1] < 1.4 * size
+    tracemalloc.reset_peak()
+    cost(texture_set, stack, Output("exr"), files)
+    assert tracemalloc.get_traced_memory()[1] < 3.4 * size  # the files, and about as much again twice
+    tracemalloc.stop()

@@ -16,8 +16,8 @@ from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.texture_space import measure
 from mipbake.errors import InputError
 from mipbake.io.gpu_files import GpuFile
-from mipbake.io.layout import LAYOUTS, from_file, to_file
-from mipbake.io.map_files import Levels, MapFile
+from mipbake.io.layout import LAYOUTS, to_file
+from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
 from mipbake.metrics import PAIR_SETS
 from mipbake.output import Output
 from mipbake.packing import unpacked
@@ -148,11 +148,13 @@ def cost(
         spoken: what the output is called; None for its format and texels.
     """
     planned = {file.layout.name: file for file in stack.files(output)}
+    psnr = {file.layout.name: _psnr(planned[file.layout.name], file) for file in written}
+    del planned  # as large as the stack
     found = {"written": _stack_of(written, stack)}
     stack = replace(stack, levels=stack.levels[:levels])
     return Cost(
         format=spoken or _spoken(written),
-        psnr={file.layout.name: _psnr(planned[file.layout.name], file) for file in written},
+        psnr=psnr,
         loss=_losses(texture_set, stack, found)["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
     )
@@ -179,10 +181,8 @@ class _Decoded(Sequence[NDArray[np.float32]]):
 
     def __init__(self, file: MapFile, container: GpuFile, stack: MipStack) -> None:
         self._file, self._stack = file, stack
-        self._srgb, self._dequantise = container.srgb(file.layout), container.dequantise
-        count = 1 + ceil(max(LODS))
-        encodings, levels = file.layout.encodings, file.levels[:count]
-        texels = [container.quantise(to_file(level, encodings, self._srgb), file.layout) for level in levels]
+        self._container = container
+        texels = quantised_levels(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
         self._texels = container.decoded(file.layout, texels)
 
     def __len__(self) -> int:
@@ -197,22 +197,21 @@ class _Decoded(Sequence[NDArray[np.float32]]):
     def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        level = from_file(self._dequantise(self._texels[index]), self._file.layout.encodings, self._srgb)
+        level = stood_for(self._texels[index], self._container, self._file.layout)
         stack = replace(self._stack, levels=[self._stack.levels[index]])
         return _stack_of([replace(self._file, levels=[level])], stack)[0]
 
 
 def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
     """Stored channels of a stack, with the maps that files hold in place of its own."""
-    chains = unpacked([(file.layout, file.levels) for file in files], stack.model)
     count = min(len(stack.levels), *(len(file.levels) for file in files))
-    levels = []
-    for index in range(count):
-        level = stack.levels[index].copy()
-        for layout in LAYOUTS[stack.model]:
-            if layout.name in chains:
-                level[..., layout.channels] = chains[layout.name][index]
-        levels.append(level)
+    levels = [level.copy() for level in stack.levels[:count]]
+    for file in files:
+        for index, level in enumerate(levels):
+            found = unpacked([(file.layout, [file.levels[index]])], stack.model)
+            for layout in LAYOUTS[stack.model]:
+                if layout.name in found:
+                    (level[..., layout.channels],) = found[layout.name]
     return levels
 
 
@@ -244,7 +243,8 @@ def _psnr(planned: MapFile, written: MapFile) -> float:
     squares, count = 0.0, 0
     srgb = written.container.srgb(written.layout)
     for wanted, found in zip(planned.levels, written.levels, strict=False):
-        error = to_file(found, written.layout.encodings, srgb) - to_file(wanted, written.layout.encodings, srgb)
-        squares += float(np.square(error).sum())
-        count += error.size
+        for pair in zip(row_blocks(found), row_blocks(wanted), strict=True):
+            error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in pair))
+            squares += float(np.square(error).sum())
+            count += error.size
     return float("inf") if squares == 0 else float(-10 * np.log10(squares / count))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from mipbake.io.containers import Container
 from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.io.publish import IsOurs, published
 
-_BLOCK = 1 << 18  # texels encoded at a time
+_BLOCK = 1 << 18  # texels
 
 Levels: TypeAlias = list[NDArray[np.float32]]
 
@@ -115,7 +115,7 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
         texels = stored.read(folder, layout, sizes)
-        levels = [from_file(stored.dequantise(t), layout.encodings, stored.srgb(layout)) for t in texels]
+        levels = [stood_for(t, stored, layout) for t in texels]
         files.append(MapFile(stored, layout, levels))
     return files
 
@@ -223,14 +223,28 @@ def quantised_levels(file: MapFile) -> list[NDArray[np.generic]]:
     return [_quantised(level, file) for level in file.levels]
 
 
-def _quantised(level: NDArray[np.float32], file: MapFile) -> NDArray[np.generic]:
-    """What a container stores of one level of a file; in blocks of rows, because the way there takes float64."""
+def stood_for(texels: NDArray[np.generic], container: Container, layout: FileLayout) -> NDArray[np.float32]:
+    """What a container's texels of one level of a file stand for."""
+    srgb = container.srgb(layout)
+    parts = (from_file(container.dequantise(block), layout.encodings, srgb) for block in row_blocks(texels))
+    out = np.empty(texels.shape, np.float32)
+    for block, part in zip(row_blocks(out), parts, strict=True):
+        block[:] = part
+    return out
+
+
+def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Views of some rows each, for what takes float64 on the way: a level of it would be the most that a bake holds."""
     rows = max(1, _BLOCK // level.shape[1])
+    for start in range(0, len(level), rows):
+        yield level[start : start + rows]
+
+
+def _quantised(level: NDArray[np.float32], file: MapFile) -> NDArray[np.generic]:
+    """What a container stores of one level of a file."""
     srgb = file.container.srgb(file.layout)
-    blocks = (level[start : start + rows] for start in range(0, len(level), rows))
-    return np.concatenate(
-        [file.container.quantise(to_file(block, file.layout.encodings, srgb), file.layout) for block in blocks]
-    )
+    blocks = (to_file(block, file.layout.encodings, srgb) for block in row_blocks(level))
+    return np.concatenate([file.container.quantise(block, file.layout) for block in blocks])
 
 
 def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) -> None:

@@ -27,4 +27,7 @@ class Linear:
         """See Prefilter."""
         channels = by_rows(lambda texels: material.convert(texels, source, target), stored)
         levels = filtered_levels(channels, pixel_filter, wrap, progress)
-        return PrefilterResult([by_rows(lambda texels: material.regularise(texels, target), level) for level in levels])
+        del channels
+        for index, level in enumerate(levels):
+            levels[index] = by_rows(lambda texels: material.regularise(texels, target), level)
+        return PrefilterResult(levels)
