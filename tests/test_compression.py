@@ -195,6 +195,14 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
 
 
+@pytest.mark.parametrize("texels", [("bc", "rgba8"), ("rgba8", "bc"), ("rgba8", "rgba16f"), ("rgba16f", "rgba8")])
+def test_what_an_output_is_called_is_no_matter_of_chance(tmp_path, texels) -> None:
+    """Files of two kinds of texels, as many of each."""
+    names = ("base_color", "metallic", "roughness", "normal")
+    output = Output("ktx2", "separate", texels=dict(zip(names, 2 * texels, strict=True)))
+    assert written(plaster(), tmp_path / "out", output).format == f"ktx2:{texels[0]}"
+
+
 def test_memory(tmp_path) -> None:
     """Files are read back, and measured, in little more than what they and the stack take."""
     texture_set = TextureSet.from_arrays(

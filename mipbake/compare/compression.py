@@ -161,9 +161,9 @@ def cost(
 
 
 def _spoken(files: Sequence[MapFile]) -> str:
-    """Format and texels of an output: those of most of its files that shade."""
+    """Format and texels of an output: those of most of its files that shade, of as many the first."""
     texels = [file.container.texels for file in files if file.layout.shades]
-    return f"{files[0].container.name}:{max(set(texels), key=texels.count)}"
+    return f"{files[0].container.name}:{max(dict.fromkeys(texels), key=texels.count)}"
 
 
 def _plain_names(stack: MipStack, output: Output) -> dict[str, str]:
