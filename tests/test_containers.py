@@ -176,8 +176,14 @@ def test_attributes_that_renderers_look_for(tmp_path, fmt: str) -> None:
         assert spec.getattribute("wrapmodes") == "periodic,clamp"
         assert (spec.tile_width, spec.tile_height) == (64, 64)
         assert str(spec.format) == {"8": "uint8", "16": "uint16"}.get(fmt.split(":")[1], fmt.split(":")[1])
-        if fmt.startswith("exr") and map == "base_color":  # TIFF has no place for it
-            assert spec.getattribute("oiio:ColorSpace").startswith("lin_rec709")
+        space = spec.getattribute("oiio:ColorSpace")
+        if map == "base_color" and fmt in ("tx:8", "tx:16"):
+            assert space.startswith("srgb_rec709")
+            assert spec.getattribute("Exif:ColorSpace") == 1
+        elif fmt.startswith("tx"):  # TIFF has no place for others
+            assert space is None
+        elif map == "base_color":
+            assert space.startswith("lin_rec709")
         assert spec.getattribute("oiio:miplevels") == len(halved(130, 70))
         assert not OpenImageIO.ImageInput.open(path).seek_subimage(1, 0)  # levels of one image, not several images
 

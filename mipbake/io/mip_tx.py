@@ -49,7 +49,8 @@ class MipTx(PlainTexels):
             spec.tile_width = spec.tile_height = _TILE
             spec.attribute("textureformat", "Plain Texture")
             spec.attribute("compression", "zip")
-            spec.attribute("oiio:ColorSpace", self._colour_space(layout))
+            if self.srgb(layout):
+                spec.attribute("oiio:ColorSpace", "sRGB")  # a tag of Exif; TIFF has none for linear colours and data
             # TIFF has no place for attributes of one's own.
             spec.attribute("ImageDescription", about)
             spec.attribute("Software", "mipbake")
@@ -63,8 +64,3 @@ class MipTx(PlainTexels):
         """See Container."""
         path = folder / f"{layout.name}.tx"
         return take_all(path, sizes, None, len(layout.channels), self.stored)
-
-    def _colour_space(self, layout: FileLayout) -> str:
-        if not layout.is_colour:
-            return "Raw"
-        return "sRGB" if self.srgb(layout) else "lin_rec709"
