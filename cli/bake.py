@@ -215,7 +215,7 @@ def _outputs(
     if format is not None or not outputs:
         model = outputs[0] if outputs else Output()
         others = ",".join(each for each in formats if each != GLB)
-        outputs = tuple(replace(model, format=each.format) for each in outputs_from(others)) if others else ()
+        outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
     if packing is not None:
         outputs = tuple(replace(each, packing=packing) for each in outputs)
     if write_normals is not None:
@@ -225,7 +225,10 @@ def _outputs(
 
 def _preset_lines(preset: Preset, target: str, outputs: tuple[Output, ...]) -> list[str]:
     """What a preset chose, and what to mind."""
-    files = "; ".join(f"{o.format}, packing {o.packing}, normals {_normals(o.normals)}" for o in outputs)
+    files = "; ".join(
+        f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
+        for o in outputs
+    )
     return [
         f"preset {preset.name} for {preset.engine}: target {target}, {files}",
         *(f"in the engine: {note}" for note in preset.notes),

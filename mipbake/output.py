@@ -26,6 +26,8 @@ class Output:
         naming: pattern of file names: {set} is the set's name, {file} the file's.
         names: what {file} is for a file of a packing or a map, where that is not its own name.
         texels: file name to texels, for files that shall have others than `format` says.
+        finer: texels that files may be given in place of those of `format` where these cost too much, each more precise
+            than the one before.
     """
 
     format: str = DEFAULT_FORMAT
@@ -34,6 +36,7 @@ class Output:
     naming: str = "{file}"
     names: Mapping[str, str] = field(default_factory=dict)
     texels: Mapping[str, str] = field(default_factory=dict)
+    finer: tuple[str, ...] = ()
 
     @property
     def container(self) -> Container:

@@ -71,7 +71,7 @@ _ALL = (
     Preset(
         "three",
         "three.js",
-        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
+        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES, finer=("rgba8", "rgba16f")),),
         anisotropic=True,
         documents=True,
         sides="multiples of 4",

@@ -138,7 +138,7 @@ def test_what_is_chosen_costs_less_than_the_limit(tmp_path) -> None:
     assert blocks.worst > LIMIT
 
 
-@pytest.mark.parametrize("name", ["unity", "three"])
+@pytest.mark.parametrize("name", ["unity", "babylon"])
 def test_presets_and_texels_that_are_named_are_left_alone(name: str) -> None:
     (output,) = PRESETS[name].outputs
     assert chosen(*mirror(), output) is output
@@ -158,6 +158,12 @@ def test_names_of_files_lead_to_their_texels() -> None:
     texels = [file.container.texels for file in mirror()[1].files(output)]
     assert [file.layout.name for file in mirror()[1].files(output)] == ["T_mirror_BC", "T_mirror_ORM", "T_mirror_N"]
     assert texels == [file.container.texels for file in mirror()[1].files(plain)] and texels[2] == "rgba16f"
+
+
+def test_presets_whose_engine_takes_finer_texels_get_them_where_blocks_show() -> None:
+    (output,) = PRESETS["three"].outputs
+    texels = {f.layout.name: f.container.texels for f in mirror()[1].files(chosen(*mirror(), output))}
+    assert texels["mirror_normal"] == "rgba16f" and texels["mirror_baseColor"] == "uastc"
 
 
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds if texels != "float"]

@@ -79,7 +79,7 @@ def write_map(given: EngineMap, kind: str, folder: Path) -> dict[str, Any]:
     path = folder / f"{given.name}-{kind}.{'ktx2' if container else 'bin'}"
     path.write_bytes(KINDS[kind](given))
     height, width = given.levels[0].shape[:2]
-    srgb = given.colour and kind not in ("float", "half")
+    srgb = given.colour and kind not in ("float", "half", "ktx2-rgba16f")
     sizes = {"width": width, "height": height, "levels": 1 if kind == "float" else len(given.levels)}
     return {"file": path.name, "kind": "ktx2" if container else kind, "srgb": srgb, **sizes}
 
@@ -105,6 +105,13 @@ def _float(given: EngineMap) -> bytes:
 
 def _half(given: EngineMap) -> bytes:
     return b"".join(np.ascontiguousarray(level, np.float16).tobytes() for level in given.levels)
+
+
+def _ktx2_half(given: EngineMap) -> bytes:
+    made = GPU_FORMATS["R16G16B16A16_SFLOAT"]
+    height, width = given.levels[0].shape[:2]
+    levels = tuple(np.ascontiguousarray(level, np.float16).tobytes() for level in given.levels)
+    return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), True)
 
 
 def _rgba8(given: EngineMap) -> bytes:
@@ -134,6 +141,7 @@ KINDS: Mapping[str, Callable[[EngineMap], bytes]] = {
     "half": _half,
     "rgba8": _rgba8,
     "ktx2-rgba8": _ktx2("R8G8B8A8"),
+    "ktx2-rgba16f": _ktx2_half,
     "ktx2-bc7": _ktx2("BC7"),
     "ktx2-uastc": uastc,
 }

@@ -32,7 +32,7 @@ LODS = (0.0, 1.0, 3.0)
 
 _POINTS, _SAMPLES, _SEED = 1024, 64, 11
 _LADDER = ("bc", "rgba8", "rgba16f")
-"""Texels from the smallest to the most precise."""
+"""Texels of ktx2 and dds from the smallest to the most precise."""
 
 
 @dataclass(frozen=True)
@@ -94,39 +94,42 @@ def chosen_all(texture_set: TextureSet, stack: MipStack, outputs: Sequence[Outpu
 
 
 def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
-    """An output of `ktx2` or `dds` with texels for every file: as small as the loss allows.
+    """An output with texels for every file, as small as the loss allows: of `ktx2` or `dds`, or with `finer` texels.
 
-    Every file is compressed alone to see how much error it brings. Beginning with blocks everywhere, the file that
-    brings the most gets better texels until the sum is below `LIMIT`. Other outputs are given back as they are.
+    Every file is compressed alone to see how much error it brings. Beginning with the smallest everywhere, the file
+    that brings the most gets better texels until the sum is below `LIMIT`. Other outputs are given back as they are.
 
     Args:
         texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
         stack: as it was baked.
-        output: whose format names no texels.
+        output: that is asked for.
     """
-    if output.format not in ("ktx2", "dds"):
+    plain = output.format in ("ktx2", "dds")
+    ladder = _LADDER if plain else (output.container.texels, *output.finer)
+    if len(ladder) == 1:
         return output
-    files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == _LADDER[0]]
+    name = output.container.name
+    files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == ladder[0]]
     variants = {
-        f"{texels} {index}": _Decoded(file, GpuFile(output.format, texels), stack)
+        f"{texels} {index}": _Decoded(file, GpuFile(name, texels), stack)
         for index, file in enumerate(files)
-        for texels in _LADDER
+        for texels in ladder
     }
     added = {name: _added(loss) for name, loss in _losses(texture_set, stack, variants).items()}
     choice = dict.fromkeys(range(len(files)), 0)
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
 
     def brought(index: int, step: int) -> NDArray[np.float64]:
-        return added[f"{_LADDER[step]} {index}"]
+        return added[f"{ladder[step]} {index}"]
 
     while (np.sum([brought(i, step) for i, step in choice.items()], 0) > allowed).any():
-        open_ends = [i for i, step in choice.items() if step + 1 < len(_LADDER)]
+        open_ends = [i for i, step in choice.items() if step + 1 < len(ladder)]
         if not open_ends:
             break
         gains = {i: float((brought(i, choice[i]) - brought(i, choice[i] + 1)).max()) for i in open_ends}
         choice[max(gains, key=gains.__getitem__)] += 1
     names = _plain_names(stack, output)
-    return replace(output, texels={names[files[i].layout.name]: _LADDER[step] for i, step in choice.items() if step})
+    return replace(output, texels={names[files[i].layout.name]: ladder[step] for i, step in choice.items() if step})
 
 
 def cost(
