@@ -229,8 +229,10 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _commands(runs: Sequence[Run]) -> list[list[str]]:
     rows = []
-    for name in dict.fromkeys(each.command for each in runs):
+    for name in commands(""):
         some = [each for each in runs if each.command == name]
+        if not some:
+            continue
         seconds = [each.seconds for each in some]
         rows.append(
             [
@@ -257,7 +259,7 @@ def _formats(runs: Sequence[Run]) -> list[str]:
 
 def _costs(runs: Sequence[Run]) -> list[list[str]]:
     rows = []
-    for each in _all_formats(runs):
+    for each in sorted(_all_formats(runs), key=lambda run: run.set):
         losses = {name.partition(":")[0]: loss for name, loss in each.costs.items()}
         shown = [" / ".join(f"{value:+.2f}" for value in losses.get(name, {}).values()) for name in _formats(runs)]
         rows.append([each.set, *shown])
