@@ -27,6 +27,7 @@ from xml.sax.saxutils import quoteattr
 from timing import cpu_name
 
 import mipbake
+from mipbake.compare.compression import LIMIT
 from mipbake.convert import TARGETS as MODELS
 from mipbake.packing import PACKINGS
 from mipbake.presets import PRESETS
@@ -215,10 +216,14 @@ are of whole processes on a machine that had other work, too; memory is that of 
 
 ## What files cost
 
-dB of SNR that the shaded result loses, near the mirror / over the hemisphere; above 0.3 mipbake warns. `ktx2`
+dB of SNR that the shaded result loses, near the mirror / over the hemisphere; above {LIMIT:g} mipbake warns. `ktx2`
 and `dds` choose their own texels here, the others have the first of their kind.
 
 {_table(("set", *_formats(runs)), _costs(runs))}
+
+Presets, with `{fast}`: the greater of the two losses.
+
+{_table(("preset", f"sets above {LIMIT:g} dB", "median dB", "largest dB"), _presets(runs))}
 """
 
 
@@ -263,6 +268,21 @@ def _costs(runs: Sequence[Run]) -> list[list[str]]:
         losses = {name.partition(":")[0]: loss for name, loss in each.costs.items()}
         shown = [" / ".join(f"{value:+.2f}" for value in losses.get(name, {}).values()) for name in _formats(runs)]
         rows.append([each.set, *shown])
+    return rows
+
+
+def _presets(runs: Sequence[Run]) -> list[list[str]]:
+    rows = []
+    for name in PRESETS:
+        losses = [
+            max(loss for cost in each.costs.values() for loss in cost.values())
+            for each in runs
+            if each.command == f"bake --preset {name}" and each.costs
+        ]
+        if losses:
+            above = sum(loss > LIMIT for loss in losses)
+            median = f"{statistics.median(losses):.2f}"
+            rows.append([name, f"{above} of {len(losses)}", median, f"{max(losses):.2f}"])
     return rows
 
 

@@ -111,7 +111,7 @@ _ALL = (
     Preset(
         "godot",
         "Godot",
-        (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES),),
+        (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES, finer=("rgba8", "rgba16f")),),
         sides="powers of two",
         notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
     ),

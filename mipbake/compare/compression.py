@@ -115,6 +115,8 @@ def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
         for index, file in enumerate(files)
         for texels in ladder
     }
+    # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
+    steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
     added = {name: _added(loss) for name, loss in _losses(texture_set, stack, variants).items()}
     choice = dict.fromkeys(range(len(files)), 0)
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
@@ -123,7 +125,7 @@ def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
         return added[f"{ladder[step]} {index}"]
 
     while (np.sum([brought(i, step) for i, step in choice.items()], 0) > allowed).any():
-        open_ends = [i for i, step in choice.items() if step + 1 < len(ladder)]
+        open_ends = [i for i, step in choice.items() if step + 1 < steps[i]]
         if not open_ends:
             break
         gains = {i: float((brought(i, choice[i]) - brought(i, choice[i] + 1)).max()) for i in open_ends}
