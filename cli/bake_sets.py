@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from mipbake.bake import resolve_target
 from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.compare.compression import Cost, chosen_all, cost
+from mipbake.compare.compression import Cost, chosen_all, cost, part_of
 from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
 from mipbake.io.publish import published
@@ -211,26 +212,27 @@ def _write_one(
     """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
     place = folder / texture_set.name
     seen = shown(texture_set)
-    outputs = chosen_all(seen, stack, asked.outputs) if _writes_maps(job, asked) else ()
-    baking("texels", 1.0)
+    asked_for = asked.outputs if _writes_maps(job, asked) else ()
+    outputs = chosen_all(seen, stack, asked_for, partial(baking, "texels"))
     beside, costs = {}, []
     left_out: tuple[str, ...] = ()
     if _wants_glb(job, asked):
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
-        textures = encoded(inside, job.bake.slots if job.bake else None, asked.levels)
+        encoding = partial(baking, "encode")
+        slots = job.bake.slots if job.bake else None
+        textures = encoded(inside, slots, asked.levels, part_of(encoding, 0, 2))
         left_out = () if outputs else textures.left_out
-        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB))
+        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, part_of(encoding, 1, 2)))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
         else:
             made.setdefault(job.source, []).append((job, stack, textures))
-        baking("encode", 1.0)
     files: list[Path] = []
     if outputs or beside:
-        files = stack.save(place, outputs, lambda share: baking("write", share), asked.levels, beside)
+        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside)
     for index, each in enumerate(outputs):
-        costs.append(cost(seen, stack, each, read_output(place, index), asked.levels))
-    baking("check", 1.0)
+        here = part_of(partial(baking, "check"), index, len(outputs))
+        costs.append(cost(seen, stack, each, read_output(place, index), asked.levels, progress=here))
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
     learned = f" with {provenance.weights}" if provenance.weights else ""

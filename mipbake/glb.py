@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,13 +61,19 @@ class Encoded:
     left_out: tuple[str, ...]
 
 
-def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | None = None) -> Encoded:
+def encoded(
+    stack: MipStack,
+    slots: Sequence[str] | None = None,
+    levels: int | None = None,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
     Args:
         stack: whose sides are multiples of `SIDE`.
         slots: that may be filled; None for all.
         levels: how many of each; None for all.
+        progress: told the finished share, from 0 to 1.
 
     Raises:
         UsageError: another model, or other sides.
@@ -89,8 +95,11 @@ def encoded(stack: MipStack, slots: Sequence[str] | None = None, levels: int | N
         and (slots is None or slot in slots)
         and file.container.texels == "uastc"
     }
+    made = {}
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        made = dict(zip(wanted, pool.map(encode, wanted.values()), strict=True))
+        for slot, each in zip(wanted, pool.map(encode, wanted.values()), strict=True):
+            made[slot] = each
+            progress(len(made) / len(wanted))
     files = tuple(file for _, file in made.values())
     return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files))
 

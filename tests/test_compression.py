@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import mipbake
+from mipbake.cli.session import Stages
 from mipbake.compare.compression import LIMIT, Cost, chosen, cost
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.metrics import PAIR_SETS
@@ -199,6 +200,18 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     (result,) = json.loads(said)["results"]
     assert [each["format"].split(":")[0] for each in result["costs"]] == ["png", "dds"]
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
+
+
+def test_long_stages_move_as_they_go(tmp_path, monkeypatch) -> None:
+    """Choosing texels, encoding a GLB and measuring: by every file and every level of detail, never back."""
+    told: dict[str, list[float]] = {}
+    monkeypatch.setattr(Stages, "__call__", lambda _, stage, share: told.setdefault(stage, []).append(share))
+    folder = write_set(tmp_path / "metal")
+    formats = "ktx2,dds,png,glb"
+    assert run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", formats)[0] == 0
+    for stage in ("texels", "encode", "write", "check"):
+        assert told[stage] == sorted(told[stage]) and told[stage][-1] == 1, stage
+        assert len(set(told[stage])) > 5, stage
 
 
 @pytest.mark.parametrize("texels", [("bc", "rgba8"), ("rgba8", "bc"), ("rgba8", "rgba16f"), ("rgba16f", "rgba8")])

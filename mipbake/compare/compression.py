@@ -4,10 +4,10 @@ it small.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import overload
+from typing import TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from mipbake.output import Output
 from mipbake.packing import unpacked
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
+
+Progress: TypeAlias = Callable[[float], None]
+"""Told the finished share, from 0 to 1."""
 
 LIMIT = 0.3
 """dB of the shaded result's SNR that files may cost before better texels are chosen, or a warning says so."""
@@ -79,21 +82,32 @@ class Cost:
         )
 
 
-def chosen_all(texture_set: TextureSet, stack: MipStack, outputs: Sequence[Output]) -> tuple[Output, ...]:
+def part_of(progress: Progress, index: int, count: int) -> Progress:
+    """Progress of one of several pieces of work that are as long as each other."""
+    return lambda share: progress((index + share) / count)
+
+
+def chosen_all(
+    texture_set: TextureSet, stack: MipStack, outputs: Sequence[Output], progress: Progress = lambda _share: None
+) -> tuple[Output, ...]:
     """`chosen` for several outputs; `ktx2` and `dds` of the same packing hold the same blocks, and choose once."""
     made: list[Output] = []
-    for output in outputs:
+    for index, output in enumerate(outputs):
         alike = [
             (given, choice)
             for given, choice in zip(outputs, made, strict=False)
             if {given.format, output.format} == {"ktx2", "dds"} and replace(given, format=output.format) == output
         ]
-        choice = replace(alike[0][1], format=output.format) if alike else chosen(texture_set, stack, output)
+        here = part_of(progress, index, len(outputs))
+        choice = replace(alike[0][1], format=output.format) if alike else chosen(texture_set, stack, output, here)
         made.append(choice)
+    progress(1.0)
     return tuple(made)
 
 
-def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
+def chosen(
+    texture_set: TextureSet, stack: MipStack, output: Output, progress: Progress = lambda _share: None
+) -> Output:
     """An output with texels for every file, as small as the loss allows: of `ktx2` or `dds`, or with `finer` texels.
 
     Every file is compressed alone to see how much error it brings. Beginning with the smallest everywhere, the file
@@ -103,6 +117,7 @@ def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
         texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
         stack: as it was baked.
         output: that is asked for.
+        progress: moved by every file and kind of texels, then by every level of detail that is measured.
     """
     plain = output.format in ("ktx2", "dds")
     ladder = _LADDER if plain else (output.container.texels, *output.finer)
@@ -110,14 +125,15 @@ def chosen(texture_set: TextureSet, stack: MipStack, output: Output) -> Output:
         return output
     name = output.container.name
     files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == ladder[0]]
-    variants = {
-        f"{texels} {index}": _Decoded(file, GpuFile(name, texels), stack)
-        for index, file in enumerate(files)
-        for texels in ladder
-    }
+    variants = {}
+    for index, file in enumerate(files):
+        for step, texels in enumerate(ladder):
+            variants[f"{texels} {index}"] = _Decoded(file, GpuFile(name, texels), stack)
+            progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
     steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
-    added = {name: _added(loss) for name, loss in _losses(texture_set, stack, variants).items()}
+    losses = _losses(texture_set, stack, variants, part_of(progress, 1, 2))
+    added = {name: _added(loss) for name, loss in losses.items()}
     choice = dict.fromkeys(range(len(files)), 0)
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
 
@@ -141,6 +157,7 @@ def cost(
     written: Sequence[MapFile],
     levels: int | None = None,
     spoken: str | None = None,
+    progress: Progress = lambda _share: None,
 ) -> Cost:
     """What an output cost, from its files as they were read back.
 
@@ -151,16 +168,20 @@ def cost(
         written: its files, with the levels that came back.
         levels: how many were written; None for all.
         spoken: what the output is called; None for its format and texels.
+        progress: moved by every file, then by every level of detail that is measured.
     """
     planned = {file.layout.name: file for file in stack.files(output)}
-    psnr = {file.layout.name: _psnr(planned[file.layout.name], file) for file in written}
+    psnr = {}
+    for index, file in enumerate(written):
+        psnr[file.layout.name] = _psnr(planned[file.layout.name], file)
+        progress((index + 1) / len(written) / 2)
     del planned  # as large as the stack
     found = {"written": _stack_of(written, stack)}
     stack = replace(stack, levels=stack.levels[:levels])
     return Cost(
         format=spoken or _spoken(written),
         psnr=psnr,
-        loss=_losses(texture_set, stack, found)["written"],
+        loss=_losses(texture_set, stack, found, part_of(progress, 1, 2))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
     )
 
@@ -221,13 +242,18 @@ def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
 
 
 def _losses(
-    texture_set: TextureSet, stack: MipStack, variants: Mapping[str, Sequence[NDArray[np.float32]]]
+    texture_set: TextureSet,
+    stack: MipStack,
+    variants: Mapping[str, Sequence[NDArray[np.float32]]],
+    progress: Progress,
 ) -> dict[str, dict[str, float]]:
     """Variant and pair set to the fall of the SNR, in dB."""
     baked = opened(stack)
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     kernel = stack.provenance.pixel_filter
-    measured = measure(texture_set, [baked, *others], kernel, LODS, (), _SEED, _POINTS, _SAMPLES)
+    measured = measure(
+        texture_set, [baked, *others], kernel, LODS, (), _SEED, _POINTS, _SAMPLES, lambda _stage, share: progress(share)
+    )
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:
         snr.setdefault((figure.method, figure.view), []).append(figure.value)
