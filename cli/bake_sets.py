@@ -238,7 +238,7 @@ def _write_one(
     learned = f" with {provenance.weights}" if provenance.weights else ""
     blocks = any(each.container.texels in ("bc", "bc1", "uastc") for each in asked.outputs)
     sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
-    warnings = [*sizes, *left_out, *(each.warning for each in costs if each.warning)]
+    warnings = [*sizes, *left_out, *(line for each in costs for line in each.warnings)]
     session.print(
         f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
         f"{len(stack.levels)} levels",
@@ -295,7 +295,8 @@ def _cost_lines(cost: Cost) -> list[str]:
         f"{name} {'exact' if psnr == float('inf') else f'{psnr:.1f} dB'} ({cost.texels[name]})"
         for name, psnr in cost.psnr.items()
     )
-    return [f"{cost.format} costs, shaded: {losses}; PSNR of the files: {files}"]
+    covered = [f"{cost.format}: {cost.coverage}"] if cost.coverage else []
+    return [f"{cost.format} costs, shaded: {losses}; PSNR of the files: {files}", *covered]
 
 
 def _promise(provenance: Provenance) -> list[str]:

@@ -100,6 +100,11 @@ def premultiplied(colour: Image, opacity: Image, levels: Sequence[Image], pixel_
     return out
 
 
+def coverage(level: Image, cutoff: float) -> float:
+    """The share of a level's texels that pass the test."""
+    return float(np.mean(level >= np.float32(cutoff)))
+
+
 def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
     """Levels (H_L, W_L, 1) of an opacity that is tested against a cutoff, scaled so that as much passes as at level 0.
 
@@ -107,7 +112,7 @@ def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
     factor that brings the share of texels above the cutoff the nearest to that of level 0 (as the texture tools of
     Castano 2010, "Computing alpha mipmaps", do by search). Level 0 is never altered.
     """
-    share = float(np.mean(levels[0] >= cutoff))
+    share = coverage(levels[0], cutoff)
     out = [levels[0]]
     for level in levels[1:]:
         scale = np.float32(cutoff / max(_threshold(level, share), 1e-6))

@@ -6,6 +6,7 @@ import json
 import math
 import re
 import tracemalloc
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 import mipbake
 from mipbake.cli.session import Stages
-from mipbake.compare.compression import LIMIT, Cost, chosen, cost
+from mipbake.compare.compression import COVERAGE_LIMIT, LIMIT, Cost, Coverage, chosen, cost
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.metrics import PAIR_SETS
 from mipbake.output import Output
@@ -21,7 +22,8 @@ from mipbake.presets import PRESETS
 from mipbake.stack import MipStack, read_output
 from mipbake.texture_set import TextureSet
 
-from .command_line import write_set
+from .command_line import bumps, write_set
+from .gltf_files import GltfFile
 from .input_files import height_field
 from .stacks import smooth
 from .test_presets import run
@@ -49,6 +51,22 @@ def plaster() -> tuple[TextureSet, MipStack]:
         occlusion=smooth((32, 32), 1, 2),
     )
     return texture_set, mipbake.bake(texture_set, "vmf")
+
+
+@cache
+def leaves() -> tuple[TextureSet, MipStack]:
+    """Thin crossing strokes of noisy colours, tested against a cutoff."""
+    v, u = np.mgrid[:64, :64]
+    mask = ((u + 2 * v) % 13 < 2) ^ ((3 * u - v) % 17 < 1)
+    texture_set = TextureSet.from_arrays(
+        "leaves",
+        normal=height_field(64, 64),
+        roughness=0.8,
+        base_color=np.random.default_rng(4).uniform(0, 1, (64, 64, 3)),
+        opacity=mask.astype(float),
+    )
+    texture_set = replace(texture_set, alpha_cutoff=0.5)
+    return texture_set, mipbake.bake(texture_set, "linear")
 
 
 def written(made: tuple[TextureSet, MipStack], folder, output: Output, levels: int | None = None) -> Cost:
@@ -97,7 +115,7 @@ def test_floats_cost_nothing(tmp_path) -> None:
         found = written(made, tmp_path / made[0].name, Output("exr:float"))
         assert set(found.loss) == set(PAIR_SETS)
         assert max(abs(loss) for loss in found.loss.values()) < 0.005
-        assert found.warning is None
+        assert not found.warnings
         assert set(found.texels.values()) == {"float"}
 
 
@@ -111,8 +129,8 @@ def test_smooth_materials_lose_more(tmp_path) -> None:
     rough = written(plaster(), tmp_path / "a", Output("png:8"))
     glossy = written(mirror(), tmp_path / "b", Output("png:8"))
     assert rough.worst < LIMIT < glossy.worst
-    assert rough.warning is None
-    assert "png:8 costs" in (glossy.warning or "")
+    assert not rough.warnings
+    assert "png:8 costs" in "".join(glossy.warnings)
 
 
 @pytest.mark.parametrize("container", ["ktx2", "dds"])
@@ -172,8 +190,8 @@ NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kin
 
 @pytest.mark.parametrize("fmt", [*NAMES, "glb"])
 def test_warnings_name_formats_that_exist_and_are_better(fmt: str) -> None:
-    said = Cost(fmt, {}, {"near-mirror": 1.26, "hemisphere": -0.2}, {}).warning
-    assert said is not None and "\n" not in said
+    (said,) = Cost(fmt, {}, {"near-mirror": 1.26, "hemisphere": -0.2}, {}).warnings
+    assert "\n" not in said
     assert said.startswith(f"{fmt} costs 1.3 dB") and "more than 0.3" in said
     (advice,) = re.findall(r"--format (\S+)", said)
     better = format_named(advice)
@@ -185,7 +203,7 @@ def test_warnings_name_formats_that_exist_and_are_better(fmt: str) -> None:
 
 @pytest.mark.parametrize("loss", [LIMIT, 0.0, -1.0])
 def test_no_warning_below_the_limit(loss: float) -> None:
-    assert Cost("png:8", {}, {"near-mirror": loss, "hemisphere": -2.0}, {}).warning is None
+    assert not Cost("png:8", {}, {"near-mirror": loss, "hemisphere": -2.0}, {}).warnings
 
 
 def test_the_command_line_prints_costs(tmp_path) -> None:
@@ -212,6 +230,72 @@ def test_long_stages_move_as_they_go(tmp_path, monkeypatch) -> None:
     for stage in ("texels", "encode", "write", "check"):
         assert told[stage] == sorted(told[stage]) and told[stage][-1] == 1, stage
         assert len(set(told[stage])) > 5, stage
+
+
+@pytest.mark.parametrize(
+    ("fmt", "packing"), [("dds:bc", "orm"), ("ktx2:uastc", "orm"), ("dds:bc", "separate"), ("png:8", "orm")]
+)
+def test_coverage_is_measured_in_the_files(tmp_path, fmt: str, packing: str) -> None:
+    """The largest change of any level of at least 8 x 8 texels; smaller ones have more, which is not told."""
+    found = written(leaves(), tmp_path / "s", Output(fmt, packing))
+    baked, back = leaves()[1].extra["opacity"], mipbake.open_stack(tmp_path / "s").extra["opacity"]
+    shares = [((a >= 0.5).mean(), (b >= 0.5).mean()) for a, b in zip(baked, back, strict=True)]
+    changes = [abs(a - b) for a, b in shares[:4]]
+    assert found.coverage is not None
+    assert found.coverage.change == max(changes)
+    assert (found.coverage.baked, found.coverage.written) == shares[found.coverage.level]
+    assert found.coverage.alone == (packing == "separate")
+    beside_colours = fmt != "png:8" and packing == "orm"
+    assert (found.coverage.change > COVERAGE_LIMIT) == beside_colours
+    assert any("coverage" in said for said in found.warnings) == beside_colours
+
+
+def test_only_a_tested_opacity_has_coverage(tmp_path) -> None:
+    texture_set, stack = leaves()
+    blended = replace(texture_set, alpha_cutoff=None), stack
+    assert written(blended, tmp_path / "a", Output("png:8")).coverage is None
+    assert written(plaster(), tmp_path / "b", Output("png:8")).coverage is None
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("fmt", [*NAMES, "glb"])
+def test_warnings_of_coverage_name_what_is_better(fmt: str, alone: bool) -> None:
+    texels = fmt.partition(":")[2] or "uastc"
+    small, large = (Coverage(1, 0.17, share, texels, alone) for share in (0.151, 0.138))
+    none = {"near-mirror": 0.0, "hemisphere": 0.0}
+    assert not Cost(fmt, {}, none, {}, small).warnings
+    (said,) = Cost(fmt, {}, none, {}, large).warnings
+    assert f"{fmt} changes the coverage of the opacity at level 1: 17.0 % as baked, 13.8 % in the files" in said
+    (advice,) = re.findall(r"--format ([^\s,]+)", said)
+    assert format_named(advice).texels != texels and "bc" not in advice
+    blocks = texels in ("bc", "bc1", "uastc")
+    assert ("--packing separate" in said) == (blocks and not alone and fmt != "glb")
+
+
+@pytest.mark.parametrize("mode", ["files", "square", "document"])
+def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
+    """Of files, of a GLB of one square, and of a document whose material is masked."""
+    texture_set, _ = leaves()
+    opacity, colour = (np.rint(255 * texture_set.maps[role].pixels) for role in ("opacity", "base_color"))
+    leaf = np.dstack([colour, opacity]).astype(np.uint8)
+    folder = write_set(tmp_path / "leaf", base_color=leaf, normal=bumps(64, 64)["normal"], roughness=None)
+    if mode == "document":
+        document = GltfFile()
+        names = ("base_color", "normal")
+        colours, normals = (document.texture(document.image((folder / f"{n}.png").read_bytes(), n)) for n in names)
+        pbr = {"baseColorTexture": {"index": colours}}
+        document.material("m", pbrMetallicRoughness=pbr, normalTexture={"index": normals}, alphaMode="MASK")
+        document.squares()
+        source, options = document.write(tmp_path / "leaf_document"), ["--format", "glb"]
+    else:
+        options = ["--map", "roughness=0.8", "--alpha-cutoff", "0.5"]
+        source, options = folder, [*options, "--format", "dds:bc" if mode == "files" else "glb"]
+    name = "dds:bc" if mode == "files" else "glb"
+    code, said = run("bake", source, "-o", tmp_path / "out", "--method", "linear", *options)
+    share = r"\d+\.\d %"
+    line = f"coverage of the opacity at level \\d: {share} as baked, {share} in the files"
+    assert code == 0 and re.search(rf"^{name}: {line}$", said, re.M)
+    assert re.search(rf"^warning: {name} changes the {line}, by more than 2 points: (use|a glTF file) ", said, re.M)
 
 
 @pytest.mark.parametrize("texels", [("bc", "rgba8"), ("rgba8", "bc"), ("rgba8", "rgba16f"), ("rgba16f", "rgba8")])

@@ -19,6 +19,7 @@ from mipbake.io.gpu_files import GpuFile
 from mipbake.io.layout import LAYOUTS, to_file
 from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
 from mipbake.metrics import PAIR_SETS
+from mipbake.opacity import coverage
 from mipbake.output import Output
 from mipbake.packing import unpacked
 from mipbake.stack import MipStack
@@ -33,9 +34,42 @@ LIMIT = 0.3
 LODS = (0.0, 1.0, 3.0)
 """Levels of detail that the loss is measured at; the loss is that of their mean SNR."""
 
+COVERAGE_LIMIT = 0.02
+"""Change of the share of texels that pass an alpha test that a warning says."""
+
+_COVERAGE_SIDE = 8
+"""Texels along a side of a level; of smaller ones every texel is a great share."""
+
 _POINTS, _SAMPLES, _SEED = 1024, 64, 11
 _LADDER = ("bc", "rgba8", "rgba16f")
 """Texels of ktx2 and dds from the smallest to the most precise."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Of the levels of an opacity that is tested against a cutoff, the one whose coverage files change the most.
+
+    Args:
+        level: which it is.
+        baked, written: shares of its texels that pass the test, before and after.
+        texels: that hold it.
+        alone: whether in a file of its own.
+    """
+
+    level: int
+    baked: float
+    written: float
+    texels: str
+    alone: bool
+
+    @property
+    def change(self) -> float:
+        """Absolute."""
+        return abs(self.written - self.baked)
+
+    def __str__(self) -> str:
+        baked, written = (f"{100 * share:.1f} %" for share in (self.baked, self.written))
+        return f"coverage of the opacity at level {self.level}: {baked} as baked, {written} in the files"
 
 
 @dataclass(frozen=True)
@@ -49,12 +83,14 @@ class Cost:
         loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
+        coverage: of the opacity; None where none is tested.
     """
 
     format: str
     psnr: Mapping[str, float]
     loss: Mapping[str, float]
     texels: Mapping[str, str]
+    coverage: Coverage | None = None
 
     @property
     def worst(self) -> float:
@@ -62,24 +98,39 @@ class Cost:
         return max(self.loss.values())
 
     @property
-    def warning(self) -> str | None:
-        """One sentence where the loss is above `LIMIT`."""
+    def warnings(self) -> list[str]:
+        """A sentence each where the loss is above `LIMIT`, and the change of coverage above `COVERAGE_LIMIT`."""
+        return [said for said in (self._of_loss(), self._of_coverage()) if said]
+
+    def _of_loss(self) -> str | None:
         container, _, texels = self.format.partition(":")
         if self.worst <= LIMIT or texels == "float":  # nothing is more precise
             return None
-        advice = {
-            "uastc": "ktx2",  # which chooses
-            "bc1": f"{container}:bc",
-            "bc": f"{container}:rgba8",
-            "rgba8": f"{container}:rgba16f",
-            "8": f"{container}:16",
-            "half": f"{container}:float",
-            "rgba16f": "exr:float",
-        }.get(texels, "ktx2" if container == "glb" else "exr")
+        advice = "ktx2" if container == "glb" or texels == "uastc" else _better(container, texels)  # ktx2 chooses
         return (
             f"{self.format} costs {self.worst:.1f} dB of what the bake gains, which is more than {LIMIT:g}: this "
             f"material is smooth enough for its texels to show; use --format {advice} where the engine takes it"
         )
+
+    def _of_coverage(self) -> str | None:
+        found = self.coverage
+        if found is None or found.change <= COVERAGE_LIMIT or found.texels == "float":
+            return None
+        container = self.format.partition(":")[0]
+        blocks = found.texels in ("bc", "bc1", "uastc")
+        if container == "glb":
+            advice = "a glTF file holds no other texels; files of --format ktx2:rgba8 beside it keep the coverage"
+        else:
+            advice = f"use --format {_better(container, 'bc' if blocks else found.texels)} where the engine takes it"
+            if blocks and not found.alone:
+                advice += ", or --packing separate, which gives opacity a file of its own"
+        return f"{self.format} changes the {found}, by more than {100 * COVERAGE_LIMIT:g} points: {advice}"
+
+
+def _better(container: str, texels: str) -> str:
+    """The format whose texels are the next more precise."""
+    own = {"bc1": "bc", "bc": "rgba8", "rgba8": "rgba16f", "8": "16", "half": "float"}.get(texels)
+    return f"{container}:{own}" if own else "exr:float" if texels == "rgba16f" else "exr"
 
 
 def part_of(progress: Progress, index: int, count: int) -> Progress:
@@ -175,6 +226,7 @@ def cost(
     for index, file in enumerate(written):
         psnr[file.layout.name] = _psnr(planned[file.layout.name], file)
         progress((index + 1) / len(written) / 2)
+    covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack
     found = {"written": _stack_of(written, stack)}
     stack = replace(stack, levels=stack.levels[:levels])
@@ -183,7 +235,29 @@ def cost(
         psnr=psnr,
         loss=_losses(texture_set, stack, found, part_of(progress, 1, 2))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
+        coverage=covered,
     )
+
+
+def _coverage(planned: Mapping[str, MapFile], written: Sequence[MapFile], cutoff: float | None) -> Coverage | None:
+    """What files make of an opacity that is tested against a cutoff."""
+    if cutoff is None:
+        return None
+    found = [
+        Coverage(
+            level,
+            coverage(before[..., place], cutoff),
+            coverage(after[..., place], cutoff),
+            file.container.texels,
+            len(file.layout.channels) == 1,
+        )
+        for file in written
+        for place, channel in enumerate(file.layout.channels)
+        if channel.map == "opacity"
+        for level, (before, after) in enumerate(zip(planned[file.layout.name].levels, file.levels, strict=False))
+        if min(before.shape[:2]) >= _COVERAGE_SIDE
+    ]
+    return max(found, key=lambda each: each.change, default=None)
 
 
 def _spoken(files: Sequence[MapFile]) -> str:
