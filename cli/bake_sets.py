@@ -238,7 +238,7 @@ def _write_one(
     learned = f" with {provenance.weights}" if provenance.weights else ""
     blocks = any(each.container.texels in ("bc", "bc1", "uastc") for each in asked.outputs)
     sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
-    warnings = [*sizes, *left_out, *(line for each in costs for line in each.warnings)]
+    warnings = [*sizes, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))]
     session.print(
         f"baked by {provenance.method}{learned} to {stack.model}, pixel filter {provenance.pixel_filter}, "
         f"{len(stack.levels)} levels",
@@ -286,6 +286,11 @@ def _write_document(
     session.print(f"wrote {path}: {source.stat().st_size / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
     files = [{"path": path, "bytes": size}]
     return {"source": source, "ok": True, "exit_code": 0, "out": path, "document": True, "files": files}
+
+
+def _chose(preset: Preset | None, cost: Cost) -> Preset | None:
+    """The preset, where it chose the output, not the user."""
+    return preset if preset and any(cost.format == output.format for output in preset.outputs) else None
 
 
 def _cost_lines(cost: Cost) -> list[str]:

@@ -39,6 +39,7 @@ class Preset:
         documents: whether glTF sources become a GLB, and get no files of maps.
         sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
         notes: what the user should do or know, in sentences.
+        finer: what is known of texels that are more precise than those of its outputs; "": it takes any.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Preset:
     documents: bool = False
     sides: str = ""
     notes: tuple[str, ...] = field(default=())
+    finer: str = ""
 
     @property
     def target(self) -> str:
@@ -76,6 +78,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("load with KTX2Loader and leave minFilter at LinearMipmapLinearFilter",),
+        finer="three.js takes --format ktx2:rgba8, too, outside glTF",
     ),
     Preset(
         "babylon",
@@ -85,6 +88,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
+        finer="Babylon.js is not known to take other texels",
     ),
     Preset(
         "filament",
@@ -93,6 +97,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("gltfio needs nothing; set specularAntiAliasing to false in materials of your own",),
+        finer="Filament takes no other texels",
     ),
     Preset(
         "unreal",
@@ -100,6 +105,7 @@ _ALL = (
         (Output("dds:rgba8", "orm", DIRECTX, "T_" + _SET_FILE, _UNREAL_NAMES),),
         sides="powers of two",
         notes=("keep Mip Gen Settings at Leave Existing Mips and Composite Texture Mode off",),
+        finer="Unreal Engine is not known to take other texels",
     ),
     Preset(
         "unity",
@@ -107,6 +113,7 @@ _ALL = (
         (Output("dds:bc", "mask-map", OPENGL_XY, _SET_FILE, _UNITY_NAMES),),
         sides="multiples of 4",
         notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
+        finer="Unity is not known to take other texels",
     ),
     Preset(
         "godot",
@@ -114,6 +121,7 @@ _ALL = (
         (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES, finer=("rgba8", "rgba16f")),),
         sides="powers of two",
         notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
+        finer="Godot is not known to take other texels",
     ),
     Preset(
         "arnold",

@@ -22,6 +22,7 @@ from mipbake.metrics import PAIR_SETS
 from mipbake.opacity import coverage
 from mipbake.output import Output
 from mipbake.packing import unpacked
+from mipbake.presets import Preset
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -40,6 +41,7 @@ COVERAGE_LIMIT = 0.02
 _COVERAGE_SIDE = 8
 """Texels along a side of a level; of smaller ones every texel is a great share."""
 
+_SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 _POINTS, _SAMPLES, _SEED = 1024, 64, 11
 _LADDER = ("bc", "rgba8", "rgba16f")
 """Texels of ktx2 and dds from the smallest to the most precise."""
@@ -97,22 +99,28 @@ class Cost:
         """The greatest loss of any pair set, in dB."""
         return max(self.loss.values())
 
-    @property
-    def warnings(self) -> list[str]:
-        """A sentence each where the loss is above `LIMIT`, and the change of coverage above `COVERAGE_LIMIT`."""
-        return [said for said in (self._of_loss(), self._of_coverage()) if said]
+    def warnings(self, preset: Preset | None = None) -> list[str]:
+        """A sentence each where the loss is above `LIMIT`, and the change of coverage above `COVERAGE_LIMIT`.
 
-    def _of_loss(self) -> str | None:
+        `preset`: that chose the output, whose engine must take what is advised.
+        """
+        return [said for said in (self._of_loss(preset), self._of_coverage(preset)) if said]
+
+    def _of_loss(self, preset: Preset | None) -> str | None:
         container, _, texels = self.format.partition(":")
         if self.worst <= LIMIT or texels == "float":  # nothing is more precise
             return None
-        advice = "ktx2" if container == "glb" or texels == "uastc" else _better(container, texels)  # ktx2 chooses
+        if container == "glb":
+            advice = "a glTF file holds no other texels; plain --format ktx2 beside it chooses more precise ones"
+        else:
+            advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
+        where = _SPOKEN[max(self.loss, key=self.loss.__getitem__)]
         return (
-            f"{self.format} costs {self.worst:.1f} dB of what the bake gains, which is more than {LIMIT:g}: this "
-            f"material is smooth enough for its texels to show; use --format {advice} where the engine takes it"
+            f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR, which is more than "
+            f"{LIMIT:g}: {advice}"
         )
 
-    def _of_coverage(self) -> str | None:
+    def _of_coverage(self, preset: Preset | None) -> str | None:
         found = self.coverage
         if found is None or found.change <= COVERAGE_LIMIT or found.texels == "float":
             return None
@@ -121,10 +129,14 @@ class Cost:
         if container == "glb":
             advice = "a glTF file holds no other texels; files of --format ktx2:rgba8 beside it keep the coverage"
         else:
-            advice = f"use --format {_better(container, 'bc' if blocks else found.texels)} where the engine takes it"
+            advice = _advice(_better(container, "bc" if blocks else found.texels), preset)
             if blocks and not found.alone:
                 advice += ", or --packing separate, which gives opacity a file of its own"
         return f"{self.format} changes the {found}, by more than {100 * COVERAGE_LIMIT:g} points: {advice}"
+
+
+def _advice(better: str, preset: Preset | None) -> str:
+    return preset.finer if preset and preset.finer else f"use --format {better} where the engine takes it"
 
 
 def _better(container: str, texels: str) -> str:
