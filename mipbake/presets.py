@@ -39,7 +39,7 @@ class Preset:
         documents: whether glTF sources become a GLB, and get no files of maps.
         sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
         notes: what the user should do or know, in sentences.
-        finer: what is known of texels that are more precise than those of its outputs; "": it takes any.
+        no_finer: why texels that are more precise than those of its outputs are not advised; "": it takes some.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Preset:
     documents: bool = False
     sides: str = ""
     notes: tuple[str, ...] = field(default=())
-    finer: str = ""
+    no_finer: str = ""
 
     @property
     def target(self) -> str:
@@ -78,7 +78,6 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("load with KTX2Loader and leave minFilter at LinearMipmapLinearFilter",),
-        finer="three.js takes --format ktx2:rgba8, too, outside glTF",
     ),
     Preset(
         "babylon",
@@ -88,7 +87,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
-        finer="Babylon.js is not known to take other texels",
+        no_finer="Babylon.js is not known to take other texels",
     ),
     Preset(
         "filament",
@@ -97,7 +96,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("gltfio needs nothing; set specularAntiAliasing to false in materials of your own",),
-        finer="Filament takes no other texels",
+        no_finer="Filament takes no other texels",
     ),
     Preset(
         "unreal",
@@ -105,7 +104,7 @@ _ALL = (
         (Output("dds:rgba8", "orm", DIRECTX, "T_" + _SET_FILE, _UNREAL_NAMES),),
         sides="powers of two",
         notes=("keep Mip Gen Settings at Leave Existing Mips and Composite Texture Mode off",),
-        finer="Unreal Engine is not known to take other texels",
+        no_finer="Unreal Engine is not known to take other texels",
     ),
     Preset(
         "unity",
@@ -113,7 +112,7 @@ _ALL = (
         (Output("dds:bc", "mask-map", OPENGL_XY, _SET_FILE, _UNITY_NAMES),),
         sides="multiples of 4",
         notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
-        finer="Unity is not known to take other texels",
+        no_finer="Unity is not known to take other texels",
     ),
     Preset(
         "godot",
@@ -121,7 +120,6 @@ _ALL = (
         (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES, finer=("rgba8", "rgba16f")),),
         sides="powers of two",
         notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
-        finer="Godot is not known to take other texels",
     ),
     Preset(
         "arnold",

@@ -136,7 +136,7 @@ class Cost:
 
 
 def _advice(better: str, preset: Preset | None) -> str:
-    return preset.finer if preset and preset.finer else f"use --format {better} where the engine takes it"
+    return preset.no_finer if preset and preset.no_finer else f"use --format {better} where the engine takes it"
 
 
 def _better(container: str, texels: str) -> str:
