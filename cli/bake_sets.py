@@ -295,13 +295,14 @@ def _chose(preset: Preset | None, cost: Cost) -> Preset | None:
 
 def _cost_lines(cost: Cost) -> list[str]:
     """What files cost, in plain lines."""
-    losses = ", ".join(f"{view} {loss:+.2f} dB" for view, loss in cost.loss.items())
-    files = ", ".join(
-        f"{name} {'exact' if psnr == float('inf') else f'{psnr:.1f} dB'} ({cost.texels[name]})"
+    losses = (f"{view} {'0.00' if abs(loss) < 0.005 else f'{loss:+.2f}'} dB" for view, loss in cost.loss.items())
+    width = max(map(len, cost.psnr), default=0)
+    files = (
+        f"  {name:{width}}  {'exact' if psnr == float('inf') else f'{psnr:.1f} dB':>8}  {cost.texels[name]}"
         for name, psnr in cost.psnr.items()
     )
-    covered = [f"{cost.format}: {cost.coverage}"] if cost.coverage else []
-    return [f"{cost.format} costs, shaded: {losses}; PSNR of the files: {files}", *covered]
+    covered = [f"  {cost.coverage}"] if cost.coverage else []
+    return [f"{cost.format} costs, shaded: {', '.join(losses)}; PSNR of the files:", *files, *covered]
 
 
 def _promise(provenance: Provenance) -> list[str]:

@@ -93,7 +93,8 @@ def _texels(image: FileInfo | ImageInfo, channels: str = "") -> str:
 
 
 def _told(about: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {value}" for key, value in about.items() if value)
+    said = {key: ", ".join(map(str, value)) if isinstance(value, list) else value for key, value in about.items()}
+    return ", ".join(f"{key} {value}" for key, value in said.items() if value)
 
 
 def _counted(count: int, what: str) -> str:

@@ -212,7 +212,7 @@ def test_the_provenance_is_saved(tmp_path) -> None:
     texture_set = made_set()
     found = adjusted(baked(texture_set), texture_set, Adjustments(min_roughness=0.2))
     found.save(tmp_path / "s")
-    assert mipbake.open_stack(tmp_path / "s").provenance.adjustments == ("no roughness is below 0.2.",)
+    assert mipbake.open_stack(tmp_path / "s").provenance.adjustments == ("no roughness is below 0.2",)
 
 
 @pytest.mark.parametrize("given", [{"strength": 1.1}, {"strength": -0.1}, {"min_roughness": 2}])

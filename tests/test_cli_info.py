@@ -27,7 +27,7 @@ def _without_decoder(monkeypatch) -> None:
 
 def glb() -> bytes:
     maps = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}
-    return standalone("sample", maps, QuadOptions(), {"method": "linear", "version": "0"})
+    return standalone("sample", maps, QuadOptions(), {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]})
 
 
 def shown(capsys, *arguments) -> str:
@@ -49,10 +49,10 @@ def test_images_of_a_glb(tmp_path, capsys) -> None:
     (tmp_path / "a.glb").write_bytes(glb())
     out = shown(capsys, tmp_path / "a.glb")
     assert "a.glb: GLB (glTF 2.0), 2 images" in out
-    assert "made by mipbake: method linear, version 0" in out
+    assert "made by mipbake: method linear, version 0, wrap wrap, clamp\n" in out
     assert "image baseColorTexture: image/ktx2, UASTC_RGB_SRGB_BLOCK, sRGB, 16 x 8, 5 levels" in out
     (file,) = json.loads(shown(capsys, tmp_path / "a.glb", "--json"))["files"]
-    assert file["about"] == {"method": "linear", "version": "0"}
+    assert file["about"] == {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]}
     assert [image["levels"] for image in file["images"]] == [
         [[16, 8], [8, 4], [4, 2], [2, 1], [1, 1]],
         [[8, 8], [4, 4], [2, 2], [1, 1]],

@@ -233,10 +233,17 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     folder = write_set(tmp_path / "metal")
     code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds,exr:float")
     assert code == 0
+    lines = said.splitlines()
+    decibel = r"(?:[+-](?!0\.00)\d+\.\d\d|0\.00) dB"
     for name in ("png:8", "dds:", "exr:float"):
-        (line,) = (line for line in said.splitlines() if line.startswith(name) and "costs" in line)
-        figures = r"near-mirror [+-]\d+\.\d\d dB, hemisphere [+-]\d+\.\d\d dB; PSNR of the files: base_color"
-        assert re.search(figures, line)
+        (first,) = (i for i, line in enumerate(lines) if line.startswith(name) and "costs" in line)
+        figures = rf"{name}.* costs, shaded: near-mirror {decibel}, hemisphere {decibel}; PSNR of the files:"
+        assert re.fullmatch(figures, lines[first])
+        files = lines[first + 1 : first + 5]
+        assert [line.split()[0] for line in files] == ["base_color", "normal", "roughness", "metallic"]
+        assert all(re.fullmatch(r"  \w+ +(\d+\.\d dB|exact)  \w+", line) for line in files)
+        assert len({re.search(r"(dB|exact)  ", line).end() for line in files}) == 1  # aligned
+    assert "exr:float costs, shaded: near-mirror 0.00 dB, hemisphere 0.00 dB" in said
     code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds", "--json")
     (result,) = json.loads(said)["results"]
     assert [each["format"].split(":")[0] for each in result["costs"]] == ["png", "dds"]
@@ -317,7 +324,7 @@ def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
     code, said = run("bake", source, "-o", tmp_path / "out", "--method", "linear", *options)
     share = r"\d+\.\d %"
     line = f"coverage of the opacity at level \\d: {share} as baked, {share} in the files"
-    assert code == 0 and re.search(rf"^{name}: {line}$", said, re.M)
+    assert code == 0 and re.search(rf"^{name} costs.*(\n  .*)*\n  {line}$", said, re.M)
     assert re.search(rf"^warning: {name} changes the {line}, by more than 2 points: (use|a glTF file) ", said, re.M)
 
 
