@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import mipbake
 from mipbake.cli import options
 from mipbake.cli.session import Session
@@ -10,7 +12,7 @@ from mipbake.io.discover import discover
 from mipbake.io.options import LoadOptions
 
 
-@options.reads_sets
+@partial(options.reads_sets, without=("normal_length", "wrap_u", "wrap_v"))
 def inspect(session: Session, folder: options.Folder, load: LoadOptions) -> None:
     """Show what is found in a texture set and why. Writes nothing."""
     found = discover(folder, load)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 from typing import Annotated, Any, Optional, get_type_hints
 
@@ -91,14 +91,15 @@ def _talking(
     return session
 
 
-def reads_sets(command: Callable[..., None]) -> Callable[..., None]:
+def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Callable[..., None]:
     """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
 
-    They come after the function's own: those of how a set is read, and of what is printed.
+    They come after the function's own: those of how a set is read, and of what is printed. Those that a command is
+    `without`, since they change nothing that it does, keep their defaults.
     """
     shared: dict[str, Callable[..., Any]] = {"load": _reading, "session": _talking}
     own = [p for name, p in _parameters(command).items() if name not in shared]
-    others = {name: _parameters(of) for name, of in shared.items()}
+    others = {name: {key: p for key, p in _parameters(of).items() if key not in without} for name, of in shared.items()}
 
     @functools.wraps(command)
     def run(**given: Any) -> None:

@@ -164,7 +164,9 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     for command in ("validate", "inspect"):
         assert main([command, "--help"]) == 0
         text = capsys.readouterr().out
-        assert all(option in text for option in ("--map", "--normal-convention", "--wrap-u", "--json"))
+        assert all(option in text for option in ("--map", "--normal-convention", "--gloss", "--colour-space", "--json"))
+        for option in ("--wrap-u", "--wrap-v", "--normal-length"):  # of pixels, which inspect does not read
+            assert (option in text) == (command == "validate")
     assert main([]) == 0
     assert "Exit codes" in capsys.readouterr().out
 
