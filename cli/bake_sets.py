@@ -57,7 +57,7 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     broken = {job.source for job in found if isinstance(job, Failure)}
     for jobs in _together(found):
         job = jobs[0]
-        if isinstance(job, Job) and job.source in broken and not _writes_maps(job, asked):
+        if isinstance(job, Job) and job.document and job.source in broken and not _writes_maps(job, asked):
             made[job.source] = []  # its GLB, all that it is baked for, will not be written
             continue
         try:

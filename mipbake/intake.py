@@ -205,15 +205,20 @@ def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
     return [*made, *(Failure(path, InputError(error)) for error in found.errors)]
 
 
-def _materialx(path: Path) -> list[Job]:
-    made = []
-    for material in read_materialx(path):
+def _materialx(path: Path) -> list[Job | Failure]:
+    found = read_materialx(path)
+    made: list[Job | Failure] = []
+    for material in found.materials:
         if not material.udim:
             parts = {0: Part(material.files, material.options)}
             made.append(Job(path, parts, material.notes, material.warnings))
             continue
-        tiles = material.tiles()
+        try:
+            tiles = material.tiles()
+        except InputError as error:
+            made.append(Failure(path, InputError(f"{path}: the material {material.name}: {error}")))
+            continue
         for group in islands(tiles):
             parts = {tile: Part(tuple(tiles[tile][0]), tiles[tile][1]) for tile in group}
             made.append(Job(path, parts, material.notes, material.warnings))
-    return made
+    return [*made, *(Failure(path, InputError(error)) for error in found.errors)]

@@ -65,7 +65,7 @@ def surface(*nodes: str, **inputs: str) -> str:
 
 
 def only(path: Path) -> MtlxMaterial:
-    (found,) = read_materialx(path)
+    (found,) = read_materialx(path).materials
     return found
 
 

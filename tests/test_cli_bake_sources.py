@@ -232,6 +232,19 @@ def test_a_materialx_document(tmp_path) -> None:
     assert result["set"]["maps"]["roughness"]["path"].endswith("rough.png")
 
 
+@pytest.mark.parametrize("format", ["png", "glb"])
+def test_a_missing_texture_of_a_materialx_document_leaves_the_others(tmp_path, capsys, format) -> None:
+    mtlx.write_textures(tmp_path)
+    lost = mtlx.image("gone", "float", "gone.png")
+    lost += mtlx.material("standard_surface", mtlx.link("specular_roughness", "gone"), name="Lost")
+    source = mtlx.document(tmp_path, lost + mtlx.surface())
+    code, report = bake(source, "-o", tmp_path / "out", "--format", format)
+    assert code == 3 and [result["ok"] for result in report["results"]] == [True, False]
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mipbake: ")]
+    assert "the material Lost names gone.png, which is not there" in line
+    assert len(list((tmp_path / "out").iterdir())) == 1
+
+
 def test_lists_and_globs(tmp_path) -> None:
     for name in ("a", "b", "c"):
         write_set(tmp_path / "sets" / name)

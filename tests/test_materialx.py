@@ -228,7 +228,7 @@ def test_several_materials_have_names_of_their_own(folder: Path) -> None:
     names = ["Wood oak", "Wood_oak", "wood/oak", "nul.x", "y" * 300]
     rough = link("specular_roughness", "rough")
     body = image("rough", "float", "rough.png") + "".join(material("standard_surface", rough, name=n) for n in names)
-    assert [m.name for m in read_materialx(document(folder, body))] == [
+    assert [m.name for m in read_materialx(document(folder, body)).materials] == [
         *("Wood_oak", "Wood_oak_2", "wood_oak_3", "_nul.x", "y" * 120)
     ]
 
@@ -237,6 +237,17 @@ def test_a_material_that_cannot_be_read_does_not_hide_others(folder: Path) -> No
     body = surface() + material("standard_surface", value("specular_roughness", "0.1"), name="Glass")
     found = only(document(folder, body))
     assert any("left out" in w and "Glass" in w for w in found.warnings)
+
+
+def test_a_missing_texture_is_an_error_of_its_material(folder: Path) -> None:
+    lost = image("gone", "float", "gone.png") + image("tiles", "float", "gone.&lt;UDIM&gt;.png")
+    lost += "".join(
+        material("standard_surface", link("specular_roughness", name), name=f"of {name}") for name in ("gone", "tiles")
+    )
+    found = read_materialx(document(folder, lost + surface()))
+    assert len(found.materials) == 1 and not any("left out" in w for w in found.materials[0].warnings)
+    file, pattern = found.errors
+    assert "the material of gone names gone.png, which is not there" in file and "stands for no file" in pattern
 
 
 def test_shaders_without_a_material_are_read(folder: Path) -> None:

@@ -61,10 +61,20 @@ class MtlxMaterial:
         return {tile: (_paths(options), options) for tile, options in own.items()}
 
 
-def read_materialx(path: str | os.PathLike[str]) -> list[MtlxMaterial]:
+@dataclass(frozen=True)
+class MtlxMaterials:
     """The materials of a document that point at textures, in its order.
 
-    A material that cannot be read is left out, and a warning of the first that can says why.
+    `errors`: what is wrong with those whose textures are not there, a sentence each. A warning of the first material
+    tells of those that hold nothing to bake.
+    """
+
+    materials: tuple[MtlxMaterial, ...]
+    errors: tuple[str, ...] = ()
+
+
+def read_materialx(path: str | os.PathLike[str]) -> MtlxMaterials:
+    """The materials of a document.
 
     Raises:
         InputError: the document cannot be read, or none of its materials: it names textures that are not there, its
@@ -75,18 +85,27 @@ def read_materialx(path: str | os.PathLike[str]) -> list[MtlxMaterial]:
     if not surfaces:
         raise InputError(f"{document.path} holds no material: expected a surfacematerial with a surface shader")
     tracer, taken = Tracer(document), set[str]()
-    materials, errors = [], []
+    materials: list[MtlxMaterial] = []
+    errors: list[str] = []
+    skipped: list[str] = []
     for surface in surfaces:
+        where = f"{document.path}: the material {surface.name}"
         try:
-            materials.append(_material(document, tracer, surface, taken))
+            found = _material(document, tracer, surface, where, taken)
+        except InputError as error:
+            skipped.append(str(error))
+            continue
+        try:
+            materials.append(replace(found, files=_files(found.options, where)))
         except InputError as error:
             errors.append(str(error))
     if not materials:
-        others = f"; {len(errors) - 1} more materials cannot be read either" if len(errors) > 1 else ""
-        raise InputError(errors[0] + others)
-    left_out = tuple(f"left out: {error}" for error in errors)
+        reasons = errors + skipped
+        others = f"; {len(reasons) - 1} more materials cannot be read either" if len(reasons) > 1 else ""
+        raise InputError(reasons[0] + others)
+    left_out = tuple(f"left out: {reason}" for reason in skipped)
     materials[0] = replace(materials[0], warnings=materials[0].warnings + left_out)
-    return materials
+    return MtlxMaterials(tuple(materials), tuple(errors))
 
 
 @dataclass(frozen=True)
@@ -124,8 +143,8 @@ def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> tu
     return (source, "") if isinstance(source, Link) else (None, f"it names {source.text}")
 
 
-def _material(document: Document, tracer: Tracer, surface: _Surface, taken: set[str]) -> MtlxMaterial:
-    where = f"{document.path}: the material {surface.name}"
+def _material(document: Document, tracer: Tracer, surface: _Surface, where: str, taken: set[str]) -> MtlxMaterial:
+    """What a surface says, before its files are looked for; InputError where it holds nothing to bake."""
     if surface.shader is None:
         raise InputError(f"{where} cannot be read ({surface.reason}): expected a surface shader")
     node, scope = surface.shader.node, surface.shader.scope
@@ -138,26 +157,30 @@ def _material(document: Document, tracer: Tracer, surface: _Surface, taken: set[
         height = tracer.input(surface.displacement.node, "displacement", surface.displacement.scope)
     filled = read_roles(Sources(tracer, node, scope, shader, height), where, log)
     options = filled.options
-    paths = _paths(options)
-    files: list[Path] = []
-    for file in paths:
-        if is_pattern(file):
-            files += pattern_files(file).values()
-        elif file.is_file():
-            files.append(file)
-        else:
-            raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
     name = unique_name(surface.name or node.get("name", ""), "material", taken)
     return MtlxMaterial(
         name,
         document.path,
         node.tag,
         replace(options, name=name),
-        tuple(dict.fromkeys(files)),
-        any(is_pattern(p) for p in paths),
+        (),
+        any(is_pattern(p) for p in _paths(options)),
         tuple(log.notes),
         tuple(log.warnings),
     )
+
+
+def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:
+    """The files that maps name, those of all tiles included; InputError where one is not there."""
+    files: list[Path] = []
+    for file in _paths(options):
+        if is_pattern(file):
+            files += pattern_files(file).values()
+        elif file.is_file():
+            files.append(file)
+        else:
+            raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
+    return tuple(dict.fromkeys(files))
 
 
 def _paths(options: LoadOptions) -> list[Path]:
