@@ -19,6 +19,9 @@ from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost, part_of
 from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.write import check_images
 from mipbake.io.publish import published
 from mipbake.io.tiles import name_with, name_without
 from mipbake.opacity import shown
@@ -54,6 +57,7 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     _check_places(found, out, asked)
     results: list[dict[str, Any]] = []
     made: dict[Path, list[tuple[Job, MipStack, Encoded]]] = {}
+    found = [*_lost_images(found, asked), *found]
     broken = {job.source for job in found if isinstance(job, Failure)}
     for jobs in _together(found):
         job = jobs[0]
@@ -108,6 +112,23 @@ def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> No
     if asked.glb or asked.documents:
         for source, job in documents.items():
             check_file(out / f"{job.place}.{GLB}", source)
+
+
+def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
+    """Documents whose GLB would lack an image that is not baked, found before anything is."""
+    bakes: dict[Document, list[GltfBake]] = {}
+    for job in found:
+        if isinstance(job, Job) and job.document is not None and job.bake is not None and _wants_glb(job, asked):
+            bakes.setdefault(job.document, []).append(job.bake)
+    broken = {job.source for job in found if isinstance(job, Failure)}
+    lost = []
+    for document, own in bakes.items():
+        try:
+            if document.path not in broken:
+                check_images(document, own)
+        except InputError as error:
+            lost.append(Failure(document.path, error))
+    return lost
 
 
 def _all_names(jobs: Sequence[Job]) -> list[tuple[str, Path]]:
@@ -276,7 +297,7 @@ def _write_document(
     path = out / f"{first.place}.{GLB}"
     if len(parts) < sum(job.source == source for job in found):
         raise InputError(
-            f"{path} is not written, for not every material could be baked: see what is said of the others"
+            f"{path} is not written, for not everything in it could be read and baked: see what is said of the rest"
         )
     if first.document is None:
         raise AssertionError("only documents are collected")

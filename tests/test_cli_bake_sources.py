@@ -191,9 +191,32 @@ def test_a_broken_image_leaves_the_other_materials(tmp_path, capsys, formats) ->
     assert len(lines) == 1 + ("glb" in formats)
     assert str(source) in lines[0] and "image 1 (bad)" in lines[0] and "(material 1 (bad) cannot be baked)" in lines[0]
     if "glb" in formats:
-        assert "two.glb is not written, for not every material" in lines[1]
+        assert "two.glb is not written, for not everything" in lines[1]
     assert (tmp_path / "out" / "two" / "good").is_dir() == ("png" in formats)
     assert not (tmp_path / "out" / "two" / "bad").exists() and not (tmp_path / "out" / "two.glb").exists()
+
+
+@pytest.mark.parametrize("formats", ["png,glb", "glb"])
+def test_a_missing_image_that_is_not_baked_is_found_first(tmp_path, capsys, formats) -> None:
+    made = small()
+    made.material("lamp", emissiveTexture={"index": made.texture(0)})
+    made.json["images"].append({"uri": "gone.png"})
+    made.json["textures"][-1]["source"] = len(made.json["images"]) - 1
+    source, other = made.write(tmp_path / "lamp"), write_set(tmp_path / "metal")
+    code, report = bake(source, other, "-o", tmp_path / "out", "--format", formats)
+    assert code == 3 and not report["results"][0]["ok"] and "gone.png" in report["results"][0]["error"]
+    first, second = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mipbake: ")]
+    assert "gone.png" in first and "lamp.glb is not written, for not everything" in second
+    assert (tmp_path / "out" / "lamp").exists() == ("png" in formats) and (tmp_path / "out" / "metal").exists()
+
+
+def test_a_missing_image_that_nothing_shows_stays_an_address(tmp_path) -> None:
+    made = small()
+    made.json["images"].append({"uri": "gone.png", "name": "spare"})
+    code, _ = bake(made.write(tmp_path / "bolt"), "-o", tmp_path / "out", "--format", "glb")
+    assert code == 0
+    written, _ = split((tmp_path / "out" / "bolt.glb").read_bytes())
+    assert {"uri": "gone.png", "name": "spare"} in written["images"]
 
 
 def test_one_broken_source_does_not_stop_others(tmp_path, capsys) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mipbake.errors import UsageError
+from mipbake.errors import InputError, UsageError
 from mipbake.io.gltf import container, uris
 from mipbake.io.gltf.buffers import Binary, merged
 from mipbake.io.gltf.document import Document, Json
@@ -80,6 +80,19 @@ def rewritten(document: Document, results: Sequence[GltfResult], provenance: Map
         _declare(made, extensions_of(document.json))
     made["asset"]["extras"] = _with_provenance(made["asset"].get("extras"), provenance)
     return finished(made, binary, document.chunks)
+
+
+def check_images(document: Document, bakes: Sequence[GltfBake]) -> None:
+    """InputError where an image that the bakes leave in the document cannot be read, which `rewritten` finds late."""
+    made: Json = copy.deepcopy(document.json)
+    maps = [
+        # What is in a map is of no matter for which images it takes the place of.
+        (bake, {s: f"{bake.name}/{s}".encode() for s in bake.slots if s != ANISOTROPIC or "anisotropy" in roles})
+        for bake in bakes
+        for roles in [bake.options.maps]
+    ]
+    _settle_images(made, replace_textures(document, made, maps))
+    _embed_images(document, made, Binary())
 
 
 def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] = ()) -> bytes:
@@ -197,11 +210,20 @@ def _point(image: Json, view: int) -> None:
 
 
 def _embed_images(document: Document, made: Json, binary: Binary) -> None:
-    """Takes the images that stay from their files and data URIs; addresses in a network stay addresses."""
+    """Takes the images that stay from their files and data URIs; addresses in a network stay addresses.
+
+    So do those of images that nothing shows and that cannot be read: they break nothing, here as in the source.
+    """
+    shown = {use.index for use in image_uses(document.json)}
     for index, image in enumerate(made["images"]):
         uri = image.get("uri")
         if isinstance(uri, str) and not uris.is_remote(uri):
-            data, kind = stored_image(document, index)
+            try:
+                data, kind = stored_image(document, index)
+            except InputError:
+                if index in shown:
+                    raise
+                continue
             del image["uri"]
             made["bufferViews"].append({"buffer": 0, "byteOffset": binary.add(data), "byteLength": len(data)})
             image |= {"mimeType": kind.mime, "bufferView": len(made["bufferViews"]) - 1}
