@@ -28,6 +28,15 @@ def test_the_primitives_page_quotes_the_docstrings() -> None:
     assert run.returncode == 0, run.stderr
 
 
+def test_pages_install_what_was_tested() -> None:
+    """Every command that installs this folder takes the versions of constraints.txt."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").glob("*/*.md")]
+    commands = [c for page in pages for c in re.findall(r"pip install .*", page.read_text(encoding="utf-8"))]
+    ours = [command for command in commands if re.search(r"[ '\"]\.(\[|\s)", command)]
+    assert len(ours) >= 5
+    assert all(command.startswith("pip install -c constraints.txt ") for command in ours)
+
+
 Script = Callable[..., str]
 
 
