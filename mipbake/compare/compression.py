@@ -131,7 +131,7 @@ class Cost:
         else:
             advice = _advice(_better(container, "bc" if blocks else found.texels), preset)
             if blocks and not found.alone:
-                advice += ", or --packing separate, which gives opacity a file of its own"
+                advice += "; --packing separate gives opacity a file of its own, whose coverage changes less"
         return f"{self.format} changes the {found}, by more than {100 * COVERAGE_LIMIT:g} points: {advice}"
 
 
