@@ -140,7 +140,8 @@ def test_the_sets_are_found_as_they_are_meant(tmp_path: Path) -> None:
                 source = found.sources[role]
                 assert (source.path, source.channels) == (tmp_path / "images" / name, channels)
                 assert not source.inverted
-        assert found.convention.decided_by in ("option", "flat")
+                assert source.reason == "the document says so"
+        assert found.convention.decided_by in ("document", "flat")
     files = sorted(path.name for path in (tmp_path / "images").iterdir())
     assert files == sorted([f"{stem}.png" for stem in STEMS] + [f"made_{i}.png" for i in range(3)])
 

@@ -401,6 +401,18 @@ def test_names_do_not_overrule_the_document(folder: Path) -> None:
     assert not loaded.maps["roughness"].source.inverted
 
 
+def test_the_document_decides_not_an_option(folder: Path) -> None:
+    (folder / "normal.png").rename(folder / "wood_NormalDX.png")
+    body = image("bumps", "vector3", "wood_NormalDX.png") + node(
+        "normalmap", "vectors", "vector3", link("in", "bumps", "vector3")
+    )
+    found = only(document(folder, surface(body, normal="vectors")))
+    loaded = mipbake.load(found.files, found.options)
+    assert loaded.maps["roughness"].source.reason == "the document says so"
+    assert loaded.convention.decided_by == "document"
+    assert any("its name says DirectX, the document says OpenGL" in warning for warning in loaded.warnings)
+
+
 def test_the_alpha_of_a_base_colour_is_no_opacity_unless_it_is_connected(folder: Path) -> None:
     base = image("base", "color3", "rgba.png", 'colorspace="srgb_texture"')
     found = only(document(folder, surface(base, base_color="base")))

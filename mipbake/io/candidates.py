@@ -21,6 +21,7 @@ from mipbake.io.sources import IgnoredFile, Log, spoken
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 OUTVOTED = "another file fills its roles"
+_REASONS = {"option": "chosen by option", "document": "the document says so"}
 
 
 @dataclass(frozen=True)
@@ -157,13 +158,13 @@ def choose(
         if role in options.maps:
             choice = options.maps[role]
             if isinstance(choice, (str, os.PathLike)):
-                chosen[role] = _explicit(role, choice, folder)
+                chosen[role] = _explicit(role, choice, folder, _REASONS[options.origin])
         elif role in candidates:
             chosen[role] = _preferred(role, candidates[role], options, log)
     return chosen
 
 
-def _explicit(role: str, choice: str | os.PathLike[str], folder: Path) -> Candidate:
+def _explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Candidate:
     text = os.fspath(choice)
     file, channels = _existing(text, folder), ""
     if file is None and (match := re.fullmatch(r"(.+):([RGBA]{1,4})", text, re.IGNORECASE)):
@@ -173,10 +174,10 @@ def _explicit(role: str, choice: str | os.PathLike[str], folder: Path) -> Candid
     header = read_header(file)
     if channels:
         _check_channels(role, channels, header)
-        return Candidate(header, Meaning(role, channels), "chosen by option")
+        return Candidate(header, Meaning(role, channels), reason)
     meanings = [m for match in interpretations(file.stem) for m in match.meanings]
     meaning = next((m for m in meanings if m.role == role and _has_channels(header, m)), Meaning(role))
-    return Candidate(header, meaning, "chosen by option")
+    return Candidate(header, meaning, reason)
 
 
 def _existing(text: str, folder: Path) -> Path | None:

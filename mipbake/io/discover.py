@@ -27,7 +27,7 @@ from mipbake.io.normal import (
     is_constant,
     tiles,
 )
-from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
+from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
 from mipbake.io.read import Header, read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
 
@@ -36,6 +36,8 @@ _CONSTANTS: Mapping[str, tuple[float, ...]] = {
     "normal": (0.0, 0.0, 1.0),
     "metallic": (0.0,),
 }
+_TOLD = (*ORIGINS, "name")
+"""What decides a normal convention without a look at pixels."""
 
 
 def discover(path: PathLike | Iterable[PathLike], options: LoadOptions | None = None) -> Discovery:
@@ -50,7 +52,7 @@ def discover(path: PathLike | Iterable[PathLike], options: LoadOptions | None = 
     """
     found = find(path, options or LoadOptions())
     source = found.sources["normal"]
-    if source.path is None or found.convention.decided_by in ("option", "name"):
+    if source.path is None or found.convention.decided_by in _TOLD:
         return found
     stored = taken(source, read_image(source.path))
     parts = tiles(stored)
@@ -68,9 +70,9 @@ def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discove
         return found
     test: Integrability = integrability(vectors)
     label = source.path.name
-    if convention.decided_by in ("option", "name"):
+    if convention.decided_by in _TOLD:
         if test.decided and test.convention != convention.name:
-            origin = "its name says" if convention.decided_by == "name" else "the option says"
+            origin = "its name says" if convention.decided_by == "name" else f"the {convention.decided_by} says"
             warning = (
                 f"{label}: {origin} {spoken(convention.name)}, but the curl of its slopes looks like "
                 f"{spoken(test.convention)} (confidence {test.confidence:.2f})"
@@ -129,7 +131,7 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
     role, header = c.meaning.role, c.header
     channels = c.meaning.channels if len(c.meaning.channels) != 3 else ""
     channels = channels or _natural_channels(role, header)
-    if c.reason == "chosen by option" and c.meaning.channels:
+    if role in options.maps and c.meaning.channels:
         channels = c.meaning.channels
     if len(channels) == 1 and channels == "R" and header.channels - (header.alpha >= 0) == 1:
         channels = "Y"
@@ -226,10 +228,10 @@ def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> Norm
     if options.normal_convention is not None:
         if source.convention not in (None, options.normal_convention):
             log.warnings.append(
-                f"{source.path.name}: its name says {spoken(source.convention)}, the option says "
+                f"{source.path.name}: its name says {spoken(source.convention)}, the {options.origin} says "
                 f"{spoken(options.normal_convention)} and is followed"
             )
-        return NormalConvention(options.normal_convention, "option", 1.0)
+        return NormalConvention(options.normal_convention, options.origin, 1.0)
     if source.convention is not None:
         return NormalConvention(source.convention, "name", 1.0)
     return NormalConvention("opengl", "assumed", 0.0)

@@ -30,6 +30,7 @@ FACTORED_ROLES = ("roughness", "metallic", "normal", "anisotropy", "occlusion", 
 
 NORMAL_CONVENTIONS = ("opengl", "directx")
 NORMAL_LENGTHS = ("ignore", "roughness")
+ORIGINS = ("option", "document")
 WRAP_MODES = ("wrap", "clamp")
 
 
@@ -56,6 +57,7 @@ class LoadOptions:
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
             occlusion, anisotropy (its strength). That of normal scales x and y, before the vectors are made unit.
         alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
+        origin: who says all this, "option" or "document": a glTF or MaterialX file, where the user chose nothing.
     """
 
     maps: Mapping[str, MapChoice] = field(default_factory=dict)
@@ -67,6 +69,7 @@ class LoadOptions:
     name: str | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
     alpha_cutoff: float | None = None
+    origin: str = "option"
 
     def __post_init__(self) -> None:
         """UsageError when a value is none of those listed."""
@@ -74,6 +77,7 @@ class LoadOptions:
             _check_choice(role, choice)
         _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
         _check_member("normal_length", self.normal_length, NORMAL_LENGTHS)
+        _check_member("origin", self.origin, ORIGINS)
         if not isinstance(self.wrap, tuple) or len(self.wrap) != 2:
             raise UsageError(f"wrap is {self.wrap!r}: expected two modes, one for u and one for v")
         for mode in self.wrap:

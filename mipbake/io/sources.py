@@ -56,8 +56,9 @@ class MapSource:
 class NormalConvention:
     """Convention of the source's normal map: "opengl" (green up) or "directx" (green down).
 
-    `decided_by` is "option", "name", "pixels" (the integrability test), "assumed" (the test could not tell) or "flat"
-    (there is nothing to tell); `confidence` is that of the test, and 1 where no test was needed.
+    `decided_by` is "option", "document" (glTF and MaterialX say it), "name", "pixels" (the integrability test),
+    "assumed" (the test could not tell) or "flat" (there is nothing to tell); `confidence` is that of the test, and 1
+    where no test was needed.
     """
 
     name: str

@@ -309,6 +309,7 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
         name=name,
         factors=factors,
         alpha_cutoff=first.cutoff,
+        origin="document",
     )
     slots = [s for s in (BASE_COLOUR,) if s in first.slots] + [METALLIC_ROUGHNESS, NORMAL, ANISOTROPIC]
     indices = tuple(m.index for m in materials)

@@ -231,6 +231,7 @@ def read_roles(sources: Sources, where: str, log: Log) -> Filled:
         wrap=_wrap(reading, log),
         factors=reading.factors,
         alpha_cutoff=cutoff,
+        origin="document",
     )
     return Filled(options, reading.textures)
 
