@@ -14,12 +14,12 @@ from mipbake import UsageError
 from mipbake.adjust import Adjustments
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.cli import options
-from mipbake.cli.bake_sets import Asked, bake_all
+from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.compare.compression import LIMIT
-from mipbake.glb import GLB
-from mipbake.intake import jobs
+from mipbake.glb import GLB, output
+from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.uastc import check_encoder
@@ -184,10 +184,11 @@ def bake(
         raise UsageError(f"the target {target} does not go with {what}: expected gltf or gltf-anisotropic")
     if glb or any(output.container.texels == "uastc" for output in outputs):
         check_encoder()
-    if chosen_preset:
-        session.print(*_preset_lines(chosen_preset, target, outputs))
     with tempfile.TemporaryDirectory() as scratch:
-        results = bake_all(session, jobs(sources, load, Path(scratch)), out, asked)
+        found = jobs(sources, load, Path(scratch))
+        if chosen_preset:
+            session.print(*_preset_lines(chosen_preset, asked, [job for job in found if isinstance(job, Job)]))
+        results = bake_all(session, found, out, asked)
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
@@ -223,14 +224,17 @@ def _outputs(
     return outputs, glb
 
 
-def _preset_lines(preset: Preset, target: str, outputs: tuple[Output, ...]) -> list[str]:
-    """What a preset chose, and what to mind."""
-    files = "; ".join(
+def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
+    """What a preset chose of what is written for these sources, and what to mind."""
+    outputs = asked.outputs if any(writes_maps(job, asked) for job in found) else ()
+    files = [
         f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
         for o in outputs
-    )
+    ]
+    files += [f"{GLB} with {output().format} in it"] if any(wants_glb(job, asked) for job in found) else []
+    written = f", {'; '.join(files)}" if files else ""
     return [
-        f"preset {preset.name} for {preset.engine}: target {target}, {files}",
+        f"preset {preset.name} for {preset.engine}: target {asked.target}{written}",
         *(f"in the engine: {note}" for note in preset.notes),
     ]
 

@@ -61,7 +61,7 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
     broken = {job.source for job in found if isinstance(job, Failure)}
     for jobs in _together(found):
         job = jobs[0]
-        if isinstance(job, Job) and job.document and job.source in broken and not _writes_maps(job, asked):
+        if isinstance(job, Job) and job.document and job.source in broken and not writes_maps(job, asked):
             made[job.source] = []  # its GLB, all that it is baked for, will not be written
             continue
         try:
@@ -118,7 +118,7 @@ def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
     """Documents whose GLB would lack an image that is not baked, found before anything is."""
     bakes: dict[Document, list[GltfBake]] = {}
     for job in found:
-        if isinstance(job, Job) and job.document is not None and job.bake is not None and _wants_glb(job, asked):
+        if isinstance(job, Job) and job.document is not None and job.bake is not None and wants_glb(job, asked):
             bakes.setdefault(job.document, []).append(job.bake)
     broken = {job.source for job in found if isinstance(job, Failure)}
     lost = []
@@ -186,7 +186,7 @@ def _bake_one(
         check_output(place / (name_with(found.name, tile) if tile else found.name), file_hashes(found))
     with stages(session, job.source.name) as reading:
         reading("read", 0.0)
-        read = job.read(multiple_of_side) if _wants_glb(job, asked) else job.read()
+        read = job.read(multiple_of_side) if wants_glb(job, asked) else job.read()
         reading("read", 1.0)
     for texture_set in read.sets.values():
         check_output(place / texture_set.name, file_hashes(texture_set))
@@ -211,11 +211,12 @@ def _bake_one(
         ]
 
 
-def _wants_glb(job: Job, asked: Asked) -> bool:
+def wants_glb(job: Job, asked: Asked) -> bool:
+    """Whether a GLB is written."""
     return asked.glb or (asked.documents and job.document is not None)
 
 
-def _writes_maps(job: Job, asked: Asked) -> bool:
+def writes_maps(job: Job, asked: Asked) -> bool:
     """Whether files of maps are written, not a document alone."""
     return bool(asked.outputs) and not (asked.documents and job.document is not None)
 
@@ -233,11 +234,11 @@ def _write_one(
     """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
     place = folder / texture_set.name
     seen = shown(texture_set)
-    asked_for = asked.outputs if _writes_maps(job, asked) else ()
+    asked_for = asked.outputs if writes_maps(job, asked) else ()
     outputs = chosen_all(seen, stack, asked_for, partial(baking, "texels"))
     beside, costs = {}, []
     left_out: tuple[str, ...] = ()
-    if _wants_glb(job, asked):
+    if wants_glb(job, asked):
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None

@@ -219,6 +219,14 @@ def test_a_missing_image_that_nothing_shows_stays_an_address(tmp_path) -> None:
     assert {"uri": "gone.png", "name": "spare"} in written["images"]
 
 
+def test_a_preset_announces_what_is_written(tmp_path) -> None:
+    source, folder = small().write(tmp_path / "bolt"), write_set(tmp_path / "metal")
+    code, said = run("bake", source, "-o", tmp_path / "one", "--preset", "three", *LINEAR)
+    assert code == 0 and "target auto, glb with ktx2:uastc in it" in said and "packing orm" not in said
+    code, said = run("bake", source, folder, "-o", tmp_path / "two", "--preset", "three", *LINEAR)
+    assert code == 0 and "ktx2:uastc, packing orm, normals opengl; glb with ktx2:uastc in it" in said
+
+
 def test_one_broken_source_does_not_stop_others(tmp_path, capsys) -> None:
     (tmp_path / "broken.glb").write_bytes(b"glTF" + bytes(20))
     good = small().write(tmp_path / "bolt")
