@@ -24,7 +24,7 @@ from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
-from mipbake.io.publish import replaced_file
+from mipbake.io.publish import check_target, replaced_file
 from mipbake.output import Output
 from mipbake.packing import Normals
 from mipbake.stack import MipStack
@@ -150,8 +150,10 @@ def save_document(path: Path, document: Document, results: Sequence[tuple[GltfBa
 
 
 def check_file(path: Path, source: Path) -> None:
-    """OutputError where a GLB cannot be written to a path: it is the source, or a file that mipbake did not make."""
+    """OutputError where a GLB cannot be written to a path: its folder does not let it, it is the source, or a file that
+    mipbake did not make."""
     if not path.exists():
+        check_target(path, lambda _: False)
         return
     if path.resolve() == source.resolve():
         raise OutputError(f"cannot write {path}: it is what is read, choose another output folder")

@@ -172,6 +172,15 @@ def test_the_source_is_not_overwritten(tmp_path, capsys) -> None:
     assert source.read_bytes() == before and tree(tmp_path) == ["bolt.glb"]
 
 
+@pytest.mark.parametrize("formats", ["png", "glb"])
+def test_a_folder_that_is_a_link_to_nothing_is_found_first(tmp_path, capsys, formats) -> None:
+    source, out = small().write(tmp_path / "bolt"), tmp_path / "out"
+    out.symlink_to(tmp_path / "nothing")
+    said = fails(capsys, 4, "bake", source, "-o", out, "--format", formats, *LINEAR)
+    assert f"{out} is a link to nothing" in said
+    assert tree(tmp_path) == ["bolt.glb", "out"]
+
+
 def broken_document(folder: Path) -> Path:
     """Two materials; the pixels of one normal map end early."""
     whole = png("normal broken")

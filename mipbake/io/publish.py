@@ -35,8 +35,12 @@ def check_target(target: Path, is_ours: IsOurs) -> None:
 
 
 def _check_existing(target: Path, is_ours: IsOurs) -> None:
-    if target.is_symlink() and not target.exists():
-        raise OutputError(f"cannot write to {target}: it is a link to nothing, remove it or choose another folder")
+    for each in (target, *target.parents):
+        if each.is_symlink() and not each.exists():
+            what = "it" if each == target else each
+            raise OutputError(
+                f"cannot write to {target}: {what} is a link to nothing, remove it or choose another folder"
+            )
     if target.exists():
         if not target.is_dir():
             raise OutputError(f"cannot write to {target}: it is a file, choose another folder")
