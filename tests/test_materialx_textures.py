@@ -148,6 +148,13 @@ def test_includes_are_followed_once(folder: Path) -> None:
     assert any("more.mtlx" in n and "not followed" in n for n in found.notes)
 
 
+def test_no_document_is_included_twice(folder: Path) -> None:
+    """Nor by itself: every material would come again."""
+    document(folder, surface(), XI, "parts.mtlx")
+    twice = '<xi:include href="parts.mtlx"/><xi:include href="./parts.mtlx"/><xi:include href="main.mtlx"/>'
+    only(document(folder, twice, XI, "main.mtlx"))
+
+
 @pytest.mark.parametrize("href", ["none.mtlx", "", "/etc/hosts", "https://example.org/a.mtlx"])
 def test_includes_that_cannot_be_followed_are_refused(folder: Path, href: str) -> None:
     with pytest.raises(InputError, match="includes"):

@@ -177,30 +177,35 @@ class Document:
 
 
 def read_document(path: Path) -> Document:
-    """A MaterialX document with the documents that it includes, one level deep.
+    """A MaterialX document with the documents that it includes, one level deep, each once.
 
     Raises:
         InputError: it cannot be read, is too large or no MaterialX of 1.38 or 1.39, or an include is missing.
     """
     root = _parsed(path)
     document = Document(path, root)
+    read = {path.resolve()}
     for include in [e for e in root if e.tag == _INCLUDE]:
         at = list(root).index(include)
         root.remove(include)
-        inside = _included(document, include.get("href", ""))
+        inside = _included(document, include.get("href", ""), read)
         root[at:at] = inside
     document.parents.update((child, parent) for parent in root.iter() for child in parent)
     return document
 
 
-def _included(document: Document, href: str) -> list[Element]:
-    """The elements of an included document, which keep its folder, prefix and colour space."""
+def _included(document: Document, href: str, read: set[Path]) -> list[Element]:
+    """The elements of an included document, which keep its folder, prefix and colour space; none where it was `read`
+    before."""
     name = href.replace("\\", "/")
     path = document.path.parent / name
     if not name or "://" in name or Path(name).is_absolute():
         raise InputError(f"{document.path} includes {href!r}: expected the relative path of a .mtlx file")
     if not path.is_file():
         raise InputError(f"{document.path} includes {href}, which is not there: expected {path}")
+    if path.resolve() in read:
+        return []
+    read.add(path.resolve())
     inner = _parsed(path)
     document.notes.append(f"{document.path.name}: includes {href}")
     elements = []
