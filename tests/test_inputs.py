@@ -44,6 +44,17 @@ def test_a_glob_that_finds_nothing_is_refused(tmp_path: Path) -> None:
         expand([f"{tmp_path}/*.png"])
 
 
+def test_a_glob_passes_over_what_is_no_input(tmp_path: Path) -> None:
+    """Not over folders that are empty or hold folders: a set that was forgotten would be missed."""
+    touch(tmp_path, "README.md", "make.py", "code/a.py", "code/more/b.png", "docs/.b.png", "docs/a.md")
+    image, document, *_ = touch(tmp_path, "n.png", "a.GLB", "set/a.png", "set/a.txt", "deep/set/a.png", "b/Textures/x")
+    (tmp_path / "empty").mkdir()
+    wanted = [tmp_path / name for name in ("b", "deep", "empty", "set")]
+    assert expand([f"{tmp_path}/*"]) == sorted([image, document, *wanted])
+    with pytest.raises(InputError, match=r"matches .*README\.md and nothing to bake"):
+        expand([f"{tmp_path}/*.md"])
+
+
 def test_an_empty_name_is_not_the_working_directory() -> None:
     """As a variable of a shell leaves that is not set."""
     with pytest.raises(InputError, match="a source has no name"):

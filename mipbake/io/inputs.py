@@ -18,13 +18,15 @@ Kind = Literal["folder", "udim", "gltf", "materialx", "file"]
 
 LIST_MARK = "@"
 
+_GLTF, _MATERIALX = (".gltf", ".glb"), ".mtlx"
+
 
 def expand(sources: Sequence[str]) -> list[Path]:
     """The inputs that arguments stand for, in their order, each once.
 
     An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds one a line, relative to its
     folder, without empty lines and those that start with #. An argument or a line that exists nowhere and holds *, ?
-    or [ is a glob: what it finds, sorted; ** crosses folders.
+    or [ is a glob: what it finds that could be an input, sorted; ** crosses folders.
 
     Raises:
         InputError: an empty name, a list that cannot be read or is empty, or a glob that finds nothing.
@@ -55,9 +57,9 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         what = "is neither a file nor a folder" if path.exists() else "does not exist"
         raise InputError(f"{path} {what}: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
     suffix = path.suffix.lower()
-    if suffix in (".gltf", ".glb"):
+    if suffix in _GLTF:
         return "gltf"
-    if suffix == ".mtlx":
+    if suffix == _MATERIALX:
         return "materialx"
     if suffix in IMAGE_SUFFIXES:
         return "file"
@@ -88,10 +90,28 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
         return [path]
     # The folder of a list may hold brackets itself: only the entry is a pattern.
     root = "" if folder == Path() else glob.escape(str(folder))
-    matches = sorted(glob.glob(os.path.join(root, entry), recursive=True))  # noqa: PTH118, PTH207
+    matches = [Path(match) for match in sorted(glob.glob(os.path.join(root, entry), recursive=True))]  # noqa: PTH118, PTH207
     if not matches:
         raise InputError(f"{path} matches nothing: check the pattern, or quote a name that holds *, ? or [")
-    return [Path(match) for match in matches]
+    found = [match for match in matches if _could_be_input(match)]
+    if not found:
+        raise InputError(
+            f"{path} matches {matches[0]} and nothing to bake: expected folders of maps, documents or maps"
+        )
+    return found
+
+
+def _could_be_input(path: Path) -> bool:
+    """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
+    if not path.is_dir():
+        return path.suffix.lower() in (*_GLTF, _MATERIALX, *IMAGE_SUFFIXES)
+    try:
+        inside = list(path.iterdir())
+    except OSError:  # its turn will say what is wrong
+        return True
+    textures = any(p.is_dir() and p.name.lower() == "textures" for p in inside)
+    files = [p for p in inside if p.is_file() and not p.name.startswith(".")]
+    return textures or not files or any(p.suffix.lower() in IMAGE_SUFFIXES for p in files)
 
 
 def _holds_tiles(folder: Path) -> bool:
