@@ -12,6 +12,7 @@ from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
 from mipbake.io.inputs import expand, kind
+from mipbake.io.messages import listed
 from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
 from mipbake.io.safe_names import safe_name
@@ -176,7 +177,7 @@ def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> list[Job]
     """A job for every group of tiles that touch."""
     found = tiles_of(files) if not is_pattern(path) else _by_pattern(path)
     shared = [file for file in files if not any(file in several for several in found.values())]
-    notes = (f"{len(found)} UDIM tiles: {', '.join(str(tile) for tile in found)}",)
+    notes = (f"{len(found)} UDIM tiles: {listed(found)}",)
     warnings = tuple(f"{file.name} is no tile: left out" for file in shared if not is_pattern(path))
     made = []
     for group in islands(found):

@@ -14,6 +14,7 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import TextureMap, resized, unit_directions
+from mipbake.io.messages import listed
 from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
 from mipbake.io.sources import DATA, MapSource, NormalConvention, spoken
@@ -251,8 +252,7 @@ def _common(sentences: Mapping[int, Iterable[str]]) -> list[str]:
         for sentence in dict.fromkeys(several):
             said.setdefault(sentence, []).append(tile)
     return [
-        sentence if len(tiles) == len(sentences) else f"{', '.join(str(t) for t in tiles)}: {sentence}"
-        for sentence, tiles in said.items()
+        sentence if len(tiles) == len(sentences) else f"{listed(tiles)}: {sentence}" for sentence, tiles in said.items()
     ]
 
 
@@ -280,7 +280,7 @@ def _convention_warnings(sets: Mapping[int, TextureSet]) -> list[str]:
             by_name.setdefault(convention.name, []).append(str(tile))
     if len(by_name) < 2:
         return []
-    told = " and ".join(f"{', '.join(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
+    told = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
     return [f"normal maps of one set were read differently, {told}: set the normal convention"]
 
 

@@ -127,6 +127,14 @@ def test_every_material_with_something_to_bake_is_in_one_bake(kind: str, tmp_pat
     assert not any(bake.warnings for bake in found.bakes)
 
 
+def test_of_many_materials_a_note_names_a_few(tmp_path: Path) -> None:
+    made = simple()
+    for index in range(200):
+        made.material(f"m{index}", normalTexture={"index": 0})
+    (note,) = [n for bake in materials_of(made, tmp_path).bakes for n in bake.notes if "share these textures" in n]
+    assert note.startswith("material 0 (Simple), material 1 (m0)") and "(m2) and 197 more share" in note
+
+
 def test_the_sets_are_found_as_they_are_meant(tmp_path: Path) -> None:
     """Through the discovery that loads them: paths, channels and what is left over."""
     made = many_materials()

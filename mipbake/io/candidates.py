@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
+from mipbake.io.messages import listed
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
 from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
@@ -65,10 +66,9 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
     if not files:
         folders = sorted(d for d in folder.iterdir() if d.is_dir() and not d.name.startswith("."))
         if folders:
-            more = f" and {len(folders) - 4} more" if len(folders) > 4 else ""
             raise InputError(
                 f"{folder} holds folders but no files: expected the maps of one texture set, did you mean "
-                f"{', '.join(str(d) for d in folders[:4])}{more}?"
+                f"{listed(folders)}?"
             )
         raise InputError(f"{folder} is empty: expected the maps of one texture set")
     return _name_of(folder), folder, files

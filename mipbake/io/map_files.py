@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, OutputError
 from mipbake.io.containers import Container
 from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
+from mipbake.io.messages import listed
 from mipbake.io.publish import IsOurs, published
 
 _BLOCK = 1 << 18  # texels
@@ -200,15 +201,10 @@ def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[st
         return
     target = manifests[0].parent
     raise OutputError(
-        f"cannot write to {target}: it holds the {what} {_listed(names)!r} of other source files "
-        f"({_listed(earlier)}) than those to be read now; choose another output folder, or "
+        f"cannot write to {target}: it holds the {what} {listed(names)!r} of other source files "
+        f"({listed(earlier)}) than those to be read now; choose another output folder, or "
         f"remove {target} if it is no longer needed"
     )
-
-
-def _listed(names: Iterable[str]) -> str:
-    names = list(names)
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def _formula(encoding: str, srgb: bool) -> str:

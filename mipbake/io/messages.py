@@ -1,14 +1,20 @@
-"""Making one sentence of what a library says."""
+"""Making one short sentence of what there is to say."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 
 def one_line(message: str, otherwise: str = "no reason given") -> str:
     """The first line of an error message, without the full stop; `otherwise` where there is none."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     return lines[0].rstrip(".") if lines else otherwise
+
+
+def listed(names: Iterable[object]) -> str:
+    """The first four names, and how many more there are."""
+    every = [str(name) for name in names]
+    return ", ".join(every[:4]) + (f" and {len(every) - 4} more" if len(every) > 4 else "")
 
 
 def told_by(geterror: Callable[[], str]) -> str:

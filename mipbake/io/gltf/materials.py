@@ -24,6 +24,7 @@ from mipbake.io.gltf.slots import (
     Slot,
     slot_of,
 )
+from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions, MapChoice
 from mipbake.io.safe_names import unique_name
 
@@ -135,7 +136,7 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
             bakes.append(_bake(document, materials, images, names))
         except InputError as error:
             broken.setdefault(str(error), []).extend(material.name for material in materials)
-    errors = tuple(f"{reason} ({_several(labels)} cannot be baked)" for reason, labels in broken.items())
+    errors = tuple(f"{reason} ({listed(labels)} cannot be baked)" for reason, labels in broken.items())
     if not bakes and errors:
         raise InputError(errors[0] + (f"; {len(errors) - 1} more are broken in other ways" if errors[1:] else ""))
     if not bakes:
@@ -146,10 +147,6 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
             "a metallicRoughness texture"
         )
     return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings), errors)
-
-
-def _several(labels: Sequence[str]) -> str:
-    return ", ".join(labels[:4]) + (f" and {len(labels) - 4} more" if len(labels) > 4 else "")
 
 
 def _label(index: int, material: Json) -> str:
@@ -299,7 +296,7 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
         shown = ", ".join(f"{role} {value:g}" for role, value in factors.items())
         notes.append(f"factors of the material are baked into the textures and become 1 there: {shown}")
     if len(materials) > 1:
-        notes.append(f"{', '.join(m.name for m in materials)} share these textures, which are baked once")
+        notes.append(f"{listed(m.name for m in materials)} share these textures, which are baked once")
     name = unique_name(document.all("materials")[first.index].get("name"), f"material_{first.index}", names)
     options = LoadOptions(
         maps=maps,
