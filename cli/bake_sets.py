@@ -23,7 +23,6 @@ from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.write import check_images
 from mipbake.io.publish import published
-from mipbake.io.tiles import name_with, name_without
 from mipbake.opacity import shown
 from mipbake.output import Output, check_outputs
 from mipbake.presets import Preset
@@ -85,18 +84,17 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
 
 def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
     """What is written together: the groups of tiles of one set; everything else is alone."""
-    for (_, tiled), several in groupby(found, lambda job: (_tiles_of(job), isinstance(job, Job) and job.tiled)):
+    for (_, tiled), several in groupby(found, lambda job: (_set_of_tiles(job), isinstance(job, Job) and job.tiled)):
         jobs = list(several)
         yield from [jobs] if tiled else ([job] for job in jobs)
 
 
-def _tiles_of(job: Job | Failure) -> tuple[Path, str]:
+def _set_of_tiles(job: Job | Failure) -> tuple[Path, str]:
     """Source and name of a set of tiles, the same for all its groups."""
     if isinstance(job, Failure) or not job.tiled:
         return job.source, ""
-    tile, part = next(iter(job.parts.items()))
     try:
-        return job.source, name_without(part.find().name, tile)
+        return job.source, next(iter(job.parts.values())).find().name
     except (InputError, UsageError):  # its turn will say what is wrong
         return job.source, ""
 
@@ -140,7 +138,7 @@ def _all_names(jobs: Sequence[Job]) -> list[tuple[str, Path]]:
 def _names(job: Job) -> list[tuple[str, Path]]:
     """Where a job's stacks go, and where they come from; nothing where its turn will say what is wrong."""
     try:
-        names = [name_without(f.name, tile) if tile else f.name for tile, f in job.found().items()]
+        names = [found.name for found in job.found().values()]
     except (InputError, UsageError):
         return []
     return [(str(Path(job.place) / name), job.source) for name in dict.fromkeys(names)]
@@ -148,7 +146,7 @@ def _names(job: Job) -> list[tuple[str, Path]]:
 
 def _bake_tiles(session: Session, jobs: Sequence[Job], out: Path, asked: Asked) -> list[dict[str, Any]]:
     """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
-    target = out / _tiles_of(jobs[0])[1]
+    target = out / _set_of_tiles(jobs[0])[1]
     found = [each for job in jobs for each in job.found().values()]
     check_output(target, {name: told for each in found for name, told in file_hashes(each).items()})
     with published(target, is_stack_folder) as folder:
@@ -182,8 +180,8 @@ def _bake_one(
 
     `place`: the folder that their folders are written into.
     """
-    for tile, found in job.found().items():
-        check_output(place / (name_with(found.name, tile) if tile else found.name), file_hashes(found))
+    for found in [] if job.tiled else job.found().values():
+        check_output(place / found.name, file_hashes(found))
     with stages(session, job.source.name) as reading:
         reading("read", 0.0)
         read = job.read(multiple_of_side) if wants_glb(job, asked) else job.read()

@@ -17,7 +17,7 @@ from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
 from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import Discovery
-from mipbake.io.tiles import is_pattern, name_with, pattern_files, tile_options, tiles_of
+from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of
 from mipbake.packing import source_files
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet, load
@@ -76,12 +76,10 @@ class Job:
         if list(self.parts) == [0]:
             alone = change(self.parts[0].load())
             return Read({0: alone}, alone)
-        named = {}
-        for tile, part in self.parts.items():
-            each = _of_tile(tile, part.load)
-            # Its borders meet other tiles, not its own other side.
-            named[tile] = change(replace(each, name=name_with(each.name, tile), wrap=CLAMPED))
-        mosaic = joined(named)
+        # Their borders meet other tiles, not their own other sides.
+        sets = {tile: change(replace(_of_tile(tile, p.load), wrap=CLAMPED)) for tile, p in self.parts.items()}
+        mosaic = joined(sets)
+        named = {tile: replace(each, name=mosaic.tiles[tile].name) for tile, each in sets.items()}
         return Read(named, mosaic.texture_set, mosaic)
 
 

@@ -122,9 +122,11 @@ def planned(
 
 
 def _name(output: Output, set_name: str, packed: FileLayout, tile: int) -> str:
-    without = name_without(set_name, tile) if tile else set_name
-    name = output.naming.format(set=without, file=output.names.get(packed.name, packed.name))
-    return name if not tile or names_tile(name, tile) else f"{name}.{tile}"
+    file = output.names.get(packed.name, packed.name)
+    if not tile:
+        return output.naming.format(set=set_name, file=file)
+    name = output.naming.format(set=name_without(set_name, tile), file=file)
+    return name if names_tile(file, tile) else f"{name}.{tile}"
 
 
 def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Container:

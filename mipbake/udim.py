@@ -18,7 +18,7 @@ from mipbake.io.messages import listed
 from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
 from mipbake.io.sources import DATA, MapSource, NormalConvention, spoken
-from mipbake.io.tiles import FIRST, LAST, place, tile_options, tiles_of
+from mipbake.io.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
 from mipbake.opacity import keeping_coverage
 from mipbake.prefilter.fill import fill
 from mipbake.prefilter.pixel_filter import level_sizes
@@ -203,9 +203,8 @@ def _neighbours(tile: int, among: set[int]) -> list[int]:
 
 
 def _tile(number: int, texture_set: TextureSet, cell: tuple[int, int]) -> Tile:
-    name = texture_set.name if str(number) in texture_set.name else f"{texture_set.name}_{number}"
     sources = {m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path}
-    return Tile(name, *cell, tuple(texture_set.plain_maps), sources)
+    return Tile(name_with(texture_set.name, number), *cell, tuple(texture_set.plain_maps), sources)
 
 
 def _mosaic_map(

@@ -60,6 +60,13 @@ def test_names_of_presets_end_with_the_tile(tmp_path) -> None:
     assert names == {f"rock_{r}.{t}.tx" for r in roles for t in TILES} | {f"stack.{t}.json" for t in TILES}
 
 
+def test_a_folder_that_is_called_like_a_tile(tmp_path) -> None:
+    assert bake(tiles(tmp_path / "rock_1002"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
+    (folder,) = (tmp_path / "out").iterdir()
+    assert folder.name == "rock_1002"
+    assert {p.name for p in folder.glob("*normal*")} == {f"rock_1002_normal.{tile}.tx" for tile in TILES}
+
+
 def test_tiles_as_mudbox_counts_them(tmp_path) -> None:
     folder = tiles(tmp_path / "rock")
     for path in list(folder.iterdir()):

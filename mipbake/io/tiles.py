@@ -126,12 +126,12 @@ def names_tile(name: str, tile: int) -> bool:
 
 def name_with(name: str, tile: int) -> str:
     """What the set of a tile is called."""
-    return name if name.endswith(f"_{tile}") else f"{name}_{tile}"
+    return f"{name}_{tile}"
 
 
 def name_without(name: str, tile: int) -> str:
     """What the set of all tiles is called, from that of one."""
-    return name.removesuffix(f"_{tile}") or name
+    return name.removesuffix(f"_{tile}")
 
 
 def _tile_named(text: str) -> int | None:
