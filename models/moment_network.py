@@ -46,7 +46,7 @@ _STEP = 0.1
 """Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
 
 _FIRST_GUESS = 0.7
-"""Share of `unreal`'s widening that an untrained network applies."""
+"""Share of `to_widened` that an untrained network applies."""
 
 _CAUTION = 2.0  # logarithm of how much an untrained network prefers all texels to the bright ones
 _DECISION = 5.0
@@ -238,7 +238,7 @@ def _more(detail: Tensor, crisp: Tensor) -> Tensor:
 def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
     """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers, and by (..., 7) that are added."""
     kept, tall, upward = _choice(out[..., 14:16])
-    change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_unreal + out[..., 2:3] * found.to_geometric
+    change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_widened + out[..., 2:3] * found.to_geometric
     change = kept * (change + out[..., 3:4] * found.to_quartic) + tall * found.to_tall + upward * found.to_upward
     freedom = kept * found.freedom + tall * found.tall_freedom + upward * found.upward_freedom
     change = change + freedom * out[..., 4:5].tanh()

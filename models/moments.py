@@ -68,8 +68,11 @@ class Statistics:
         base, metallic, roughness: averages, 3, 1 and 1, cut to [0, 1].
         log_roughness: of the roughness that is shaded, 1.
         normal: x and y of the mean normal, normalised.
-        to_lean, to_unreal, to_geometric, to_quartic: by how much the logarithm of roughness is greater in `lean`, in
-            `unreal`, for the mean of ln roughness, and for the mean of alpha^2; 1 each. 0 on a constant material.
+        to_lean, to_geometric, to_quartic: by how much the logarithm of roughness is greater in `lean`, for the mean of
+            ln roughness, and for the mean of alpha^2; 1 each. 0 on a constant material.
+        to_widened: the same for alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v) with v = (1 - r) / r and r the
+            length of the mean normal, 1. The released weights were trained with this form of `unreal`, which that rule
+            had before it followed the engine: it is narrower where alpha is near 1.
         lean_normal: that of the mean slope minus `normal`, 2.
         spread: variance of the unit normals, 1 - |mean|^2, 1.
         metallic_variance: 1. metallic_colour: covariance of metallic and base colour, 3.
@@ -88,7 +91,7 @@ class Statistics:
     log_roughness: Tensor
     normal: Tensor
     to_lean: Tensor
-    to_unreal: Tensor
+    to_widened: Tensor
     to_geometric: Tensor
     to_quartic: Tensor
     lean_normal: Tensor
@@ -113,7 +116,7 @@ class Statistics:
         offsets = (self.tall_normal, self.to_tall), (self.upward_normal, self.to_upward)  # in widths of the lobes
         parts = [
             4 * self.to_lean,
-            4 * self.to_unreal,
+            4 * self.to_widened,
             4 * self.to_geometric,
             4 * self.to_quartic,
             self.log_roughness + 0.8,
@@ -154,9 +157,9 @@ def statistics(means: Tensor) -> Statistics:
     length = (1 - spread).clamp(min=1e-6).sqrt()
     concentration = (1 - length) / length
     alpha2 = shaded**4
-    unreal = (alpha2 + 2 * concentration * (1 - alpha2)) / (1 + 2 * concentration)
+    widened = (alpha2 + 2 * concentration * (1 - alpha2)) / (1 + 2 * concentration)
     to_lean = (quartic + slopes).clamp(max=1).log() / 4 - log_roughness
-    to_unreal = unreal.log() / 4 - log_roughness
+    to_widened = widened.log() / 4 - log_roughness
     to_geometric = (means[..., 14:15].clamp(_MIN_LOG, 0) - log_roughness).clamp(-2, 0.5)
     lean_normal = _leaning(slope) - normal
     # By Jensen's inequality; kernels with negative lobes break it.
@@ -166,8 +169,8 @@ def statistics(means: Tensor) -> Statistics:
     upward_slope, upward_variance = _among(upward, means[..., 24:26], means[..., 26:27], slope, slopes)
     upward_alpha2 = (means[..., 27:28] / upward).clamp(_MIN_ALPHA2, 1)
     metallic_variance = (means[..., 18:19] - metallic * metallic).clamp(0, 1)
-    # `unreal` narrows what is as rough as can be.
-    differing = (to_lean.clamp(min=0) + to_unreal - to_geometric.clamp(max=0)).clamp(min=0)
+    # `to_widened` narrows what is as rough as can be.
+    differing = (to_lean.clamp(min=0) + to_widened - to_geometric.clamp(max=0)).clamp(min=0)
     return Statistics(
         base=base,
         metallic=metallic,
@@ -175,7 +178,7 @@ def statistics(means: Tensor) -> Statistics:
         log_roughness=log_roughness,
         normal=normal,
         to_lean=to_lean,
-        to_unreal=to_unreal,
+        to_widened=to_widened,
         to_geometric=to_geometric,
         to_quartic=quartic.log() / 4 - log_roughness,
         lean_normal=lean_normal,

@@ -246,11 +246,11 @@ def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
 
 
 def test_what_may_change_is_a_share() -> None:
-    """Also of a surface as rough as can be with steep normals, which `unreal` would make less rough."""
+    """Also of a surface as rough as can be with steep normals, which `to_widened` makes less rough."""
     stored = torch.from_numpy(bumpy(16, 16, 11))
     stored[..., 4] = 1.0
     found = statistics(moments(stored).mean((0, 1)))
-    assert float(found.to_unreal) < 0
+    assert float(found.to_widened) < 0
     for freedom in (found.freedom, found.tall_freedom, found.upward_freedom):
         assert 0 <= float(freedom) <= 1
 

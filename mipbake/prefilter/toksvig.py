@@ -23,10 +23,10 @@ def excess(variance: Array) -> Array:
     return variance / (r * (1 + r))
 
 
-def _widened(alpha2: Array, variance: Array) -> Array:
-    """alpha'^2, from alpha^2 (unchanged from 1 on, where s ends) and 1 - r^2."""
-    added = 2 * excess(variance) * np.maximum(1 - alpha2, 0)
-    return (alpha2 + added) / np.where(alpha2 < 1, 1 + added, 1)
+def widened(alpha2: Array, v: Array) -> Array:
+    """alpha'^2 from alpha^2 (unchanged from 1 on, where s ends) and v = (1 - r) / r; any shape."""
+    added = 2 * v * np.maximum(1 - alpha2, 0)
+    return np.asarray((alpha2 + added) / np.where(alpha2 < 1, 1 + added, 1))
 
 
 TOKSVIG = RoughnessRule(
@@ -34,5 +34,5 @@ TOKSVIG = RoughnessRule(
     summary="averages, roughness widened by the length of the average normal (Toksvig)",
     averaged=lambda alpha2: alpha2,
     restored=lambda alpha2: alpha2,
-    widened=_widened,
+    widened=lambda alpha2, variance: widened(alpha2, excess(variance)),
 )

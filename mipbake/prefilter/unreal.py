@@ -1,8 +1,8 @@
 """`unreal`: after Unreal Engine's composite textures (normal map into roughness), with a dead zone.
 
-With r = |mean unit normal| and v = max(0, (1 - r) / r - 4e-5): alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v), as
-docs/conventions.md has it. The engine itself divides by 1 + 2 v (1 - alpha^2), as Toksvig's rule does. For glossy
-materials the two are the same; the rule here takes a little roughness from materials of alpha^2 above 1/2.
+With r = |mean unit normal| and v = max(0, (1 - r) / r - 4e-5):
+alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v (1 - alpha^2)), as the engine computes it. This is Toksvig's rule with
+a dead zone. The engine takes another alpha than `toksvig` does, and blurs the normals of level 0.
 
 alpha comes from the mean of the stored perceptual roughness, as the engine's texture has it. (For anisotropic materials
 that is the tensor S^(1/4), averaged.)
@@ -18,14 +18,13 @@ from __future__ import annotations
 import numpy as np
 
 from mipbake.prefilter.closed_form import Array, RoughnessRule
-from mipbake.prefilter.toksvig import excess
+from mipbake.prefilter.toksvig import excess, widened
 
 _DEAD_ZONE = 4e-5
 
 
 def _widened(alpha2: Array, variance: Array) -> Array:
-    v = np.maximum(excess(variance) - _DEAD_ZONE, 0)
-    return np.asarray((alpha2 + 2 * v * np.maximum(1 - alpha2, 0)) / np.where(alpha2 < 1, 1 + 2 * v, 1))
+    return widened(alpha2, np.maximum(excess(variance) - _DEAD_ZONE, 0))
 
 
 UNREAL = RoughnessRule(
