@@ -20,8 +20,8 @@ PAGE = Path(__file__).resolve().parent / "results.md"
 _INTRODUCTION = """\
 Every method on {sets} real texture sets that training never saw (those of the README), isotropic glTF target, Gaussian
 pixel filter; [validation](validation.md) says what each figure means. {weights}Made by `benchmarks/results.py` and
-`docs/make_results_page.py`; nothing here is typed in. In texture space {points} pixels a level of detail, 64 pairs of
-each kind and {samples} samples a pixel in each of two estimates; renders are spheres of {side} x {side} pixels. Of
+`docs/make_results_page.py`; nothing here is typed in. In texture space {points} pixels a level of detail, 1,024 pairs
+of each kind and {samples} samples a pixel in each of two estimates; renders are spheres of {side} x {side} pixels. Of
 their {scenes} references {converged} reached a standard error of a tenth of the best candidate's error with {passes}
 samples a pixel; the noise of the others counts as error in every measure of a render but SNR.
 

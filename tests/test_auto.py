@@ -64,7 +64,7 @@ def measured(stacks: dict[str, list[np.ndarray]], stored: np.ndarray, lod: float
     """SNR of stacks at a level of detail, means over sets of pairs that nothing here draws, at points of their own."""
     figures = {key: [] for key in stacks}
     for seed in range(sets):
-        pairs, rng = pair_set(name, 100 + seed), np.random.default_rng([seed, round(2 * lod)])
+        pairs, rng = pair_set(name, 100 + seed, 64), np.random.default_rng([seed, round(2 * lod)])
         uv = random_points(rng, 256)
         first, second = (reference(stored, "gltf", WRAP, uv, lod, "gaussian", pairs, 64, rng) for _ in range(2))
         for key, levels in stacks.items():

@@ -14,7 +14,7 @@ from mipbake.metrics.snr import MAX_SNR_DB
 def test_pairs_are_unit_above_the_horizon_and_fixed_by_the_seed(name: str) -> None:
     pairs = pair_set(name, 5)
     for directions in (pairs.light, pairs.view):
-        assert directions.shape == (64, 3)
+        assert directions.shape == (1024, 3)
         assert np.linalg.norm(directions, axis=-1) == pytest.approx(1, abs=1e-6)
         assert directions[:, 2].min() > 0
     assert (pair_set(name, 5).light == pairs.light).all()
@@ -65,6 +65,25 @@ def test_no_error_and_no_signal() -> None:
     ones = np.ones((2, 2), np.float32)
     assert snr_db(ones, ones, ones) == MAX_SNR_DB
     assert np.isnan(snr_db(ones, ones * 0, ones * 0))
+
+
+@pytest.mark.parametrize("name", PAIR_SETS)
+def test_views_are_stratified_in_every_block_and_in_the_whole(name: str) -> None:
+    view = pair_set(name, 3).view.astype(float)
+    assert len(view) == 1024
+    cells = np.stack([1 - np.square(view[:, 2]), np.arctan2(view[:, 1], view[:, 0]) / (2 * np.pi) % 1], -1)
+    for side, count in ((8, 64), (32, 1024)):
+        for start in range(0, 1024, count):
+            inside = np.minimum((cells[start : start + count] * side).astype(int), side - 1)
+            taken = {(int(i), int(j)) for i, j in inside}
+            assert len(taken) >= 0.97 * count  # directions are rounded to float32 near the edges of cells
+
+
+def test_lights_are_stratified_and_independent_of_views() -> None:
+    pairs = pair_set("hemisphere", 3)
+    light = np.sort(1 - np.square(pairs.light[:, 2].astype(float)))
+    assert np.abs(light - (np.arange(1024) + 0.5) / 1024).max() < 1 / 32
+    assert abs(np.corrcoef(pairs.light[:, 2], pairs.view[:, 2])[0, 1]) < 0.1
 
 
 def test_unknown_pair_set_lists_the_known_ones() -> None:

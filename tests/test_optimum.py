@@ -53,7 +53,7 @@ def solved() -> tuple[Problem, Start, Refined]:
 def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved) -> None:
     task, start, result = solved
     for lod, name in itertools.product(range(6), PAIR_SETS):
-        pairs, rng = pair_set(name, 17), np.random.default_rng(lod)
+        pairs, rng = pair_set(name, 17, 64), np.random.default_rng(lod)
         uv = random_points(rng, 256)
         first, second = (reference(task.stored, "gltf", WRAP, uv, lod, "gaussian", pairs, 128, rng) for _ in range(2))
         before, after = (
@@ -196,9 +196,9 @@ def test_quick_estimates_are_the_reference(kernel: str) -> None:
     pairs, rng = pair_set("hemisphere", 3, 8), np.random.default_rng(0)
     uv = random_points(rng, 40)
     for lod in (0.0, 1.5):
-        quick = estimate(task, uv, lod, pairs, 2048, rng)
+        quick, other = (estimate(task, uv, lod, pairs, 2048, rng) for _ in range(2))
         exact, again = (reference(task.stored, "gltf", task.wrap, uv, lod, kernel, pairs, 2048, rng) for _ in range(2))
-        noise = np.square(exact - again).mean()
+        noise = (np.square(exact - again).mean() + np.square(quick - other).mean()) / 2
         assert np.square(quick - exact).mean() < 2 * noise
         assert np.sqrt(noise) < 0.3 * exact.mean()
 

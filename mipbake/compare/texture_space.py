@@ -7,6 +7,9 @@ differs between them is theirs. With A and B the estimates, M = (A + B) / 2 and 
 
 what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
 those of `mipbake.metrics.snr_sums` and `flicker_sums`.
+
+Light-view pairs are measured in blocks of 64, and every block has surface points of its own. So 1,024 pairs cost no
+more than 64 pairs at as many points, and no figure hangs on how 64 pairs happened to fall.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ from mipbake.metrics import (
     snr_interval,
     srgb_encode,
 )
+from mipbake.metrics.pairs import BLOCK, PAIRS
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
 from mipbake.render import candidate as looked_up
 from mipbake.render import random_points, reference
@@ -47,9 +51,10 @@ STEP = 0.25
 SHIFTS = ((0.5, 0.0), (0.0, 0.5))
 """How far pixels move for flicker, in pixels: along u, and along v."""
 
+_BLOCKS = PAIRS // BLOCK
 _POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail
-_FEW_PIXELS_WORK = 4  # times the samples are spent on flicker there: the reference hardly changes, and noise drowns it
-_LEAST_CHANGE_POINTS = 256
+_FEW_PIXELS_WORK = 8  # times the samples are spent on flicker there: the reference hardly changes, and noise drowns it
+_LEAST_CHANGE_POINTS = 1024
 _TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
 
 StageProgress = Callable[[str, float], None]
@@ -147,7 +152,8 @@ def measure(
             once.
         scales: names in SCALES; none for the curve alone.
         seed: fixes points, light-view pairs and samples.
-        points: random pixels per level of detail; fewer carry the tonemapped error and flicker.
+        points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
+            carry the tonemapped error and flicker.
         samples: of the reference per pixel, in each estimate.
         progress, stage: told the name of the stage and the finished share.
 
@@ -164,37 +170,38 @@ def measure(
     every = tuple(dict.fromkeys((*curve, *sorted(shifted))))
 
     source = texture_set.source_model
-    pairs, parts = _all_pairs(seed)
-    scene = _Scene(texture_set.material(source), source, texture_set.wrap, pixel_filter, pairs)
+    stored = texture_set.material(source)
+    blocks = [_Scene(stored, source, texture_set.wrap, pixel_filter, pairs) for pairs in _blocks(seed)]
     sums: _Collected = {}
     drawn = {lod: _draws(texture_set.width * texture_set.height / 4**lod, points, samples) for lod in shifted}
     moving = {lod: (1 + len(SHIFTS)) * math.prod(draws) / (points * samples) for lod, draws in drawn.items()}
     work, done = len(every) + sum(moving.values()), 0.0
     for index, lod in enumerate(every):
-        _at_rest(scene, candidates, lod, lod in shifted, points, samples, np.random.default_rng([seed, index]), sums)
-        done += 1
-        progress(stage, done / work)
-        if lod in shifted:
-            _in_motion(scene, candidates, lod, *drawn[lod], np.random.default_rng([seed, index, 1]), sums)
-            done += moving[lod]
-            progress(stage, done / work)
-    named = [(each.name, view, part) for each in candidates for view, part in parts.items()]
+        for block, scene in enumerate(blocks):
+            rng = np.random.default_rng([seed, index, block])
+            _at_rest(scene, candidates, lod, lod in shifted, _a_block(points), samples, rng, sums)
+            done += 1 / len(blocks)
+            progress(stage, min(1.0, done / work))
+            if lod in shifted:
+                count, most = drawn[lod]
+                _in_motion(scene, candidates, lod, _a_block(count), most, rng, sums)
+                done += moving[lod] / len(blocks)
+                progress(stage, min(1.0, done / work))
+    named = [(each.name, view) for each in candidates for view in PAIR_SETS]
     pooled = {
-        (measure, name, view, scale): np.sum([sums[measure, name, lod][part] for lod in at], 0)
-        for name, view, part in named
+        (measure, name, view, scale): np.sum([_of_set(sums[measure, name, lod], view) for lod in at], 0)
+        for name, view in named
         for measure in _MEASURES
         for scale, at in at_scale.items()
     }
     snr: dict[tuple[str, str, Where], Sums] = {
-        (name, view, lod): sums["snr", name, lod][part] for name, view, part in named for lod in every
+        (name, view, lod): _of_set(sums["snr", name, lod], view) for name, view in named for lod in every
     }
     snr |= {(name, view, scale): rows for (measure, name, view, scale), rows in pooled.items() if measure == "snr"}
     middle = {scale: (at[0] + at[-1]) / 2 for scale, at in at_scale.items()}
     figures = tuple(_figure(*key, middle[key[-1]], rows) for key, rows in pooled.items())
     return TextureSpace(
-        curve=tuple(
-            _figure("snr", name, view, "", lod, snr[name, view, lod]) for name, view, _ in named for lod in curve
-        ),
+        curve=tuple(_figure("snr", name, view, "", lod, snr[name, view, lod]) for name, view in named for lod in curve),
         figures=figures,
         lods=curve,
         notes=(*notes, *_unresolved(figures)),
@@ -202,8 +209,8 @@ def measure(
     )
 
 
-_Collected = dict[tuple[str, str, float], Sums]
-"""Measure, method and level of detail to what all pairs of all sets add."""
+_Collected = dict[tuple[str, str, float], list[Sums]]
+"""Measure, method and level of detail to what the pairs of every block add: those of one set after the other."""
 
 _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
     "snr": snr_interval,
@@ -236,7 +243,7 @@ def _unresolved(figures: Sequence[Figure]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """The source under its pixel filter, and all light-view pairs."""
+    """The source under its pixel filter, and a block of light-view pairs of every set."""
 
     stored: NDArray[np.float32]
     model: str
@@ -284,16 +291,18 @@ def _at_rest(
     rng: np.random.Generator,
     sums: _Collected,
 ) -> None:
-    """The SNR at a level of detail, and the tonemapped error where it is wanted."""
+    """The SNR of a block at a level of detail, and the tonemapped error where it is wanted."""
     uv = random_points(rng, points)
     target = _Target(*(scene.estimate(uv, lod, samples, rng) for _ in range(2)))
-    toned = _displayed(target.mean[:, :_TONE_POINTS]) if tones else None
+    some = _a_block(_TONE_POINTS)
+    toned = _displayed(target.mean[:, :some]) if tones else None
     for each in candidates:
         shown = scene.shown(each, uv, lod)
-        sums["snr", each.name, lod] = target.snr_sums(shown)
+        sums.setdefault(("snr", each.name, lod), []).append(target.snr_sums(shown))
         if toned is not None:
-            apart = np.abs(_displayed(shown[:, :_TONE_POINTS]) - toned).sum((1, 2))
-            sums["tonemapped", each.name, lod] = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
+            apart = np.abs(_displayed(shown[:, :some]) - toned).sum((1, 2))
+            rows = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
+            sums.setdefault(("tonemapped", each.name, lod), []).append(rows)
 
 
 def _in_motion(
@@ -305,7 +314,7 @@ def _in_motion(
     rng: np.random.Generator,
     sums: _Collected,
 ) -> None:
-    """Flicker and the SNR of the change at a level of detail, both shifts together.
+    """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
 
     Sums are those of one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
     them.
@@ -320,8 +329,10 @@ def _in_motion(
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
         pairs = list(zip(targets, changes, strict=True))
-        sums["flicker", each.name, lod] = np.sum([target.flicker_sums(change) for target, change in pairs], 0) / points
-        sums["flicker-snr", each.name, lod] = np.sum([target.snr_sums(change) for target, change in pairs], 0) / points
+        flicker = np.sum([target.flicker_sums(change) for target, change in pairs], 0) / points
+        snr = np.sum([target.snr_sums(change) for target, change in pairs], 0) / points
+        sums.setdefault(("flicker", each.name, lod), []).append(flicker)
+        sums.setdefault(("flicker-snr", each.name, lod), []).append(snr)
 
 
 def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
@@ -337,15 +348,24 @@ def _displayed(radiance: Radiance) -> NDArray[np.float64]:
     return srgb_encode(lit / (1 + lit))
 
 
-def _all_pairs(seed: int) -> tuple[LightViewPairs, Mapping[str, slice]]:
-    """The pairs of all sets one after the other, and where those of each set are."""
-    sets = {name: pair_set(name, seed) for name in PAIR_SETS}
-    ends = np.cumsum([len(pairs.light) for pairs in sets.values()])
-    every = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets.values()]) for a in ("light", "view")))
-    return every, {
-        name: slice(int(end) - len(pairs.light), int(end))
-        for (name, pairs), end in zip(sets.items(), ends, strict=True)
-    }
+def _blocks(seed: int) -> list[LightViewPairs]:
+    """Blocks of pairs: BLOCK of every set, one set after the other."""
+    sets = [pair_set(name, seed) for name in PAIR_SETS]
+    parts = [[pairs[slice(i * BLOCK, (i + 1) * BLOCK)] for pairs in sets] for i in range(_BLOCKS)]
+    return [
+        LightViewPairs(*(np.concatenate([getattr(p, a) for p in part]) for a in ("light", "view"))) for part in parts
+    ]
+
+
+def _of_set(blocks: Sequence[Sums], name: str) -> Sums:
+    """(PAIRS, M): the rows of one pair set, of all blocks."""
+    first = list(PAIR_SETS).index(name) * BLOCK
+    return np.concatenate([rows[first : first + BLOCK] for rows in blocks])
+
+
+def _a_block(points: int) -> int:
+    """How many of so many points a block of pairs has."""
+    return max(1, points // _BLOCKS)
 
 
 def _steps(low: float, high: float) -> tuple[float, ...]:

@@ -1,8 +1,8 @@
 """`unreal`: after Unreal Engine's composite textures (normal map into roughness), with a dead zone.
 
 With r = |mean unit normal| and v = max(0, (1 - r) / r - 4e-5):
-alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v (1 - alpha^2)), as the engine computes it. This is Toksvig's rule with
-a dead zone. The engine takes another alpha than `toksvig` does, and blurs the normals of level 0.
+alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v (1 - alpha^2)), as the engine computes it. This is Toksvig's rule
+with a dead zone. The engine takes another alpha than `toksvig` does, and blurs the normals of level 0.
 
 alpha comes from the mean of the stored perceptual roughness, as the engine's texture has it. (For anisotropic materials
 that is the tensor S^(1/4), averaged.)
