@@ -45,17 +45,24 @@ GAP, LEFT, HEAD, LINE = 10, 66, 52, 18  # pixels
 _TEXT = """\
 # Figure 7: one material, every model
 
-After figure 7 of [Kemppinen et al. 2023](method.md): what a stack of one material model shows of a material that is
-given in another. The material is `{name}` of the [examples](../examples/README.md), converted to each model in turn;
-the first column of a picture is its supersampled render in that model, the others are stacks of the four models, each
-looked up once a pixel. Spheres under the studio's lights, Gaussian pixel filter; near, middle and far are levels 0, 3
-and 7. Under each sphere are its SNR and its FLIP; the best of a row is green. Made by `docs/make_figure_7.py`.
+After figure 7 of [Kemppinen et al. 2023](method.md): a material is given in one material model, and stacks of all
+models show it. The material is `{name}` of the [examples](../examples/README.md). [Glossary](glossary.md)
+explains the terms.
 
-What to look for: how far other stacks are behind the one in the model of the input, whose name is green. `gltf` has one
-roughness, and shows brush marks as a round blur. The tails of GGX are longer than those of `beckmann`, which no stack
-can mend, and a matte dielectric differs between glTF and the other two
-([validation](validation.md#known-limits)). The pictures are by
-{shown}; the tables have all methods. Methods that are no networks convert between models texel by texel, analytically;
+Each section below is one input. The material is converted to the input's model. From that, stacks of the four
+models are baked; the column `output` names the target. The first column of a picture is the reference, shaded in
+the input's model. The other columns are candidates. The pictures show spheres under the studio's lights, with the
+Gaussian pixel filter. Near, middle and far are levels of detail 0, 3 and 7. Under each sphere stand its SNR and
+its FLIP, as in the tables; the best of a row is green. `docs/make_figure_7.py` makes this page.
+
+What to look for is how far the other stacks are behind the stack in the input's own model, whose name is green:
+
+- `gltf` has one roughness, so it shows brush marks as a round blur.
+- The tails of GGX are longer than the tails of `beckmann`, and no stack can mend that.
+- A matte dielectric differs between glTF and the other two models ([known limits](validation.md#known-limits)).
+
+The method of the pictures is {shown}. The tables have all methods. Closed forms and `auto` convert between models
+texel by texel, by a formula.
 {networks}.
 """
 
@@ -179,9 +186,9 @@ def main() -> None:
         _TEXT.format(
             name=texture_set.name,
             shown=f"`{method}`",
-            networks=f"networks ({', '.join(f'`{name}`' for name in trained)}) make models that they were trained for"
+            networks=f"Networks ({', '.join(f'`{name}`' for name in trained)}) make the models of their training"
             if trained
-            else "there are no networks among the weights",
+            else "There are no networks among the weights",
         )
     ]
     for source in MODELS:
