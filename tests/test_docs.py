@@ -37,6 +37,90 @@ def test_pages_install_what_was_tested() -> None:
     assert all(command.startswith("pip install -c constraints.txt ") for command in ours)
 
 
+LINE = 120
+BEING_REWRITTEN = (
+    "README.md",
+    "CHANGELOG.md",
+    "docs/architecture.md",
+    "docs/conventions.md",
+    "docs/files.md",
+    "docs/method.md",
+    "docs/results.md",
+    "benchmarks/RESULTS.md",
+    "benchmarks/RESULTS-commands.md",
+    "benchmarks/engines/RESULTS.md",
+    "benchmarks/engines/RESULTS-cycles.md",
+    *(f"models/weights/{path.name}" for path in (ROOT / "models" / "weights").glob("*.md")),
+)
+"""Pages whose lines may be longer for now. This list only ever gets shorter."""
+
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for folder in ("", "docs", "examples", "benchmarks", "models", "training", "cli", "mipbake", "csrc", "tests")
+    for path in (ROOT.glob("*.md") if not folder else (ROOT / folder).rglob("*.md"))
+    if "node_modules" not in path.parts
+)
+
+
+def prose(text: str) -> list[tuple[int, str]]:
+    """Numbered lines outside of tables and of code in fences."""
+    lines, fenced = [], False
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        elif not fenced and not line.lstrip().startswith("|"):
+            lines.append((number, line))
+    return lines
+
+
+ALONE = re.compile(r"\s*(- )?\[[^\]]*\]\([^)]*\)[.,]?")
+"""A link by itself, which has no place where a line could end."""
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page not in BEING_REWRITTEN])
+def test_lines_of_prose_are_short(page: str) -> None:
+    lines = prose((ROOT / page).read_text(encoding="utf-8"))
+    long = [f"{page}:{number}: {len(line)}" for number, line in lines if len(line) > LINE and not ALONE.fullmatch(line)]
+    assert not long, f"lines of more than {LINE} characters: {', '.join(long)}"
+
+
+def test_pages_that_are_being_rewritten_exist() -> None:
+    assert set(BEING_REWRITTEN) <= set(PAGES)
+
+
+LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]*)(#[^)\s]*)?\)")
+
+
+def anchors(text: str) -> set[str]:
+    """What links may name after a #: headings, as GitHub writes them."""
+    heads = [line.lstrip("#").strip().lower() for _, line in prose(text) if line.startswith("#")]
+    return {"#" + re.sub(r"[^\w\- ]", "", head).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    path = ROOT / page
+    lines = [line for _, line in prose(path.read_text(encoding="utf-8")) if not line.startswith("    ")]  # or code
+    for file, anchor in LINK.findall(re.sub(r"`[^`]*`", "", "\n".join(lines))):
+        if "://" in file or file.startswith("mailto:"):
+            continue
+        goal = (path.parent / file).resolve() if file else path
+        assert goal.exists(), f"{page} links {file}, which is not there"
+        if anchor and goal.suffix == ".md":
+            there = anchors(goal.read_text(encoding="utf-8"))
+            assert anchor in there, f"{page}: {file or page} has no heading {anchor}"
+
+
+def test_the_glossary_has_each_term_once() -> None:
+    text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")
+    ]
+    terms = [term for term, *_ in rows if term != "term"]
+    assert len(terms) == len(set(terms)) > 40
+    assert all(len(row) == 3 and row[1] for row in rows)
+
+
 Script = Callable[..., str]
 
 
