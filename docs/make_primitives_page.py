@@ -45,7 +45,7 @@ def markdown(docstring: str) -> str:
             lines.append(line)
         elif section:
             entry = ENTRY.match(line) if section != "Returns" else None
-            inside = line.startswith("        ")  # goes on with the entry above
+            inside = line.startswith("      ")  # goes on with the entry or the list item above
             lines.append(f"- `{entry[1]}`: {line[entry.end() :]}" if entry else "  " * inside + line.strip())
         else:
             lines.append(line)

@@ -54,21 +54,21 @@ def rasterize(
 ) -> tuple[Array, Array]:
     """The nearest triangle at each pixel's centre, with perspective-correct barycentrics and their derivatives.
 
-    A pixel is covered where the 2D homogeneous edge functions of a triangle agree in sign with its determinant and
-    -1 <= z/w <= 1 (Olano and Greer 1997): triangles that reach behind the eye or out of the frustum need no clipping,
-    back faces are drawn, and what has no area is not. A centre on an edge belongs to one of the triangles beside it:
-    a mesh has no pixel drawn twice or missed along shared edges and around shared vertices. Among triangles the
-    smallest z/w wins, as it is rounded in the output; of equal ones the first.
+    A triangle covers a pixel where its 2D homogeneous edge functions agree in sign with its determinant and
+    -1 <= z/w <= 1 (Olano and Greer 1997). So triangles that reach behind the eye or out of the frustum need no
+    clipping. Back faces are drawn; triangles without area are not. A centre on an edge belongs to one of the triangles
+    beside the edge, so along shared edges and around shared vertices a mesh draws no pixel twice and misses none. Among
+    several triangles the one with the smallest z/w wins, as z/w is rounded in the result; among equal ones the first.
 
     Args:
         ctx: scratch memory to reuse, or None.
         pos: clip-space positions x, y, z, w, finite. Instanced mode: (B, V, 4), an image from each item. Range mode:
-            (V, 4). float32, or float64 on the CPU (coordinates beyond 1e100 or below 1e-100 leave its range there).
-        tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^24 for float32, which stores it.
+            (V, 4). float32, or float64 on the CPU (coordinates beyond 1e100 or below 1e-100 leave the range there).
+        tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^24 for float32, which stores ids.
         resolution: (height, width) in pixels, each from 1 to 32768.
         ranges: in range mode (B, 2) int32 on the CPU: image b shows the ranges[b, 1] triangles of tri from
-            ranges[b, 0] on; none is allowed. Ignored in instanced mode.
-        grad_db: whether gradients flow from the second result into pos. Without, the backward pass is cheaper.
+            ranges[b, 0] on; 0 triangles are allowed. Ignored in instanced mode.
+        grad_db: whether gradients flow from the second result into pos. The backward pass is cheaper when they do not.
 
     Returns:
         Two arrays (B, H, W, 4) in the dtype of pos, zeros where no triangle is:
@@ -76,13 +76,13 @@ def rasterize(
         - u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1.
         - du/dX, du/dY, dv/dX, dv/dY: derivatives of u and v per pixel, X along columns and Y along rows.
 
-    Gradients go to pos from u, v and the derivatives (section 3.3, eq. 2), for the triangle that was seen: coverage
-    itself has none, for that there is `antialias`. The gradient of z/w and of triangle_id is taken to be 0, so pos gets
-    none in z. The twin `mipbake.raster.reference.rasterize` agrees to rounding.
+    Gradients go to pos from u, v and the derivatives (section 3.3, eq. 2), for the triangle that was seen. Coverage
+    itself has no gradient; `antialias` gives one. The gradient of z/w and of triangle_id is taken to be 0, so pos gets
+    no gradient in z. The plain twin `mipbake.raster.reference.rasterize` agrees to rounding.
 
     Raises:
-        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or range out of bounds,
-            or a position that is not finite, by name and place.
+        UsageError: the type, dtype, device or shape of an argument does not fit, a vertex index or a range is out of
+            bounds, or a position is not finite. The message names the argument and the place.
     """
     rast, rast_db = door(pos).rasterize(ctx, pos, tri, resolution, ranges, grad_db)
     return rast, rast_db
@@ -98,25 +98,25 @@ def interpolate(
     """Vertex attributes at each pixel, A = u A_0 + v A_1 + (1 - u - v) A_2 (section 3.4, eq. 3), and their derivatives.
 
     Args:
-        attr: (V, A) for every image, or (B, V, A) with a batch of 1 for every image or that of rast. float32, or
+        attr: (V, A) for every image, or (B, V, A), where B is 1 (for every image) or the batch of rast. float32, or
             float64 on the CPU.
         rast: (B, H, W, 4), the first result of `rasterize`, in the dtype of attr.
-        tri: (T, 3) int32, the vertices in attr of each triangle. It need not be the tri of `rasterize`, only list the
-            same triangles in the same order.
+        tri: (T, 3) int32, the vertices in attr of each triangle. It need not be the tri of `rasterize`, but must list
+            the same triangles in the same order.
         rast_db: (B, H, W, 4), the second result of `rasterize`, for derivatives of attributes.
         diff_attrs: a list of attributes, 0 to A - 1, whose derivatives are wanted, or "all".
 
     Returns:
         - (B, H, W, A), zeros where rast is empty.
         - (B, H, W, 2 K), dA/dX, dA/dY per pixel of each of the K attributes of diff_attrs, in that order, zeros where
-        rast is empty; of 0 channels unless both rast_db and diff_attrs are given.
+          rast is empty. It has 0 channels unless both rast_db and diff_attrs are given.
 
     Gradients go to attr, to u and v of rast (eq. 4) and to rast_db, from both results. Attributes that serve every
     image get the sum over the images.
 
     Raises:
-        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or a triangle_id out of
-            bounds, by name and place.
+        UsageError: the type, dtype, device or shape of an argument does not fit, or a vertex index or a triangle_id is
+            out of bounds. The message names the argument and the place.
     """
     out, out_da = door(attr).interpolate(attr, rast, tri, rast_db, diff_attrs)
     return out, out_da
@@ -132,23 +132,24 @@ def antialias(
 ) -> Array:
     """Blends neighbouring pixels where a silhouette passes between their centres (section 3.6).
 
-    Of two pixels side by side or one above the other whose triangles differ, the triangle nearer to the eye is taken
-    (an empty pixel is farthest; at equal z/w, that of the pixel that comes first in memory). Of its edges those are
-    examined that are, in pixels, at least as close to vertical as to horizontal where the pixels lie side by side, else
-    the others; in the order 0-1, 1-2, 2-0 the first silhouette that crosses the segment between the centres counts.
-    With the crossing at d, 0 at the first centre and 1 at the second, d > 1/2 adds (d - 1/2) (first - second) to the
-    second pixel, and d < 1/2 adds (1/2 - d) (second - first) to the first, from the colours as they came in. All pairs
-    add up.
+    Two pixels side by side, or one above the other, are blended where their triangles differ. The triangle nearer to
+    the eye decides; an empty pixel is farthest, and at equal z/w the pixel that comes first in memory has the nearer
+    triangle. For pixels side by side its edges count that are, in pixels, at least as close to vertical as to
+    horizontal, and for pixels one above the other its other edges. In the order 0-1, 1-2, 2-0 the first silhouette
+    among them that crosses the segment between the two centres is taken. Let the crossing be at d, where d is 0 at the
+    first centre and 1 at the second. Then d > 1/2 adds (d - 1/2) (first - second) to the second pixel, and d < 1/2 adds
+    (1/2 - d) (second - first) to the first, from the colours as they came in. What all neighbours add is summed.
 
-    An edge is a silhouette unless another triangle of its two vertices (the same indices in tri) lies on the other side
-    of it as seen from the eye: borders and folds are, in front of other surfaces as well as of nothing.
+    An edge is a silhouette unless another triangle of the same two vertices (the same indices in tri) lies on the other
+    side of the edge, as seen from the eye. So borders and folds are silhouettes, in front of other surfaces as well as
+    of nothing.
 
     Args:
         color: (B, H, W, C), any number of channels and any meaning; in the dtype of pos.
         rast: (B, H, W, 4), the first result of `rasterize`.
         pos: (B, V, 4) or (V, 4), the positions that `rasterize` had. float32, or float64 on the CPU.
         tri: (T, 3) int32, the triangles that `rasterize` had.
-        topology_hash: what `antialias_construct_topology_hash(tri)` gave. Without, it is found anew in each call.
+        topology_hash: what `antialias_construct_topology_hash(tri)` gave. Without it, each call finds it anew.
         pos_gradient_boost: a factor on the gradient of pos.
 
     Returns:
@@ -158,8 +159,8 @@ def antialias(
     bytes for each triangle and image of pos (one for all images in range mode).
 
     Raises:
-        UsageError: an argument whose type, dtype, device or shape does not fit, a vertex index or a triangle_id out of
-            bounds, or a position that is not finite, by name and place.
+        UsageError: the type, dtype, device or shape of an argument does not fit, a vertex index or a triangle_id is
+            out of bounds, or a position is not finite. The message names the argument and the place.
     """
     out: Array = door(color).antialias(color, rast, pos, tri, topology_hash, pos_gradient_boost)
     return out
@@ -173,11 +174,11 @@ def antialias_construct_topology_hash(tri: Array) -> Topology:
 
     Returns:
         An object of 12 bytes a triangle, for calls with arrays of the same kind on the same device. It holds for the
-        triangles as they were; with others, or changed ones, of the same number the silhouettes would be wrong. Making
-        it on the CPU takes scratch of 24 bytes a triangle and 4 a vertex.
+        triangles as they were. With other triangles of the same number, silhouettes would be wrong without an error.
+        Making it on the CPU takes scratch of 24 bytes a triangle and 4 a vertex.
 
     Raises:
-        UsageError: tri of another type, dtype or shape, or with a negative index.
+        UsageError: tri has another type, dtype or shape, or a negative index.
     """
     topology: Topology = door(tri).antialias_construct_topology_hash(tri)
     return topology

@@ -10,13 +10,13 @@ __all__ = ["RasterizeContext", "Topology"]
 
 
 class RasterizeContext:
-    """Scratch memory of `rasterize` that is kept between its calls; `None` in its place allocates it for each call.
+    """Scratch memory of `rasterize` that is kept between calls. With None in its place each call allocates its own.
 
-    Nothing that a call returns depends on it. It may be used by several threads at once: a call that finds it busy
-    takes memory of its own, and never waits. On the CPU it grows to what the largest call needed, 12 bytes for each
-    triangle and 8 more for each tile of 64 x 64 pixels that it touches, and is given back when the context is
-    collected. With CUDA it is not used: scratch comes from torch's caching allocator. A copy, or a context that arrives
-    in another process, has scratch of its own.
+    No result depends on the context. Several threads may use it at once: a call that finds it busy takes memory of its
+    own, and never waits. On the CPU it grows to what the largest call needed: 12 bytes for each triangle, and 8 more
+    for each tile of 64 x 64 pixels that the triangle touches. The memory is given back when the context is collected.
+    With CUDA it is not used, because scratch comes from torch's caching allocator. A copy, or a context that arrives in
+    another process, has scratch of its own.
     """
 
     __slots__ = ("__weakref__", "handle")

@@ -20,8 +20,8 @@ class DepthPeeler:
             front, front_db = peeler.rasterize_next_layer()
             second, second_db = peeler.rasterize_next_layer()
 
-    Args: those of `rasterize`, in the same order. They are checked when the first layer is rasterised, and must not be
-    changed in place before the last.
+    The arguments are those of `rasterize`, in the same order. They are checked when the first layer is rasterised, and
+    must not be changed in place before the last layer.
     """
 
     def __init__(
@@ -50,12 +50,13 @@ class DepthPeeler:
     def rasterize_next_layer(self) -> tuple[Any, Any]:
         """The same two results as `rasterize`, of what is strictly behind the layer before.
 
-        The first layer is that of `rasterize`. Of the next ones a pixel holds the nearest point whose z/w, as it is
-        stored, is greater than that of the layer before, and is empty where that was empty: of surfaces at the same
-        depth one is seen and the others are skipped. Gradients flow through each layer by itself; z/w has none.
+        The first layer is the result of `rasterize`. In every further layer a pixel holds the nearest point whose z/w,
+        as it is stored, is greater than the z/w of the layer before. Where the layer before was empty, it is empty. So
+        of several surfaces at the same depth one is seen and the others are skipped. Gradients flow through each layer
+        by itself; z/w has no gradient.
 
         Raises:
-            UsageError: as `rasterize`, or outside of a `with` statement.
+            UsageError: as `rasterize` raises it, or the call is outside of a `with` statement.
         """
         if not self._open:
             raise UsageError("the depth peeler is not open: use it as in 'with DepthPeeler(...) as peeler:'")

@@ -58,63 +58,65 @@ def texture(
 ) -> Any:
     """Filtered texture lookups (Laine et al. 2020, section 3.5).
 
-    Texel (row i, column j) of a level is centred at u = (j + 1/2) / W, v = (i + 1/2) / H; each level is addressed by
-    the same u and v. A lookup at a texel centre returns that texel bit for bit; for that, a coordinate within its own
-    rounding error of a centre counts as the centre. Equal texels return their value bit for bit (filters "linear..."
-    under "wrap", "clamp" and "mirror").
+    Texel (row i, column j) of a level is centred at u = (j + 1/2) / W, v = (i + 1/2) / H. The same u and v address
+    every level. A lookup at a texel centre returns that texel bit for bit: a coordinate within its own rounding error
+    of a centre counts as the centre. A lookup that reads equal texels returns their value bit for bit (filters
+    "linear..." under "wrap", "clamp" and "mirror").
 
-    The level of detail is log2 of the length in texels of level 0 of the major axis of a pixel's footprint, plus
-    `mip_level_bias`; without `uv_da` it is the bias alone. The footprint is the image of the pixel under diag(W, H)
-    d(u, v) / d(X, Y), its major axis the largest singular value. The level of detail is clamped to the levels that
-    exist: zero derivatives give level 0, infinite ones the last.
+    The footprint of a pixel is its image under diag(W, H) d(u, v) / d(X, Y), and the length of its major axis is the
+    largest singular value of that. The level of detail is log2 of this length in texels of level 0, plus
+    `mip_level_bias`. Without `uv_da` the level of detail is the bias alone. It is clamped to the levels that exist:
+    zero derivatives give level 0, infinite derivatives the last level.
 
     Args:
         tex: (B, H, W, C), any size up to 2^22 a side, or for cube maps (B, 6, S, S, C) with faces +x, -x, +y, -y, +z,
             -z as in OpenGL (table 8.19 of its specification 4.6; row 0 at t = 0). Torch: float32, float64 (CPU),
-            float16 or bfloat16; NumPy: float32, float64 or float16. Half types are stored so, computed in float32 and
-            returned in float32. Read in place, without a copy, where the channels of a texel lie side by side (internal
-            mips want the whole texture contiguous).
+            float16 or bfloat16; NumPy: float32, float64 or float16. Texels of half types stay as they are in memory;
+            lookups compute and return float32. The texture is read in place, without a copy, where the channels of a
+            texel lie side by side (internal mips want the whole texture contiguous).
         uv: (B, h, w, 2), any real numbers, in units of the texture; for cube maps (B, h, w, 3) vectors of any length.
-            Here and below other dtypes are converted to that of the result.
+            Here and below other dtypes are converted to the dtype of the result.
         uv_da: (B, h, w, 4) image-space derivatives of uv, (du/dX, du/dY, dv/dX, dv/dY) in units of uv per pixel; for
             cube maps (B, h, w, 6). Filters without mips ignore it, and the bias too.
         mip_level_bias: (B, h, w) in levels, added to the level of detail; an axis of size 1 repeats.
         mip: what `texture_construct_mip` made of this same `tex`, or a list of the levels 1 and coarser in the layout
             and dtype of `tex`, of any sizes. Without it, filters with mips make the levels internally and discard them.
         filter_mode: "nearest" (the texel that contains uv), "linear", "linear-mipmap-nearest" (the level of detail
-            rounded, halves up), "linear-mipmap-linear" (between the two levels around it), "anisotropic" or "auto":
-            this is "linear-mipmap-linear" if uv_da or mip_level_bias is given, else "linear". "anisotropic" averages N
-            = min(ceil(major / minor axis), 16) trilinear lookups spread evenly along the major axis, at the level of
-            detail of major / N (EXT_texture_filter_anisotropic); it needs uv_da, and is not there for cube maps.
+            rounded, halves up), "linear-mipmap-linear" (between the two levels around it), "anisotropic" or "auto".
+            "auto" is "linear-mipmap-linear" if uv_da or mip_level_bias is given, else "linear". "anisotropic" averages
+            N = min(ceil(major / minor axis), 16) trilinear lookups spread evenly along the major axis, at the level of
+            detail of major / N (EXT_texture_filter_anisotropic). It needs uv_da, and does not take cube maps.
         boundary_mode: "wrap" (the texture repeats), "clamp" (to the centre of the edge texel), "mirror" (repeats,
-            reflected at every border), "zero" (texels outside are zeros, so that borders fade over one texel), or a
-            pair of these for u and for v; "cube" for cube maps. Lookups near the edge of a face read the next face as
-            well; at a corner of the cube the missing fourth texel is the mean of the three that meet.
+            reflected at every border), "zero" (texels outside are zeros, so that borders fade over one texel), or two
+            of these, for u and for v; "cube" for cube maps. Lookups near the edge of a face read the next face as
+            well. At a corner of the cube three texels meet, and their mean stands for the missing fourth texel.
         max_mip_level: the coarsest level that is made and used; default: 1 x 1, or the last of `mip`.
 
     A minibatch of size 1 repeats for every item of the others.
 
     Returns:
-        (B, h, w, C) in the dtype of `tex`, float32 for half types. NaN where uv or the level of detail is NaN, or where
-        u or v is infinite under "wrap" or "mirror" (an infinite coordinate clamps under "clamp", and is outside under
-        "zero"). Zeros for cube vectors that are zero or not finite. On the CPU the same bits whatever the number of
-        threads.
+        (B, h, w, C) in the dtype of `tex`, float32 for half types. A result is NaN where uv or the level of detail is
+        NaN, or where u or v is infinite under "wrap" or "mirror" (an infinite coordinate clamps under "clamp", and is
+        outside under "zero"). It is zero for cube vectors that are zero or not finite. On the CPU the bits do not
+        depend on the number of threads.
 
-    Gradients (torch; NumPy arrays have none) flow to tex, the levels of a custom stack, uv, uv_da and mip_level_bias.
-    Through internal mips and those of `texture_construct_mip` they go to `tex` alone, in one buffer of its size, with a
-    third as much scratch for the coarser levels; where lookups are many, the CPU takes 8 to 16 bytes more for each, of
-    at most 4 M at a time. They are those of the piecewise linear interpolant, one-sided at its
-    kinks: at a texel centre the slope towards larger u and v, at a whole level of detail the step to the next coarser
-    level. They are 0 by uv under "nearest" and beyond the outer texel centres under "clamp"; by the level of detail
-    where it is clamped and under "linear-mipmap-nearest". Those of "anisotropic" hold its number of taps fixed.
-    Undefined lookups have none and add none. What repeats gets the sum. Half types sum in float32 and round once. On
-    the CPU texel gradients are summed in the order of the lookups: the same bits whatever the number of threads. With
-    CUDA they are summed by atomics, and last digits vary from run to run. There is no second derivative. torch.compile
-    traces through.
+    Gradients (of torch tensors; NumPy arrays have none) flow to tex, the levels of a custom stack, uv, uv_da and
+    mip_level_bias. Through internal mips and the mips of `texture_construct_mip` they go to `tex` alone, in one buffer
+    of its size, with a third as much scratch for the coarser levels. For many lookups the CPU takes 8 to 16 bytes more
+    for each lookup, of at most 4 M at a time.
+
+    The gradient is that of the piecewise linear interpolant, one-sided at its kinks: at a texel centre it is the slope
+    towards larger u and v, at a whole level of detail the step to the next coarser level. The gradient by uv is 0 under
+    "nearest" and beyond the outer texel centres under "clamp". The gradient by the level of detail is 0 where that is
+    clamped, and under "linear-mipmap-nearest". The gradient of "anisotropic" holds its number of taps fixed. An
+    undefined lookup has no gradient and adds none. An argument that repeats gets the sum. Gradients of half types are
+    summed in float32 and rounded once. On the CPU texel gradients are summed in the order of the lookups, so the bits
+    do not depend on the number of threads. With CUDA atomics sum them, and last digits vary from run to run. There is
+    no second derivative. torch.compile traces through.
 
     Raises:
-        UsageError: an argument whose type, dtype, device, shape or name does not fit, or one that the filter needs and
-            that is missing.
+        UsageError: the type, dtype, device, shape or name of an argument does not fit, or an argument is missing that
+            the filter needs.
     """
     if isinstance(tex, np.ndarray):
         from mipbake.sampling import arrays
@@ -130,9 +132,9 @@ def texture_construct_mip(
 ) -> TextureMip:
     """The mip levels of a texture that stays constant over many lookups, for the argument `mip` of `texture`.
 
-    Level L + 1 of n texels a side has max(1, n // 2), each the average of the area that it covers: 2 x 2 texels of even
-    sizes, 3 of odd ones with polyphase weights. Each level comes from the one before (Laine et al. 2020, figure 2 a),
-    stored in the dtype of `tex`; each face of a cube map by itself.
+    Where level L has n texels along a side, level L + 1 has max(1, n // 2). Each texel is the average of the area that
+    it covers: 2 texels along an even side, 3 along an odd side, with polyphase weights. Each level is made from the
+    level before (Laine et al. 2020, figure 2 a) and stored in the dtype of `tex`. Each face of a cube map is by itself.
 
     Args:
         tex: as for `texture`.
@@ -140,11 +142,11 @@ def texture_construct_mip(
         cube_mode: whether `tex` is a cube map.
 
     Returns:
-        An opaque object that goes with textures of the same shape, dtype and device. Gradients pass through it to `tex`
-        of `texture` as if the levels were made there. After a change of `tex` it must be made again.
+        An opaque object for textures of the same shape, dtype and device. Gradients pass through it to the `tex` of
+        `texture`, as if the levels were made there. After a change of `tex` it must be made again.
 
     Raises:
-        UsageError: an argument whose type, dtype, device or shape does not fit.
+        UsageError: the type, dtype, device or shape of an argument does not fit.
     """
     if isinstance(tex, np.ndarray):
         from mipbake.sampling import arrays
