@@ -10,7 +10,7 @@ Most lookups lie between two levels, and mix a kernel that is too narrow with on
 more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail is that
 of its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
 
-Closed forms gain by it on real sets, most at the fine levels; on white noise they lose (figures in docs/research.md).
+Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
 """
 
 from __future__ import annotations
