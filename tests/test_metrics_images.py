@@ -247,6 +247,13 @@ def test_delta_e_itp_of_greys_is_that_of_pq(first: float, second: float, scale: 
     assert measured.per_pixel.shape == (16, 20)
 
 
+def test_radiance_1_is_the_reference_white_of_the_standard() -> None:
+    """ITU-R BT.2408 puts diffuse white at 203 cd/m^2."""
+    assert delta_e_itp(flat(1, 1, 1), flat(0.5, 0.5, 0.5)).mean == pytest.approx(
+        delta_e_itp(flat(203, 203, 203), flat(101.5, 101.5, 101.5), nits_per_unit=1).mean, rel=1e-6
+    )
+
+
 def test_delta_e_itp_ends_where_pq_ends() -> None:
     assert delta_e_itp(flat(50, 50, 50), flat(5e6, 5e6, 5e6)).mean == pytest.approx(0, abs=1e-2)
     with pytest.raises(UsageError, match="nits_per_unit"):

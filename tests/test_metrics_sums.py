@@ -91,6 +91,12 @@ def test_change_below_the_noise_is_no_figure() -> None:
     assert np.isnan(flicker_ratio(still, still, still))
 
 
+def test_a_change_of_a_twentieth_of_the_noise_is_the_least_that_is_a_figure() -> None:
+    sums = np.array([[1.0, 0.049, 1.0], [1.0, 0.051, 1.0]])
+    ratio = flicker_ratio_from_sums(sums)
+    assert np.isnan(ratio[0]) and ratio[1] == pytest.approx(1 / 0.051)
+
+
 def test_sums_of_flicker_by_pair() -> None:
     p, a, b = estimates(shape=(3, 8, 400, 3))
     sums = flicker_sums(p, a, b, entry_axis=1)

@@ -142,6 +142,9 @@ def test_statistics_are_those_of_closed_forms() -> None:
         np.testing.assert_allclose(roughness, lean[level][..., 4], rtol=2e-4)
         normal = (found.normal + found.lean_normal).numpy()
         np.testing.assert_allclose(normal, lean[level][..., 5:7], atol=1e-5)
+        alpha2, v = np.exp(4 * found.log_roughness.numpy()), 1 / np.sqrt(1 - found.spread.numpy()) - 1
+        widened = (alpha2 + 2 * v * (1 - alpha2)) / (1 + 2 * v)  # what the released weights were trained with
+        np.testing.assert_allclose(np.exp(4 * (found.log_roughness + found.to_widened).numpy()), widened, rtol=1e-4)
         assert found.features().shape[-1] == FEATURES
         assert found.freedom.min() >= 0 and found.freedom.max() < 1
 

@@ -38,7 +38,8 @@ def test_variance(name: str) -> None:
 def test_mitchell_is_negative_where_its_paper_says() -> None:
     shape = pf.FILTERS["mitchell"].shape
     assert shape(np.array([0.0, 1.0, 2.0])) == pytest.approx([8 / 9, 1 / 18, 0])
-    assert shape(np.array([1.5]))[0] < 0
+    # Equation 8 with B = C = 1/3, worked out by hand: (7/8 - 12/4 + 16/3) / 6 and (-63/8 + 27 - 30 + 32/3) / 6.
+    assert shape(np.array([-0.5, 0.5, 1.5])) == pytest.approx([77 / 144, 77 / 144, -5 / 144])
 
 
 @settings(max_examples=60, deadline=None)

@@ -95,6 +95,19 @@ def test_lean_adds_twice_the_slope_covariance() -> None:
     assert abs(anisotropic[8]) == pytest.approx(1, abs=1e-4)
 
 
+def test_lean_takes_the_covariance_about_the_mean_slope_of_each_texel() -> None:
+    """Two halves of a map lean to opposite sides: within a half only the difference of its slopes counts."""
+    slopes = np.array([0.2, 0.4, -0.6, -0.1])  # along x; means 0.3 and -0.35, deviations 0.1 and 0.25
+    stored = np.zeros((1, 4, 8), np.float32)
+    stored[..., 4] = 0.3
+    stored[0, :, 5], stored[0, :, 7] = slopes / np.hypot(slopes, 1), 1 / np.hypot(slopes, 1)
+    level = run("lean", stored, "ggx", "box")[1][0]
+    for texel, mean, deviation in zip(level, (0.3, -0.35), (0.1, 0.25), strict=True):
+        tensor = material.tensor_exp(texel[8:11].astype(np.float64))
+        assert tensor == pytest.approx([0.3**4 + 2 * deviation**2, 0.3**4, 0], rel=1e-4, abs=1e-6)
+        assert texel[6:8] == pytest.approx([mean / np.hypot(mean, 1), 0], abs=1e-6)
+
+
 def test_lean_keeps_the_roughness_of_a_constant_tilt() -> None:
     for degrees in (60, 80):
         angle = np.radians(degrees)

@@ -177,6 +177,13 @@ def test_a_bright_texel_becomes_a_light_in_its_direction() -> None:
     assert (lighting.direction[brightest] > 0).all()
 
 
+def test_the_clear_sky_is_the_one_of_the_standard() -> None:
+    """CIE S 011:2003 type 12 by hand: the zenith at 90 degrees from the sun, the sun at 60 degrees from the zenith."""
+    zenith, chi = np.array([1.0, 0.5]), np.array([np.pi / 2, 0.0])
+    # (1 - e^-0.32) and (1 - e^-0.64)(1 + 10 (1 - e^(-3 pi / 2)) + 0.45)
+    assert environment.clear_sky(zenith, chi) == pytest.approx([0.27385096, 5.3700370], rel=1e-6)
+
+
 @pytest.mark.parametrize("name", ["studio", "sky"])
 def test_named_environments_light_a_white_matte_sphere_to_1_on_average(name: str) -> None:
     lighting = environment.lighting_named(name)

@@ -188,17 +188,29 @@ def sky_map(height: int = 128) -> Array:
     d = directions_of(height, 2 * height)
     cosine = np.clip(d @ _sun_direction(), -1, 1)
     chi, zenith = np.arccos(cosine), np.clip(d[..., 1], 0.01, 1)
-    gradation = 1 - np.exp(-0.32 / zenith)
-    indicatrix = 1 + 10 * (np.exp(-3 * chi) - np.exp(-1.5 * np.pi)) + 0.45 * cosine**2
     blue, white = np.array([0.55, 0.95, 1.75]), np.array([1.0, 1.0, 1.0])
     whiteness = (np.exp(-4 * zenith) + np.exp(-6 * chi))[..., None].clip(0, 1)
-    values = (gradation * indicatrix)[..., None] * (blue + (white - blue) * whiteness)
+    values = clear_sky(zenith, chi)[..., None] * (blue + (white - blue) * whiteness)
     below = d[..., 1] < 0
     values[below] = 0
     flux = values * _solid_angles(*d.shape[:2])[:, None, None] * np.maximum(d[..., 1:2], 0)
     ground = 0.2 / np.pi * flux.sum((0, 1)) * (1 + _SUN_SHARE)
     values[below] = ground
     return np.asarray(values)
+
+
+def clear_sky(zenith: Array, chi: Array) -> Array:
+    """Luminance of a clear sky of low turbidity, CIE S 011:2003 type 12, in a unit of its own; any shape.
+
+    (1 + a exp(b / cos Z)) (1 + c (exp(d chi) - exp(d pi / 2)) + e cos^2 chi), with a = -1, b = -0.32, c = 10, d = -3
+    and e = 0.45.
+
+    Args:
+        zenith: cos Z, the cosine of the angle from the zenith, above 0.
+        chi: the angle from the sun in radians.
+    """
+    gradation = 1 - np.exp(-0.32 / zenith)
+    return np.asarray(gradation * (1 + 10 * (np.exp(-3 * chi) - np.exp(-1.5 * np.pi)) + 0.45 * np.cos(chi) ** 2))
 
 
 def _sun_direction() -> Array:
