@@ -108,7 +108,9 @@ def main(place, how, name, what):
         if ended != ("killed" if name == "KILL" else "stopped"):
             wrong.append(f"step {step}: {ended}")
         aside = [read(folder / each) for each in beside if each.endswith(".old")]
-        lost = found not in allowed and not (name == "KILL" and how == "renames" and found == "none" and aside == ["old"])
+        lost = found not in allowed and not (
+            name == "KILL" and how == "renames" and found == "none" and aside == ["old"]
+        )
         if lost or (name != "KILL" and beside):
             wrong.append(f"step {step}: {found}, beside it {beside}")
         leftovers.settle(target)  # with which the next bake begins

@@ -249,7 +249,8 @@ def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) 
     try:
         found = file.container.read(folder, file.layout, [(level.shape[0], level.shape[1]) for level in levels])
     except InputError as error:
-        check_room(folder, sum(level.nbytes for level in levels))
+        first = file.container.files(file.layout, len(levels))[0]
+        check_room(folder / first, sum(level.nbytes for level in levels))
         raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
     if not file.container.exact:  # it has compared what it compressed itself
         return

@@ -26,9 +26,6 @@ TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 
 _PNG_END = b"IEND\xaeB`\x82"
 
-_BUFFERED = 1 << 20
-"""Bytes, more than a writer keeps until it is closed."""
-
 ABOUT = "mipbake"
 """Attribute, key or chunk that holds how a file was made, as JSON."""
 
@@ -119,7 +116,7 @@ def put(
         return out.write_scanlines(0, spec.height, 0, texels)
 
     if not (out.open(str(path), spec, mode) and write()):
-        check_room(path.parent, level.nbytes)
+        check_room(path, level.nbytes)
         raise OutputError(f"cannot write level {index} of {path}: {told_by(out.geterror)}")
 
 
@@ -129,7 +126,7 @@ def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
     OSError or OutputError when that fails, whichever says more.
     """
     if not out.close():
-        check_room(path.parent, _BUFFERED)
+        check_room(path, 0)
         raise OutputError(f"cannot write {path}: {told_by(out.geterror)}")
 
 
@@ -154,7 +151,7 @@ def check_ended(path: Path, size: int) -> None:
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - len(_PNG_END)))
         if file.read() != _PNG_END:
-            check_room(path.parent, size)
+            check_room(path, size)
             raise OutputError(f"{path} is not complete after writing: check the disk")
 
 

@@ -156,15 +156,21 @@ def write_temporary(path: Path, data: bytes | memoryview) -> None:
         path.write_bytes(data)
 
 
-def check_room(folder: Path, size: int) -> None:
-    """Raises OSError where a folder does not take another file of so many bytes.
+def check_room(path: Path, size: int) -> None:
+    """Raises OSError where an unfinished file takes no more bytes. Its content is lost.
 
-    For libraries that do not say why they could not write: what is full, or too long, refuses these bytes as well.
+    For libraries that do not say why they could not write: what is full, or too long, refuses other bytes as well. They
+    stay until the file is removed, so that nothing that is written meanwhile finds room and another reason.
+
+    Args:
+        size: how many bytes were still to be written, at most.
     """
-    block = secrets.token_bytes(min(size, _BLOCK))  # file systems that compress must not find room for them
-    with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
-        while size > 0:
-            size -= file.write(block[:size]) or 0
+    block = secrets.token_bytes(_BLOCK)  # file systems that compress must not find room for them
+    with path.open("ab", buffering=0) as file:
+        for _ in range(-(-size // _BLOCK) + 1):
+            written = file.write(block) or 0
+            if written < _BLOCK:
+                file.write(block[written:])
 
 
 def reason(error: OSError) -> str:

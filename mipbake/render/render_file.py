@@ -81,7 +81,7 @@ def write_render(
                 _write(partial, parts, said)
                 _verify(partial, parts, said)
             except RuntimeError:
-                check_room(path.parent, size)
+                check_room(partial, size)
                 raise
     except OSError as error:
         raise OutputError(f"cannot write the render {path}: {reason(error)}") from error
