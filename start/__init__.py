@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import os
 import signal
-from contextlib import suppress
-from types import FrameType
-from typing import NoReturn
+
+TYPE_CHECKING = False  # the module of that name takes longer to load than all the rest
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import NoReturn
 
 
 def run() -> None:
     """Loads and runs the command line."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(ValueError):  # not the main thread of a program that embeds us
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                signal.signal(number, _leave)
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _leave)
     _fill_descriptors()
     from mipbake.cli.main import run as run_loaded
 
@@ -26,9 +27,10 @@ def run() -> None:
 
 
 def _leave(number: int, _frame: FrameType | None) -> NoReturn:
-    with suppress(OSError):
+    try:
         os.write(2, b"mipbake: stopped while it was loading, nothing was begun\n")
-    os._exit(128 + number)
+    finally:
+        os._exit(128 + number)
 
 
 def _fill_descriptors() -> None:

@@ -1,7 +1,8 @@
 """A program for tests: publishes over an earlier result once for every step of doing so, and is stopped at that step.
 
-A step is a call of the system or a return from one, or a call or return in the modules under test: Python handles signals
-there, and what is done to the file system is done in between. Each time a child process is stopped, then the parent looks at what is left, and publishes once more.
+A step is a call of the system or a return from one, or a call or return in the modules under test: Python handles
+signals there, and what is done to the file system is done in between. Each time a child process is stopped, then the
+parent looks at what is left, and puts it in order.
 It prints how often the child was stopped, and what was wrong.
 
     python publish_steps.py FOLDER exchange|renames KILL|INT|TERM folder|file
@@ -15,7 +16,6 @@ import sys
 from pathlib import Path
 
 from mipbake.io import leftovers, publish, signals
-
 
 OURS = {contextlib.__file__, publish.__file__, leftovers.__file__, signals.__file__}
 

@@ -14,8 +14,8 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.io.containers import FORMATS, format_named
 from mipbake.io import publish
+from mipbake.io.containers import FORMATS, format_named
 from mipbake.io.layout import LAYOUTS, extra_layout, from_file, to_file
 from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.stack import MANIFEST, MipStack, Provenance, check_output, open_stack
