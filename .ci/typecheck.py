@@ -18,7 +18,18 @@ def main() -> int:
             (package / entry.name).symlink_to(entry)
         for room in ("models", "training", "cli"):
             (package / room).symlink_to(ROOT / room)
-        command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "-p", "mipbake"]
+        (Path(folder) / "mipbake_start").symlink_to(ROOT / "start")
+        command = [
+            sys.executable,
+            "-m",
+            "mypy",
+            "--config-file",
+            str(ROOT / "pyproject.toml"),
+            "-p",
+            "mipbake",
+            "-p",
+            "mipbake_start",
+        ]
         return subprocess.run(command, cwd=folder, check=False).returncode
 
 

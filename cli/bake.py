@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Optional
@@ -22,6 +21,7 @@ from mipbake.glb import GLB, output
 from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
+from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
 from mipbake.output import Output, check_outputs, outputs_from, split_formats
 from mipbake.packing import PACKINGS, SOURCE, Normals
@@ -155,6 +155,7 @@ def bake(
 
     A set that cannot be baked is reported and the others are baked all the same.
     """
+    session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
     load = replace(load, alpha_cutoff=alpha_cutoff)
     method_named(method, weights, budget)
@@ -184,8 +185,8 @@ def bake(
         raise UsageError(f"the target {target} does not go with {what}: expected gltf or gltf-anisotropic")
     if glb or any(output.container.texels == "uastc" for output in outputs):
         check_encoder()
-    with tempfile.TemporaryDirectory() as scratch:
-        found = jobs(sources, load, Path(scratch))
+    with temporary_folder() as scratch:
+        found = jobs(sources, load, scratch)
         if chosen_preset:
             session.print(*_preset_lines(chosen_preset, asked, [job for job in found if isinstance(job, Job)]))
         results = bake_all(session, found, out, asked)

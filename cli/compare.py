@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
@@ -23,6 +22,7 @@ from mipbake.compare.result import SCALES, Comparison
 from mipbake.compare.scenes import SPHERE_RESOLUTION
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 from mipbake.io.options import LoadOptions
+from mipbake.io.publish import temporary_folder
 from mipbake.metrics import PAIR_SETS
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.pixel_filter import FILTERS
@@ -132,7 +132,7 @@ def compare(
 
     Measures, renders, and a verdict.
     """
-
+    session.in_files = True
     conditions = [parse(text) for text in fail_if or []]
     check_report(out)
     settings = Settings(
@@ -149,8 +149,8 @@ def compare(
     stack = mipbake.open_stack(baked) if baked else None
     names = None if methods is None else tuple(name.strip() for name in methods.split(","))
     texture_set = mipbake.load(folder, load)
-    with stages(session, texture_set.name) as progress, TemporaryDirectory(prefix="mipbake-") as kept:
-        renders = Path(kept) if keep_renders else None
+    with stages(session, texture_set.name) as progress, temporary_folder() as kept:
+        renders = kept if keep_renders else None
         found = compare_methods(
             texture_set, stack, baked, names, target, pixel_filter, settings, conditions, renders, progress
         )

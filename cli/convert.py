@@ -68,6 +68,7 @@ def convert(
     By formula, texel by texel, and nothing is filtered, or by trained weights. A set that cannot be converted is
     reported and the others are converted all the same.
     """
+    session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
     image_container(model_named(to).name, format)
     if weights is not None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import io
-import os
+import gc
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -23,11 +22,15 @@ from mipbake.cli.info import info
 from mipbake.cli.inspect import inspect
 from mipbake.cli.presets import presets
 from mipbake.cli.session import Session
+from mipbake.cli.streams import lost, replace_streams
 from mipbake.cli.validate import validate
+from mipbake.io.leftovers import unfinished
+from mipbake.io.messages import listed
 
 EXIT_UNEXPECTED = 1
 EXIT_USAGE = 2
 EXIT_INPUT = 3
+EXIT_OUTPUT = 4
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
@@ -50,8 +53,20 @@ for command in (bake, compare, validate, convert, inspect, info, presets):
 _PARSING_ERROR: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
 
-class _Terminated(BaseException):
-    """SIGTERM: unwinds, so that nothing half-written stays behind."""
+class _Stopped(BaseException):
+    """SIGINT or SIGTERM: unwinds, so that nothing half-written stays behind.
+
+    Args:
+        code: the exit code.
+    """
+
+    latest: int | None = None
+    """That of the latest signal. Where the exception was raised may turn it into another, as a module that is being
+    loaded does."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = _Stopped.latest = code
 
 
 def _show_version(wanted: bool) -> None:
@@ -79,6 +94,8 @@ def main(arguments: Sequence[str]) -> int:
     """Runs the command line and returns its exit code; prints errors and raises none."""
     session = Session()
     command = typer.main.get_command(app)
+    stopped = _Stopped.latest = None
+    code = EXIT_UNEXPECTED
     try:
         # Without arguments, help is what is wanted.
         result = command.main(list(arguments) or ["--help"], "mipbake", standalone_mode=False, obj=session)
@@ -90,28 +107,46 @@ def main(arguments: Sequence[str]) -> int:
     except _PARSING_ERROR as error:
         code = session.fail(_parsing_message(error), EXIT_USAGE)
     except (KeyboardInterrupt, typer.Abort):
-        code = session.fail("interrupted, nothing unfinished was left behind", EXIT_INTERRUPTED)
-    except _Terminated:
-        code = session.fail("terminated, nothing unfinished was left behind", EXIT_TERMINATED)
-    except BrokenPipeError:
-        # Whoever read stdout has seen enough. What is still buffered must not fail again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_UNEXPECTED
-    except MemoryError as error:
-        code = session.fail(
+        stopped = EXIT_INTERRUPTED
+    except _Stopped as error:
+        stopped = error.code
+    except Exception as error:
+        stopped = _Stopped.latest
+        if stopped is None:
+            code = _unforeseen(session, error)
+    if stopped is not None:  # only now have all blocks been left that the exception went through
+        code = session.fail(_stopped_message(stopped), stopped)
+    reason = lost(sys.stdout)
+    if reason and (session.json or not session.in_files):
+        code = session.fail(f"cannot print the result ({reason.strerror}): check where stdout goes", EXIT_OUTPUT)
+    return code
+
+
+def _stopped_message(code: int) -> str:
+    """That the run was stopped, and what is left of what it had begun."""
+    if unfinished():
+        gc.collect()  # a block that was stopped as it was entered is left when it is collected
+    left = [str(path) for path in unfinished()]
+    rest = (
+        f"{listed(left)} could not be removed, the next bake of the same set removes it"
+        if left
+        else "nothing unfinished was left behind"
+    )
+    return f"{'interrupted' if code == EXIT_INTERRUPTED else 'terminated'}, {rest}"
+
+
+def _unforeseen(session: Session, error: Exception) -> int:
+    """Says what an error means that is none of mipbake's own, and returns the exit code."""
+    if isinstance(error, MemoryError):
+        return session.fail(
             f"there is not enough memory for this ({error or 'no more can be had'}): ask for less, for example for "
             "fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            code = _defect(session, error)
-        else:
-            name = str(error.filename)[:80]
-            code = session.fail(f"{name}... is longer than a name can be: give the path of a file", EXIT_INPUT)
-    except Exception as error:
-        code = _defect(session, error)
-    return code
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        name = str(error.filename)[:80]
+        return session.fail(f"{name}... is longer than a name can be: give the path of a file", EXIT_INPUT)
+    return _defect(session, error)
 
 
 def _defect(session: Session, error: Exception) -> int:
@@ -141,19 +176,31 @@ def _parsing_message(error: Exception) -> str:
     return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise _Terminated
+_EXITS = {signal.SIGINT: EXIT_INTERRUPTED, signal.SIGTERM: EXIT_TERMINATED}
+
+
+def _stop(number: int, _frame: FrameType | None) -> NoReturn:
+    raise _Stopped(_EXITS[signal.Signals(number)])
+
+
+def _handle_signals(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> None:
+    for number in _EXITS:
+        with contextlib.suppress(ValueError):  # not the main thread of a program that embeds us
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, handler)
 
 
 def run() -> None:
-    """Entry point of the console script."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal's encoding lacks must not end the run
-            stream.reconfigure(errors="backslashreplace")
-    with contextlib.suppress(ValueError):  # not the main thread of a program that embeds us
-        signal.signal(signal.SIGTERM, _terminate)
-    keep_freed_memory()
-    sys.exit(main(sys.argv[1:]))
+    """Runs the command line of the process and ends it."""
+    replace_streams()
+    try:
+        _handle_signals(_stop)
+        keep_freed_memory()
+        code = main(sys.argv[1:])
+        _handle_signals(signal.SIG_DFL)  # all is done: what Python does before it ends leaves nothing behind
+    except _Stopped as error:
+        code = error.code
+    sys.exit(code)
 
 
 if __name__ == "__main__":

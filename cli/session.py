@@ -26,12 +26,14 @@ class Session:
         debug: whether defects show their traceback.
         quiet: whether only errors are printed.
         json: whether stdout is for one JSON object.
+        in_files: whether the result lies in files, and what is printed only tells of it.
         exit_code: what a command that ends normally returns.
     """
 
     debug: bool = False
     quiet: bool = False
     json: bool = False
+    in_files: bool = False
     exit_code: int = 0
 
     def configure(self, quiet: bool, json: bool) -> None:

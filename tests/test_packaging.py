@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = {"": "mipbake", "models/": "models", "training/": "training", "cli/": "cli"}
+ROOMS = {
+    "mipbake/": "mipbake",
+    "mipbake/models/": "models",
+    "mipbake/training/": "training",
+    "mipbake/cli/": "cli",
+    "mipbake_start/": "start",
+}
 
 
 def test_the_wheel_holds_every_module_config_and_weight() -> None:
@@ -20,7 +26,7 @@ def test_the_wheel_holds_every_module_config_and_weight() -> None:
     installed = {str(path) for path in files}
     kinds = {".py", ".pyi", ".toml", ".safetensors", ".json", ".md", ".typed"}
     expected = {
-        f"mipbake/{prefix}{path.relative_to(ROOT / folder).as_posix()}"
+        f"{prefix}{path.relative_to(ROOT / folder).as_posix()}"
         for prefix, folder in ROOMS.items()
         for path in (ROOT / folder).rglob("*")
         if path.suffix in kinds and "__pycache__" not in path.parts

@@ -14,6 +14,7 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.io import publish
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.io.layout import LAYOUTS, extra_layout, from_file, to_file
 from mipbake.prefilter.pixel_filter import level_sizes
@@ -339,6 +340,7 @@ def test_a_failing_rename_restores_the_earlier_stack(tmp_path, monkeypatch):
             raise PermissionError(13, "Permission denied")
         return rename(self, other)
 
+    monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
     monkeypatch.setattr(Path, "rename", refuses)
     with pytest.raises(OutputError, match="Permission denied"):
         make_stack(seed=2).save(target)

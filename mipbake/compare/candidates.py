@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -16,6 +15,7 @@ from mipbake.bake import DEFAULT_METHOD
 from mipbake.compare.result import Method
 from mipbake.errors import OutputError, UsageError
 from mipbake.io.map_files import Levels
+from mipbake.io.publish import reason, temporary_folder
 from mipbake.material import model_named
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.neural import Neural
@@ -174,27 +174,26 @@ def _as_they_are(levels: Levels) -> Levels:
 @contextmanager
 def _files(folder: Path | None) -> Iterator[Callable[[Levels], Levels]]:
     """A function that moves levels into files and gives them back mapped into memory, for as long as the context."""
-    try:
-        temporary = tempfile.TemporaryDirectory(prefix="mipbake-", dir=folder, ignore_cleanup_errors=True)
-    except OSError as error:
-        raise OutputError(f"no temporary files in {folder or tempfile.gettempdir()}: {error.strerror}") from error
-    with temporary as name:
+    with temporary_folder(folder) as place:
 
         def keep(levels: Levels) -> Levels:
-            return [_mapped(level, Path(name)) if level.nbytes >= _LEAST_FILE else level for level in levels]
+            return [_mapped(level, place) if level.nbytes >= _LEAST_FILE else level for level in levels]
 
         yield keep
 
 
 def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
     path = folder / f"{len(list(folder.iterdir()))}.npy"
+    level = np.ascontiguousarray(level)
     try:
-        np.save(path, level)
+        with path.open("wb") as file:  # np.save does not say why it could not write
+            np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(level))
+            file.write(level.data)
         mapped: NDArray[np.float32] = np.load(path, mmap_mode="r")
     except OSError as error:
         raise OutputError(
-            f"{path}: {level.nbytes >> 20} MiB of temporary levels cannot be written ({error.strerror}): make room "
-            "there, set TMPDIR to a folder on a larger disk, or compare fewer methods"
+            f"{path}: {level.nbytes >> 20} MiB of temporary levels cannot be written ({reason(error)}); "
+            "or set TMPDIR to a folder on a larger disk, or compare fewer methods"
         ) from error
     return mapped
 

@@ -15,7 +15,7 @@ from mipbake.errors import InputError
 from mipbake.io import bc7, dds, uastc
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
 from mipbake.io.messages import told_by
-from mipbake.io.publish import temporary_folder
+from mipbake.io.publish import temporary_folder, write_temporary
 
 Texels = NDArray[np.generic]
 Bytes = NDArray[np.uint8]
@@ -116,7 +116,7 @@ def _by_image_library(texture: GpuTexture) -> list[Texels]:
 
     with temporary_folder() as folder:
         path = folder / "levels.dds"
-        path.write_bytes(dds.encoded(texture))
+        write_temporary(path, dds.encoded(texture))
         source = OpenImageIO.ImageInput.open(str(path))
         if source is None:
             raise InputError(f"texels of {texture.format.name} cannot be decoded ({told_by(OpenImageIO.geterror)})")

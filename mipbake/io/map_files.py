@@ -17,7 +17,7 @@ from mipbake.errors import InputError, OutputError
 from mipbake.io.containers import Container
 from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.io.messages import listed
-from mipbake.io.publish import IsOurs, published
+from mipbake.io.publish import IsOurs, check_room, published
 
 _BLOCK = 1 << 18  # texels
 
@@ -249,6 +249,8 @@ def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) 
     try:
         found = file.container.read(folder, file.layout, [(level.shape[0], level.shape[1]) for level in levels])
     except InputError as error:
+        first = file.container.files(file.layout, len(levels))[0]
+        check_room(folder / first, sum(level.nbytes for level in levels))
         raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
     if not file.container.exact:  # it has compared what it compressed itself
         return

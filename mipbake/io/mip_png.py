@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, reader, specification, take, writer
+from mipbake.io.oiio_levels import ABOUT, PlainTexels, check_ended, finish, put, reader, specification, take, writer
 
 
 class MipPng(PlainTexels):
@@ -62,6 +62,7 @@ class MipPng(PlainTexels):
             put(out, path, spec, "Create", index, level)
             finish(out, path)
             del out
+            check_ended(path, level.nbytes)
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""

@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import os
 import secrets
-import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mipbake.errors import OutputError
+from mipbake.io.leftovers import OLD, PARTIAL, begun, kept, name_beside, remove, settle
+from mipbake.io.signals import uninterrupted
 
 IsOurs = Callable[[Path], bool]
 """Whether an existing folder holds an earlier result and nothing else, so that it may be replaced."""
+
+_BLOCK = 1 << 20  # bytes
+TRIAL = "mipbake-trial"
+_HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
 
 
 def check_target(target: Path, is_ours: IsOurs) -> None:
     """Raises OutputError when publishing to `target` cannot succeed; leaves nothing behind. Call it before long work.
 
-    Permissions do not tell everything (read-only and virtual file systems, names that are too long), so the folders
-    that are missing are made on trial, under a name of their own that no other process relies on.
+    What processes that were killed left beside `target` is removed, and an earlier result that one of them had moved
+    aside gets its name back. Permissions do not tell everything (read-only and virtual file systems, names that are
+    too long), so the folders that are missing are made on trial, under a name of their own that no other process
+    relies on.
     """
     try:
         str(target.resolve()).encode()
+        settle(target.resolve())
         _check_existing(target, is_ours)
         _try_to_make(target.resolve())
     except UnicodeEncodeError as error:
         shown = os.fsencode(target).decode("utf-8", "backslashreplace")
         raise OutputError(f"cannot write to {shown}: its name is not UTF-8, choose another folder") from error
     except OSError as error:
-        raise OutputError(f"cannot write to {target}: {_reason(error)}") from error
+        raise OutputError(f"cannot write to {target}: {reason(error)}") from error
 
 
 def _check_existing(target: Path, is_ours: IsOurs) -> None:
@@ -58,100 +68,113 @@ def _check_existing(target: Path, is_ours: IsOurs) -> None:
 
 def _try_to_make(target: Path) -> None:
     existing = next(p for p in target.parents if p.exists())
-    trial = existing / f".{secrets.token_hex(8)}.partial"
-    try:
-        trial.mkdir()
-        _partial_name(trial / target.relative_to(existing)).mkdir(parents=True)
-    finally:
-        shutil.rmtree(trial, ignore_errors=True)
+    trial = existing / TRIAL
+    settle(trial)
+    with begun(trial, Path.mkdir) as folder:
+        name_beside(folder / target.relative_to(existing), PARTIAL).mkdir(parents=True)
 
 
 @contextlib.contextmanager
 def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
-    """A temporary folder beside `target`, renamed to it when the block ends and removed when it raises.
+    """A temporary folder beside `target`, which takes its name when the block ends and is removed when it raises.
 
-    Parent folders are made as needed, and removed again when the block raises. An earlier result stands until the new
-    one is complete, and comes back if the final rename fails.
+    Parent folders are made as needed, and removed again when the block raises. Wherever the process is
+    stopped, `target` is the earlier result or the new one, whole. Only where a file system cannot exchange two names is
+    there neither for a moment; after a process was killed in it, the next `check_target` restores the earlier result.
 
     Raises:
         OutputError: what check_target says, and whatever the file system refuses on the way.
     """
     check_target(target, is_ours)
     target = target.resolve()
-    made: list[Path] = []
-    partial = _partial_name(target)
-    done = False
-    try:
-        try:
-            for parent in reversed([p for p in target.parents if not p.exists()]):
-                with contextlib.suppress(FileExistsError):  # another process was as quick
-                    parent.mkdir()
-                    made.append(parent)
-            partial.mkdir()
-            yield partial
+    with _told(f"cannot write to {target}"), _parents(target), begun(target, Path.mkdir) as partial:
+        yield partial
+        _flush(partial)
+        _check_existing(target, is_ours)  # it may have been long since the first time
+        with uninterrupted():
             _swap(partial, target)
-        except OSError as error:
-            raise OutputError(f"cannot write to {target}: {_reason(error)}") from error
-        done = True
-    finally:
-        if not done:
-            shutil.rmtree(partial, ignore_errors=True)
-            for parent in reversed(made):
-                with contextlib.suppress(OSError):  # not empty: another process writes there too
-                    parent.rmdir()
-
-
-def replaced_file(path: Path, data: bytes) -> None:
-    """Writes a file so that it is either there, whole, or as it was before. OutputError where that fails."""
-    partial = _partial_name(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {_reason(error)}") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def temporary_folder() -> Iterator[Path]:
-    """A folder for files that a library must have, removed when the block ends. OutputError where that fails."""
+def replacing(path: Path) -> Iterator[Path]:
+    """A new, empty file beside `path`, which takes its name when the block ends and is removed when it raises.
+
+    Raises:
+        OSError: whatever the file system refuses.
+    """
+    settle(path)
+    with begun(path, lambda partial: partial.touch(exist_ok=False)) as partial:
+        yield partial
+        _flush(partial)
+        partial.replace(path)
+
+
+def replaced_file(path: Path, data: bytes) -> None:
+    """Writes a file, and the folders that it is in, so that it is either there, whole, or as it was before.
+
+    Raises:
+        OutputError: the file system refuses it.
+    """
+    with _told(f"cannot write {path}"), _parents(path), replacing(path) as partial:
+        partial.write_bytes(data)
+
+
+@contextlib.contextmanager
+def temporary_files(parent: Path | None = None) -> Iterator[None]:
+    """What the file system refuses in the block concerns temporary files: OutputError says so.
+
+    Args:
+        parent: where they lie; None for the system's folder of such.
+    """
     try:
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            yield Path(folder)
+        yield
     except OSError as error:
-        raise OutputError(
-            f"cannot write temporary files: {_reason(error)} (the environment variable TMPDIR names it)"
-        ) from error
+        where = f" in {parent}" if parent else ""
+        hint = "" if parent else " (the environment variable TMPDIR names it)"
+        raise OutputError(f"cannot write temporary files{where}: {reason(error)}{hint}") from error
 
 
-def _partial_name(target: Path) -> Path:
-    return target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+@contextlib.contextmanager
+def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
+    """A folder for files that are not needed for long, removed when the block ends.
+
+    Args:
+        parent: where it lies; None for the system's folder of such.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    with temporary_files(parent):
+        made = tempfile.TemporaryDirectory(prefix="mipbake-", dir=parent, ignore_cleanup_errors=True)
+    with made as folder:
+        yield Path(folder)
 
 
-def _swap(partial: Path, target: Path) -> None:
-    if not target.exists():
-        partial.rename(target)
-        return
-    old = partial.with_suffix(".old")
-    target.rename(old)
-    try:
-        partial.rename(target)
-    except BaseException:
-        old.rename(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+def write_temporary(path: Path, data: bytes | memoryview) -> None:
+    """Writes a file into a temporary folder. OutputError where that fails."""
+    with temporary_files():
+        path.write_bytes(data)
 
 
-def _listed(folder: Path) -> bool:
-    try:
-        return any(folder.iterdir())
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {_reason(error)}") from error
+def check_room(path: Path, size: int) -> None:
+    """Raises OSError where an unfinished file takes no more bytes. Its content is lost.
+
+    For libraries that do not say why they could not write: what is full, or too long, refuses other bytes as well. They
+    stay until the file is removed, so that nothing that is written meanwhile finds room and another reason.
+
+    Args:
+        size: how many bytes were still to be written, at most.
+    """
+    block = secrets.token_bytes(_BLOCK)  # file systems that compress must not find room for them
+    with path.open("ab", buffering=0) as file:
+        for _ in range(-(-size // _BLOCK) + 1):
+            written = file.write(block) or 0
+            if written < _BLOCK:
+                file.write(block[written:])
 
 
-def _reason(error: OSError) -> str:
+def reason(error: OSError) -> str:
+    """Why the file system refused, and what to do."""
     if error.errno == errno.ENOSPC:
         return "the disk is full, make room or choose another folder"
     if error.errno == errno.EDQUOT:
@@ -161,3 +184,84 @@ def _reason(error: OSError) -> str:
     if error.errno == errno.ENAMETOOLONG:
         return "the name is too long, choose a shorter one"
     return f"{error.strerror or error}, check the folder's permissions or choose another"
+
+
+@contextlib.contextmanager
+def _told(what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{what}: {reason(error)}") from error
+
+
+@contextlib.contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """The folders that a path lies in, made where they are missing, and removed again when the block raises."""
+    made: list[Path] = []
+    done = False
+    try:
+        for parent in reversed([p for p in path.parents if not p.exists()]):
+            made.append(parent)
+            parent.mkdir(exist_ok=True)  # another process may be as quick
+        yield
+        done = True
+    finally:
+        for parent in reversed([] if done else made):
+            with contextlib.suppress(OSError):  # not empty: another process writes there too
+                parent.rmdir()
+
+
+def _flush(path: Path) -> None:
+    """Waits until a file, or all files below a folder, are on the disk: some file systems say only then what failed."""
+    for file in [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]:
+        with file.open("rb+") as opened:
+            os.fsync(opened.fileno())
+
+
+def _swap(partial: Path, target: Path) -> None:
+    """Gives a folder its name. An earlier folder of that name is what lies at `partial` then.
+
+    Raises:
+        OSError: the file system refuses it; then everything is as it was.
+    """
+    while not _exchanged(partial, target):
+        try:
+            partial.rename(target)  # there is none, or an empty one
+            return
+        except OSError:
+            if not os.path.lexists(target):
+                raise
+        old = name_beside(target, OLD)
+        with kept(target):
+            try:
+                target.rename(old)
+            except FileNotFoundError:  # another process has moved it: once more
+                continue
+            try:
+                partial.rename(target)
+            except OSError:
+                if os.path.lexists(target):  # another process was quicker: its result is what is to be replaced
+                    remove(old)
+                    continue
+                old.rename(target)
+                raise
+            old.rename(partial)
+            return
+
+
+def _exchanged(first: Path, second: Path) -> bool:
+    """Exchanges the names of two folders in one step; False where that cannot be had."""
+    if sys.platform != "linux":
+        return False
+    try:
+        exchange = ctypes.CDLL(None).renameat2
+    except (OSError, AttributeError):  # an old C library
+        return False
+    return bool(exchange(_HERE, os.fsencode(first), _HERE, os.fsencode(second), _EXCHANGE) == 0)
+
+
+def _listed(folder: Path) -> bool:
+    try:
+        return any(folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {reason(error)}") from error

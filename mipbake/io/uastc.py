@@ -12,7 +12,7 @@ from mipbake.errors import UsageError
 from mipbake.io import ktx2
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
 from mipbake.io.oiio_levels import reader
-from mipbake.io.publish import temporary_folder
+from mipbake.io.publish import temporary_folder, write_temporary
 
 _QUALITY, _EFFORT = 100, 3
 """The best quality; more effort takes twice the time for 0.1 dB."""
@@ -49,7 +49,7 @@ def decompressed(texture: GpuTexture) -> list[NDArray[np.generic]]:
     with temporary_folder() as folder:
         path = folder / "level.png"
         for index in range(len(texture.levels)):
-            path.write_bytes(decoder.decode_ktx2_to_bytes(data, format="png", level=index)[0])
+            write_temporary(path, decoder.decode_ktx2_to_bytes(data, format="png", level=index)[0])
             source = reader(path)
             pixels = np.asarray(source.read_image("uint8"), np.uint8)
             source.close()

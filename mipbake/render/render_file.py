@@ -7,8 +7,6 @@ texture coordinates exceed by far.
 
 from __future__ import annotations
 
-import contextlib
-import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import OutputError, UsageError
+from mipbake.io.publish import check_room, reason, replacing
 from mipbake.render.mesh_render import Frame, Reference
 
 _REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: x and y (ITU-R BT.709)
@@ -75,21 +74,19 @@ def write_render(
         "lod": _channels(("lod",), candidate.lod),
         "uv": _channels("uv", *_split(candidate.uv)),
     }
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    size = sum(channel.nbytes for channels in parts.values() for channel in channels.values())
     try:
-        partial.touch(exist_ok=False)  # says why a folder takes no files, which the library does not
-        _write(partial, parts, said)
-        _verify(partial, parts, said)
-        partial.replace(path)
-    except (OSError, RuntimeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else None
-        raise OutputError(
-            f"cannot write the render {path} ({reason or ' '.join(str(error).split())}): expected a folder that takes "
-            "files and has room, choose another"
-        ) from error
-    finally:
-        with contextlib.suppress(OSError):  # it got its name, or never was
-            partial.unlink()
+        with replacing(path) as partial:
+            try:
+                _write(partial, parts, said)
+                _verify(partial, parts, said)
+            except RuntimeError:
+                check_room(partial, size)
+                raise
+    except OSError as error:
+        raise OutputError(f"cannot write the render {path}: {reason(error)}") from error
+    except RuntimeError as error:
+        raise OutputError(f"cannot write the render {path} ({' '.join(str(error).split())}): check the disk") from error
 
 
 Channels = Mapping[str, NDArray[np.float32]]

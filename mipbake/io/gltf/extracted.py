@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError
+from mipbake.errors import InputError
 from mipbake.io.colour import SRGB, decode, unit_range
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import content_key, image_bytes, image_label
 from mipbake.io.layout import srgb_encode
+from mipbake.io.oiio_levels import write_png
+from mipbake.io.publish import temporary_files, write_temporary
 from mipbake.io.read import Header, read_header, read_image
 from mipbake.io.safe_names import unique_name
 
@@ -49,12 +51,7 @@ class Extracted:
         if key not in self._files:
             data, suffix = image_bytes(self.document, image)
             path = self.folder / f"{unique_name(self._stem(image), f'image_{image}', self._names)}{suffix}"
-            try:
-                path.write_bytes(data)
-            except OSError as error:
-                raise OutputError(
-                    f"{path} cannot be written ({error.strerror}): check space and permissions"
-                ) from error
+            write_temporary(path, data)
             self._files[key] = path
         return self._files[key]
 
@@ -129,16 +126,11 @@ class Extracted:
 
     def _write(self, key: tuple[Any, ...], values: NDArray[np.float64]) -> Path:
         """(H, W, 3) in [0, 1] to a PNG of 16 bits; one file for one key."""
-        import OpenImageIO
-
         if key in self._written:
             return self._written[key]
         path = self.folder / f"{unique_name(f'made_{len(self._written)}', 'made', self._names)}.png"
         texels = np.floor(np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
-        output = OpenImageIO.ImageOutput.create(str(path))
-        spec = OpenImageIO.ImageSpec(texels.shape[1], texels.shape[0], 3, "uint16")
-        if output is None or not output.open(str(path), spec) or not output.write_image(np.ascontiguousarray(texels)):
-            raise OutputError(f"{path} cannot be written: check space and permissions")
-        output.close()
+        with temporary_files():
+            write_png(path, texels)
         self._written[key] = path
         return path

@@ -1,0 +1,122 @@
+"""Closed and broken streams, signals while the program loads, and kills at random: the exit code tells the truth."""
+
+from __future__ import annotations
+
+import os
+import random
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import mipbake
+from mipbake.cli.main import main
+
+from .command_line import bumps, tree, write_set
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="shells and signals as POSIX has them")
+
+ROOT = Path(__file__).resolve().parent.parent
+# The entry point as the console script calls it, from the checkout, which need not be installed.
+ENTRY = (
+    f"import sys; sys.path.insert(0, {str(ROOT)!r}); from start import run; del sys.path[0]; "
+    "sys.argv[0] = 'mipbake'; run()"
+)
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p and p != str(ROOT))}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_set(tmp_path / "set")
+
+
+def shell(line: str, *arguments: object) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a line of bash in which `$MIPBAKE` stands for the program and its arguments."""
+    command = shlex.join([sys.executable, "-c", ENTRY, *map(str, arguments)])
+    script = ["bash", "-c", "set -o pipefail\n" + line.replace("$MIPBAKE", command)]
+    done = subprocess.run(script, capture_output=True, text=True, env=ENVIRONMENT, timeout=120, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["$MIPBAKE | head -n 1", "$MIPBAKE | true", "$MIPBAKE >&-", "$MIPBAKE > /dev/full", "$MIPBAKE <&- >&- 2>&-",
+     "$MIPBAKE > /dev/full 2> /dev/full"],
+)  # fmt: skip
+def test_a_bake_goes_on_without_a_reader(folder: Path, tmp_path: Path, line: str) -> None:
+    if "/dev/full" in line and not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full")
+    code, out, err = shell(line, "bake", folder, "-o", tmp_path / "out", "--method", "linear")
+    assert (code, err) == (0, "") and out.count("\n") <= 1
+    assert mipbake.open_stack(tmp_path / "out" / "set").size == (16, 16)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["inspect"], ["inspect", "--json"], ["--help"], ["--version"], ["bake", "--json"]]
+)
+@pytest.mark.parametrize("line", ["$MIPBAKE > /dev/full", "$MIPBAKE >&-"])
+def test_a_result_that_cannot_be_printed_exits_4(folder: Path, tmp_path: Path, line: str, arguments: list[str]) -> None:
+    if "/dev/full" in line and not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full")
+    command, *options = arguments
+    if command == "bake":
+        options += ["-o", str(tmp_path / "out"), "--method", "linear"]
+    code, out, err = shell(line, command, *([folder] if command in ("bake", "inspect") else []), *options)
+    assert (code, out) == (4, "") and err.startswith("mipbake: cannot print the result (") and err.count("\n") == 1
+    assert (tmp_path / "out" / "set").exists() == (command == "bake")
+
+
+def test_an_error_that_nobody_reads_keeps_its_exit_code(tmp_path: Path) -> None:
+    code, _, _ = shell("$MIPBAKE >&- 2>&-", "bake", tmp_path / "none", "-o", tmp_path / "out")
+    assert code == 3
+
+
+def test_a_reader_that_has_seen_enough_is_no_failure(folder: Path) -> None:
+    assert shell("$MIPBAKE | head -n 1", "inspect", folder)[::2] == (0, "")
+    assert shell("$MIPBAKE | true", "--help")[::2] == (0, "")
+
+
+def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, tmp_path: Path) -> None:
+    """What a library prints by the number of stdout must not go into a map."""
+    code, _, _ = shell("$MIPBAKE <&- >&- 2>&-", "bake", folder, "-o", tmp_path / "closed", "--method", "linear")
+    assert code == 0 and main(["bake", str(folder), "-o", str(tmp_path / "open"), "--method", "linear", "-q"]) == 0
+    for name in tree(tmp_path / "open" / "set"):
+        assert (tmp_path / "closed" / "set" / name).read_bytes() == (tmp_path / "open" / "set" / name).read_bytes()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_while_the_program_loads_end_it_in_a_sentence(
+    folder: Path, tmp_path: Path, number: int, code: int
+) -> None:
+    # It says when the entry point has begun: Python itself takes a moment before.
+    program = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); import start; del sys.path[0]; sys.argv[0] = 'mipbake'; "
+        "start._fill_descriptors = lambda: print(flush=True); start.run()"
+    )
+    for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):
+        running = subprocess.Popen(
+            [sys.executable, "-c", program, "bake", folder, "-o", tmp_path / "out", "--method", "linear"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=ENVIRONMENT,
+        )
+        assert running.stdout is not None and running.stdout.readline() == "\n"
+        time.sleep(delay)
+        running.send_signal(number)
+        _, err = running.communicate(timeout=60)
+        if running.returncode not in (0, -number):  # it was done, and may have been about to end
+            assert running.returncode == code and err.count("\n") == 1 and "Traceback" not in err, err
+        assert "Traceback" not in err and (delay or running.returncode == code), err
+
+
+def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
+    write_set(tmp_path / "set", **bumps(64, 64))
+    command = [sys.executable, ROOT / "tests" / "random_kills.py", tmp_path, "30", str(random.randrange(10**6))]
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") <= 2 and "neither" not in done.stdout, (command[-1], done.stdout)

@@ -1,0 +1,166 @@
+"""No result is lost, wherever a process is stopped while it puts another in its place."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from mipbake.errors import OutputError
+from mipbake.io import publish
+from mipbake.io.leftovers import unfinished
+from mipbake.io.publish import check_target, published, replaced_file
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks as POSIX has them")
+
+STEPS = Path(__file__).parent / "publish_steps.py"
+
+
+def program(code: str, *arguments: object) -> subprocess.Popen[str]:
+    path = os.pathsep.join(p for p in sys.path if p)
+    command = [sys.executable, *(("-c", code) if code else ()), *map(str, arguments)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
+
+
+def ours(_folder: Path) -> bool:
+    return True
+
+
+def publish_text(target: Path, text: str) -> None:
+    with published(target, ours) as folder:
+        (folder / "text").write_text(text)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["exchange KILL folder", "renames KILL folder", "exchange INT folder", "renames TERM folder", "exchange KILL file"],
+)
+def test_a_result_survives_a_stop_at_every_step(tmp_path: Path, arguments: str) -> None:
+    running = program("", STEPS, tmp_path, *arguments.split())
+    out, err = running.communicate(timeout=600)
+    assert running.returncode == 0, err
+    first, *wrong = out.strip().splitlines()
+    assert int(first.split()[0]) > 80, first
+    assert not wrong, "\n".join(wrong[:10])
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_both_ways_of_replacing_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: bool) -> None:
+    if not exchange:
+        monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+    for text in ("one", "two", "three"):
+        publish_text(tmp_path / "set", text)
+        assert (tmp_path / "set" / "text").read_text() == text
+        assert names(tmp_path) == ["set"] and not unfinished()
+
+
+def test_names_are_exchanged_where_the_file_system_can(tmp_path: Path) -> None:
+    if sys.platform != "linux":
+        pytest.skip("only Linux exchanges two names")
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).touch()
+    if not publish._exchanged(tmp_path / "a", tmp_path / "b"):
+        pytest.skip(f"the file system of {tmp_path} does not exchange two names")
+    assert (tmp_path / "a" / "b").exists() and (tmp_path / "b" / "a").exists()
+    assert not publish._exchanged(tmp_path / "a", tmp_path / "none")
+
+
+def test_a_folder_that_got_other_files_meanwhile_stays(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match="holds files that are not mipbake's"),
+        published(tmp_path / "set", lambda _folder: False) as folder,
+    ):
+        (folder / "text").write_text("ours")
+        (tmp_path / "set").mkdir()
+        (tmp_path / "set" / "notes").write_text("somebody's")
+    assert names(tmp_path) == ["set"] and names(tmp_path / "set") == ["notes"]
+
+
+def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from mipbake.io.publish import published\n"
+        "with published(Path(sys.argv[1]) / 'set', lambda folder: True) as folder:\n"
+        "    (folder / 'text').write_text('living'); print('ready', flush=True); sys.stdin.read()\n"
+    )
+    living, dying = program(code, tmp_path), program(code, tmp_path)
+    for each in (living, dying):
+        assert each.stdout is not None and each.stdout.readline() == "ready\n"
+    dying.kill()
+    dying.communicate()
+    foreign = tmp_path / ".set.notes.partial"
+    foreign.write_text("somebody's")
+    (tmp_path / ".set.0badcafe.partial").mkdir()
+    (tmp_path / ".other.0badcafe.partial").mkdir()
+    assert len(names(tmp_path)) == 5
+    publish_text(tmp_path / "set", "new")
+    left = [name for name in names(tmp_path) if name not in (foreign.name, "set", ".other.0badcafe.partial")]
+    assert len(left) == 1 and (tmp_path / left[0] / "text").read_text() == "living"
+    assert (tmp_path / "set" / "text").read_text() == "new"
+    assert living.communicate("")[1] == "" and living.returncode == 0
+    assert (tmp_path / "set" / "text").read_text() == "living"
+    assert names(tmp_path) == [".other.0badcafe.partial", foreign.name, "set"]
+
+
+def test_a_result_that_was_moved_aside_comes_back(tmp_path: Path) -> None:
+    aside = tmp_path / ".set.0badcafe.old"
+    aside.mkdir()
+    (aside / "text").write_text("old")
+    with pytest.raises(OutputError, match="not mipbake's"):
+        check_target(tmp_path / "set", lambda _folder: False)  # what it holds now counts, as ever
+    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "old"
+    aside.mkdir()  # the process died before it could remove it: the new one is there
+    check_target(tmp_path / "set", ours)
+    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "old"
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: bool) -> None:
+    if not exchange:
+        monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+    failed: list[BaseException] = []
+
+    def work(text: str) -> None:
+        try:
+            for _ in range(10):
+                publish_text(tmp_path / "new" / "set", text)
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=work, args=(str(index),)) for index in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not failed, failed
+    assert names(tmp_path / "new") == ["set"] and (tmp_path / "new" / "set" / "text").read_text() in "0123"
+
+
+def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mipbake.io.leftovers.remove", lambda _path: None)
+    with pytest.raises(OutputError), published(tmp_path / "set", ours):
+        raise OSError(5, "Input/output error")
+    assert len(unfinished()) == 2  # the trial, too
+    monkeypatch.undo()
+    check_target(tmp_path / "set", ours)
+    assert not unfinished() and names(tmp_path) == []
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    replaced_file(tmp_path / "new" / "scene.glb", b"one")
+    (tmp_path / "new" / ".scene.glb.0badcafe.partial").write_bytes(b"half")
+    replaced_file(tmp_path / "new" / "scene.glb", b"two")
+    assert (tmp_path / "new" / "scene.glb").read_bytes() == b"two" and names(tmp_path / "new") == ["scene.glb"]
+    with pytest.raises(OutputError, match="Not a directory"):
+        replaced_file(tmp_path / "new" / "scene.glb" / "other.glb", b"")
