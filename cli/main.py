@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -24,6 +25,7 @@ from mipbake.cli.inspect import inspect
 from mipbake.cli.presets import presets
 from mipbake.cli.session import Session
 from mipbake.cli.validate import validate
+from mipbake.io import disk
 
 EXIT_UNEXPECTED = 1
 EXIT_USAGE = 2
@@ -71,8 +73,13 @@ def _common(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
 ) -> None:
     """Bake PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
+    from mipbake import _native
+
     del version
     context.obj.debug = debug
+    # The native core looks at its variables of the environment when it is first used, which may be after minutes.
+    _native.isa()
+    _native.num_threads()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -97,21 +104,35 @@ def main(arguments: Sequence[str]) -> int:
         # Whoever read stdout has seen enough. What is still buffered must not fail again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = EXIT_UNEXPECTED
-    except MemoryError as error:
-        code = session.fail(
-            f"there is not enough memory for this ({error or 'no more can be had'}): ask for less, for example for "
-            "fewer points or samples, smaller pictures or a smaller set",
-            EXIT_UNEXPECTED,
-        )
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            code = _defect(session, error)
-        else:
-            name = str(error.filename)[:80]
-            code = session.fail(f"{name}... is longer than a name can be: give the path of a file", EXIT_INPUT)
     except Exception as error:
-        code = _defect(session, error)
+        if _lacks_memory(error):
+            code = session.fail(
+                f"there is not enough memory for this ({str(error) or 'no more can be had'}): ask for less, for "
+                "example for fewer points or samples, smaller pictures or a smaller set",
+                EXIT_UNEXPECTED,
+            )
+        elif isinstance(error, OSError) and error.filename is not None:  # nothing closer to it has a sentence
+            code = session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), EXIT_INPUT)
+        else:
+            code = _defect(session, error)
     return code
+
+
+def _lacks_memory(error: Exception) -> bool:
+    """Whether memory, address space or threads ran out, whichever library says so."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    said = str(error).lower()
+    return isinstance(error, MemoryError) or (
+        isinstance(error, (ImportError, RuntimeError)) and any(words in said for words in _OUT_OF_MEMORY)
+    )
+
+
+_OUT_OF_MEMORY = (
+    *("failed to map segment", "cannot allocate memory", "can't allocate memory", "bad_alloc", "out of memory"),
+    "can't start new thread",
+)
+"""What dynamic linkers, torch, C++ and Python say."""
 
 
 def _defect(session: Session, error: Exception) -> int:

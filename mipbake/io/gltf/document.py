@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from mipbake.errors import InputError
+from mipbake.io import disk, json_text
 from mipbake.io.gltf import container, uris
 from mipbake.io.messages import one_line
 
@@ -110,31 +109,18 @@ def member(parent: Mapping[str, Any], key: str, where: str, path: Path) -> Json:
 
 
 def _read(path: Path) -> bytes:
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: expected a .gltf or .glb file")
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist: expected a .gltf or .glb file") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
+    if not disk.exists(path):
+        raise InputError(f"{path} does not exist: expected a .gltf or .glb file")
+    data = disk.read_bytes(path)
     if not data:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
     return data
 
 
 def _parsed(path: Path, text: bytes) -> Json:
-    def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no number in JSON")
-
-    def number_of(digits: str) -> float:
-        if not math.isfinite(value := float(digits)):
-            raise ValueError(f"the number {digits[:20]} is beyond what a float holds")
-        return value
-
     try:
-        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=refuse, parse_float=number_of)
-    except (ValueError, RecursionError) as error:
+        parsed = json_text.parsed(text)
+    except ValueError as error:
         raise InputError(
             f"{path} holds JSON that is damaged ({one_line(str(error))}): export or download it again"
         ) from error
