@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.disk import check_file, exists
+from mipbake.io.messages import told_by
 
 Array = NDArray[np.float64]
 
@@ -132,9 +133,8 @@ def from_file(path: Path, lights: int = LIGHTS, normalised: bool = True) -> Ligh
     check_file(path)
     image = oiio.ImageBuf(str(path))
     if not image.read(0, 0, True, "float"):
-        reason = (image.geterror() or "unknown format").strip().splitlines()[0]
         raise InputError(
-            f"environment {path} cannot be read ({reason}): expected a whole image in .hdr or .exr format, so check "
+            f"environment {path} cannot be read ({told_by(image.geterror)}): expected a whole image in .hdr or .exr format, so check "
             "its path and copy it again"
         )
     pixels = np.asarray(image.get_pixels(oiio.FLOAT))
