@@ -134,8 +134,8 @@ def from_file(path: Path, lights: int = LIGHTS, normalised: bool = True) -> Ligh
     image = oiio.ImageBuf(str(path))
     if not image.read(0, 0, True, "float"):
         raise InputError(
-            f"environment {path} cannot be read ({told_by(image.geterror)}): expected a whole image in .hdr or .exr format, so check "
-            "its path and copy it again"
+            f"environment {path} cannot be read ({told_by(image.geterror)}): expected a whole image in .hdr or .exr "
+            "format, so check its path and copy it again"
         )
     pixels = np.asarray(image.get_pixels(oiio.FLOAT))
     if pixels.ndim != 3 or pixels.shape[2] < 3:

@@ -5,6 +5,7 @@ A file of that folder is damaged, the others lie beside it as they are.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -99,7 +100,5 @@ READERS: Mapping[str, Reader] = {
 
 def _tried(read: Callable[[], object]) -> None:
     """Reads; a refusal does not keep the next reader from its turn."""
-    try:
+    with contextlib.suppress(mipbake.MipbakeError):
         read()
-    except mipbake.MipbakeError:
-        pass

@@ -59,7 +59,8 @@ def read_document(path: Path) -> Document:
     """Reads a .gltf or .glb file, which of them its content tells, with its buffers.
 
     Raises:
-        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it.
+        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it; a
+            texture names an image that is not there.
     """
     data = _read(path)
     if data.startswith(container.MAGIC):
@@ -75,6 +76,8 @@ def read_document(path: Path) -> Document:
     document = Document(path, parsed, buffers, chunks.others)
     for index, view in enumerate(document.all("bufferViews")):
         _check_view(document, index, view)
+    for index, texture in enumerate(document.all("textures")):
+        _check_sources(document, index, texture)
     return document
 
 
@@ -190,6 +193,15 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
             "another file, export or download it again"
         )
     return data[:length]
+
+
+def _check_sources(document: Document, index: int, texture: Json) -> None:
+    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that is none."""
+    extensions = texture.get("extensions")
+    named = {f"{name} of texture {index}": e for name, e in extensions.items()} if isinstance(extensions, dict) else {}
+    for where, holder in {f"texture {index}": texture, **named}.items():
+        if isinstance(holder, dict) and "source" in holder:
+            document.one("images", holder["source"], where)
 
 
 def _check_view(document: Document, index: int, view: Json) -> None:

@@ -109,18 +109,15 @@ def image_label(index: object, image: Json) -> str:
 
 
 def source_of(document: Document, texture: object, where: str) -> object:
-    """The index of the image that a texture shows: its `source`, else the one that an extension names.
-
-    InputError where it names none, or one that the document does not have.
-    """
+    """The index of the image that a texture shows: its `source`, else the one that an extension names."""
     found = document.one("textures", texture, where)
+    if "source" in found:
+        return found["source"]
     extensions = found.get("extensions")
-    for name in ("", *SOURCE_EXTENSIONS):
+    for name in SOURCE_EXTENSIONS:
         extension = extensions.get(name) if isinstance(extensions, dict) else None
-        named = extension if name else found
-        if isinstance(named, dict) and "source" in named:
-            document.one("images", named["source"], f"texture {texture} ({where})")
-            return named["source"]
+        if isinstance(extension, dict) and "source" in extension:
+            return extension["source"]
     raise InputError(f"{document.path}: texture {texture} ({where}) names no image: expected a source, export it again")
 
 
