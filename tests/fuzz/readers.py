@@ -16,6 +16,7 @@ import mipbake
 from mipbake.convert import open_material
 from mipbake.intake import Failure, jobs
 from mipbake.io.file_info import file_info
+from mipbake.io.gltf.write import check_images, rewritten
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 from mipbake.io.read import read_header, read_image
@@ -49,9 +50,14 @@ def _document(folder: Path, _file: Path) -> None:
     for path in sorted(p for p in folder.iterdir() if p.suffix in (".gltf", ".glb", ".mtlx")):
         with TemporaryDirectory() as scratch:
             for job in jobs([str(path)], LoadOptions(), Path(scratch)):
-                if not isinstance(job, Failure):
-                    _tried(job.found)
-                    _tried(job.read)
+                if isinstance(job, Failure):
+                    continue
+                _tried(job.found)
+                _tried(job.read)
+                document, bake = job.document, job.bake
+                if document is not None and bake is not None:
+                    _tried(lambda document=document, bake=bake: check_images(document, [bake]))
+                    _tried(lambda document=document: rewritten(document, [], {}))
         if path.suffix != ".mtlx":
             _tried(lambda path=path: file_info(path))
 
