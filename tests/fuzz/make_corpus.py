@@ -31,6 +31,8 @@ def main() -> None:
     stack = mipbake.bake(texture_set, method="linear")
     for name, formats in _FORMATS.items():
         stack.save(CORPUS / f"stack-{name}", formats)
+    for name in ("dds", "tx"):  # sources may be such files, too
+        shutil.copy(CORPUS / f"stack-{name}" / f"wood_base_color.{name}", CORPUS / "images")
     convert(texture_set, "ggx").save(CORPUS / "material")
     document = _document()
     document.write(_made("gltf") / "small.glb")
@@ -114,11 +116,13 @@ def _materialx(folder: Path) -> None:
 
 
 def _weights(folder: Path) -> None:
+    import torch
     from safetensors.torch import save
 
     from mipbake.models.config import NetworkConfig
     from mipbake.models.registry import WeightsInfo, untrained
 
+    torch.manual_seed(0)
     config = NetworkConfig(latent_channels=16, encoder_layers=1, decoder_layers=1, growth=2)
     content = save({key: value.contiguous() for key, value in untrained(config).state_dict().items()})
     digest = hashlib.sha256(content).hexdigest()
