@@ -254,7 +254,7 @@ def open_material(path: str | Path) -> Material:
     folder = Path(path)
     file = folder / MATERIAL_MANIFEST
     try:
-        manifest = parsed(disk.read_bytes(file))
+        manifest = parsed(disk.read_bytes(file, "what `mipbake convert` wrote"))
     except ValueError as error:
         raise InputError(f"cannot read {file} ({error}): expected what `mipbake convert` wrote") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != MATERIAL_SCHEMA:

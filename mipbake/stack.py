@@ -307,7 +307,7 @@ def manifest_path(path: str | Path) -> Path:
 def read_manifest(path: Path) -> dict[str, Any]:
     """What a stack's file declares, from `manifest_path`; InputError where it is broken or of another version."""
     try:
-        manifest = parsed(disk.read_bytes(path))
+        manifest = parsed(disk.read_bytes(path, "what `mipbake bake` wrote"))
     except ValueError as error:
         raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:

@@ -28,23 +28,26 @@ _SHOWN = 80
 """Letters of a name that is too long which a message repeats."""
 
 
-def refused(path: Path, error: OSError) -> InputError:
-    """The sentence for what the file system says of a path that was to be read."""
+def refused(path: Path, error: OSError, expected: str = "") -> InputError:
+    """The sentence for what the file system says of a path that was to be read; `expected` is what should lie there."""
     if error.errno == errno.ENAMETOOLONG:
         return InputError(f"{str(path)[:_SHOWN]}... is longer than a name can be: give the path of a file or folder")
     if error.errno == errno.ELOOP:
         return InputError(f"{path} is a link that leads back to itself: remove it, or give what it should lead to")
-    return InputError(f"{path} cannot be read ({error.strerror or error}): check that it is there, and its permissions")
+    wanted = f"expected {expected}, " if expected else ""
+    return InputError(
+        f"{path} cannot be read ({error.strerror or error}): {wanted}check that it is there, and its permissions"
+    )
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
+def reading(path: Path, expected: str = "") -> Iterator[None]:
     """Turns an OSError into an InputError about `path`, or about the file that the error itself names."""
     try:
         yield
     except OSError as error:
         named = path if error.filename is None else Path(os.fsdecode(error.filename))
-        raise refused(named, error) from error
+        raise refused(named, error, expected) from error
 
 
 def is_file(path: Path) -> bool:
@@ -94,38 +97,38 @@ def resolved(path: Path) -> Path:
         raise refused(path, error) from error
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path, expected: str = "") -> None:
     """InputError unless a regular file lies there, which may be handed to a library that opens it itself."""
-    with reading(path):
+    with reading(path, expected):
         mode = path.stat().st_mode
     if not stat.S_ISREG(mode):
         what = next((name for test, name in _KINDS if test(mode)), "something else")
-        raise InputError(f"{path} is {what}: expected a file")
+        raise InputError(f"{path} is {what}: expected {expected or 'a file'}")
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
+def opened(path: Path, expected: str = "") -> Iterator[BinaryIO]:
     """A regular file, open for reading; InputError for anything else, and for what goes wrong while it is read."""
-    check_file(path)
-    with reading(path), path.open("rb") as file:
+    check_file(path, expected)
+    with reading(path, expected), path.open("rb") as file:
         yield file
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, expected: str = "") -> bytes:
     """All bytes of a regular file; InputError where they cannot be had."""
-    with opened(path) as file:
+    with opened(path, expected) as file:
         return file.read()
 
 
-def read_text_or_pipe(path: Path) -> str:
+def read_text_or_pipe(path: Path, expected: str = "") -> str:
     """Text in UTF-8 of a file, or of a pipe such as a shell's <(...); nothing where nobody writes to the pipe.
 
     Raises:
         InputError: it cannot be read. UnicodeDecodeError: it is not UTF-8.
     """
-    with reading(path):
+    with reading(path, expected):
         if not stat.S_ISFIFO(path.stat().st_mode):
-            return read_bytes(path).decode("utf-8-sig")
+            return read_bytes(path, expected).decode("utf-8-sig")
         # To open it as usual would wait for a writer.
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as pipe:  # noqa: PTH123
             os.set_blocking(pipe.fileno(), True)

@@ -159,7 +159,7 @@ def file_info(path: Path) -> FileInfo:
 
     Pixels of KTX 2, DDS and documents are not decoded.
     """
-    with disk.opened(path) as file:
+    with disk.opened(path, "a file of a stack, or its folder") as file:
         start = file.read(12)
     if start == ktx2.IDENTIFIER:
         return _ktx2(path)

@@ -72,7 +72,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
 
 def _listed(file: Path) -> list[Path]:
     try:
-        lines = disk.read_text_or_pipe(file).splitlines()
+        lines = disk.read_text_or_pipe(file, "a text file of paths").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"the list {file} is not UTF-8 text: expected one path a line") from error
     entries = [entry for line in lines if (entry := line.strip()) and not entry.startswith("#")]
@@ -84,6 +84,8 @@ def _listed(file: Path) -> list[Path]:
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     if not entry:
         raise InputError("a source has no name: expected a path, look where the empty one came from")
+    if "\0" in entry:
+        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can: expected a path")
     path = folder / entry
     if os.path.lexists(path) or not any(c in entry for c in "*?["):
         return [path]

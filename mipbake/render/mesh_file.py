@@ -29,4 +29,4 @@ def read_mesh(path: Path) -> Mesh:
             f"the mesh {path} is of a kind that is not read: expected a file that ends in {', '.join(_READERS)}, so "
             "convert it to glTF"
         )
-    return reader(path, disk.read_bytes(path))
+    return reader(path, disk.read_bytes(path, "a mesh"))

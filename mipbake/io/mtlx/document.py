@@ -234,7 +234,7 @@ class _DoctypeError(Exception):
 
 
 def _parsed(path: Path) -> Element:
-    with disk.opened(path) as file:
+    with disk.opened(path, "a MaterialX document") as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise InputError(f"{path} is larger than {MAX_BYTES >> 20} MiB: expected a MaterialX document")
