@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -41,6 +42,7 @@ def convert(
             metavar="SOURCE",
             help="Texture sets, or materials that were converted before, one a folder.",
             show_default=False,
+            readable=False,
         ),
     ],
     to: Annotated[str, typer.Option("--to", metavar=one_of(TARGETS), help="Material model.", show_default=False)],
@@ -107,7 +109,7 @@ def _convert_one(
             given = open_material(source)
             reading("read", 1.0)
         place = out / given.name
-        if place.resolve() == source.resolve():
+        if os.path.realpath(place) == os.path.realpath(source):
             raise UsageError(
                 f"{source} would be replaced by what is made of it, which may hold less: choose another --out"
             )

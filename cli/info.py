@@ -19,7 +19,12 @@ def info(
     context: typer.Context,
     path: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A texture, a GLB, a stack.json or a stack's folder.", show_default=False),
+        typer.Argument(
+            metavar="FILE",
+            help="A texture, a GLB, a stack.json or a stack's folder.",
+            show_default=False,
+            readable=False,  # the library says what is wrong
+        ),
     ],
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")

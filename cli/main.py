@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -24,6 +26,7 @@ from mipbake.cli.presets import presets
 from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
 from mipbake.cli.validate import validate
+from mipbake.io import disk
 from mipbake.io.leftovers import unfinished
 from mipbake.io.messages import listed
 
@@ -86,8 +89,13 @@ def _common(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
 ) -> None:
     """Bake PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
+    from mipbake import _native
+
     del version
     context.obj.debug = debug
+    # The native core looks at its variables of the environment when it is first used, which may be after minutes.
+    _native.isa()
+    _native.num_threads()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -137,16 +145,32 @@ def _stopped_message(code: int) -> str:
 
 def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error means that is none of mipbake's own, and returns the exit code."""
-    if isinstance(error, MemoryError):
+    if _lacks_memory(error):
         return session.fail(
-            f"there is not enough memory for this ({error or 'no more can be had'}): ask for less, for example for "
-            "fewer points or samples, smaller pictures or a smaller set",
+            f"there is not enough memory for this ({str(error) or 'no more can be had'}): ask for less, for "
+            "example for fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )
-    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-        name = str(error.filename)[:80]
-        return session.fail(f"{name}... is longer than a name can be: give the path of a file", EXIT_INPUT)
+    if isinstance(error, OSError) and error.filename is not None:  # nothing closer to it has a sentence
+        return session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), EXIT_INPUT)
     return _defect(session, error)
+
+
+def _lacks_memory(error: Exception) -> bool:
+    """Whether memory, address space or threads ran out, whichever library says so."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    said = str(error).lower()
+    return isinstance(error, MemoryError) or (
+        isinstance(error, (ImportError, RuntimeError)) and any(words in said for words in _OUT_OF_MEMORY)
+    )
+
+
+_OUT_OF_MEMORY = (
+    *("failed to map segment", "cannot allocate memory", "can't allocate memory", "bad_alloc", "out of memory"),
+    "can't start new thread",
+)
+"""What dynamic linkers, torch, C++ and Python say."""
 
 
 def _defect(session: Session, error: Exception) -> int:

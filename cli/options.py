@@ -23,7 +23,7 @@ def one_of(names: Iterable[str]) -> str:
 
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A texture set.", show_default=False)]
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A texture set.", show_default=False, readable=False)]
 
 
 def _reading(

@@ -26,7 +26,8 @@ def validate(
     load: LoadOptions,
     folder: options.Folder,
     stack: Annotated[
-        Path, typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False)
+        Path,
+        typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False, readable=False),
     ],
     lods: Annotated[
         str, typer.Option(metavar="LODS", help="Levels of detail, numbers from 0 up, separated by commas.")

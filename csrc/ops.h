@@ -3,10 +3,13 @@
 
 #include <cstdint>
 
+#include "core/environment.h"
+
 namespace mipbake {
 
 // ---- Runtime ----
 
+// These two and every kernel throw EnvironmentFault where MIPBAKE_ISA or MIPBAKE_THREADS holds what it cannot.
 const char* active_isa_name();  // "baseline", "avx2" or "avx512": the instruction set of the CPU kernels
 int num_threads();              // threads that a CPU kernel may use, the caller included
 void set_num_threads(int count);

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from mipbake import __version__, material
 from mipbake.bake import bake
 from mipbake.errors import InputError, UsageError
+from mipbake.io import disk
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
+from mipbake.io.json_text import parsed
 from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, PARAMETRISATIONS, extra_layout
 from mipbake.io.map_files import (
     CONVENTIONS,
@@ -252,8 +254,8 @@ def open_material(path: str | Path) -> Material:
     folder = Path(path)
     file = folder / MATERIAL_MANIFEST
     try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        manifest = parsed(disk.read_bytes(file, "what `mipbake convert` wrote"))
+    except ValueError as error:
         raise InputError(f"cannot read {file} ({error}): expected what `mipbake convert` wrote") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != MATERIAL_SCHEMA:
         raise InputError(f"{file} is not the description of a material: its schema is not {MATERIAL_SCHEMA}")

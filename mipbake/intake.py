@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io import disk
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
@@ -131,14 +132,10 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
     found: list[Job | Failure] = []
     for index, path in enumerate(expand(sources)):
         try:
-            found += _jobs_of(path, options, scratch / str(index))
+            with disk.reading(path):  # a file or folder that went away meanwhile
+                found += _jobs_of(path, options, scratch / str(index))
         except (InputError, UsageError) as error:
             found.append(Failure(path, error))
-        except OSError as error:  # a name that is too long, here or in a document; a folder that went away meanwhile
-            reason = f"{error.strerror}, {str(error.filename)[:80]}"
-            found.append(
-                Failure(path, InputError(f"{path} cannot be read ({reason}): check the name, and that it is there"))
-            )
     return found
 
 
@@ -164,10 +161,10 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | 
 
 def _files(folder: Path) -> list[Path]:
     """Files of a folder, or of the `textures` folder inside."""
-    files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
+    files = disk.files_in(folder)
     if tiles_of(files):
         return files
-    inner = [p for p in folder.iterdir() if p.is_dir() and p.name.lower() == "textures"]
+    inner = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
     return _files(inner[0]) if inner else files
 
 
@@ -188,7 +185,7 @@ def _by_pattern(path: Path) -> dict[int, list[Path]]:
     """All maps of the tiles whose folder a pattern names."""
     folder = path.parent
     wanted = pattern_files(path)
-    every = tiles_of(sorted(p for p in folder.iterdir() if p.is_file()))
+    every = tiles_of(disk.files_in(folder))
     return {tile: list(every.get(tile, [file])) for tile, file in wanted.items()}
 
 

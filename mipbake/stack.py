@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io import disk
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.json_text import parsed
 from mipbake.io.layout import (
     LAYOUTS,
     MANIFEST,
@@ -288,9 +290,9 @@ def _read_provenance(content: Mapping[str, Any]) -> Provenance:
 def manifest_path(path: str | Path) -> Path:
     """The file that declares a stack: `path` itself, or the only one of that folder. InputError where there is none."""
     folder = Path(path)
-    if folder.is_file():
+    if disk.is_file(folder):
         return folder
-    if not folder.is_dir():
+    if not disk.is_dir(folder):
         raise InputError(f"no such folder: {folder}, expected a folder that holds {MANIFEST}")
     found = manifests(folder)
     if not found:
@@ -305,8 +307,8 @@ def manifest_path(path: str | Path) -> Path:
 def read_manifest(path: Path) -> dict[str, Any]:
     """What a stack's file declares, from `manifest_path`; InputError where it is broken or of another version."""
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        manifest = parsed(disk.read_bytes(path, "what `mipbake bake` wrote"))
+    except ValueError as error:
         raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
         raise InputError(f"{path} is not the description of a stack: its schema is not {SCHEMA}")

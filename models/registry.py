@@ -152,6 +152,7 @@ def load_network(info: WeightsInfo) -> AnyNetwork:
         InputError: the safetensors file is missing, or is not the one that was released.
     """
     import torch
+    from safetensors import SafetensorError
     from safetensors.torch import load
 
     try:
@@ -169,9 +170,10 @@ def load_network(info: WeightsInfo) -> AnyNetwork:
     network = untrained(info.network)
     try:
         network.load_state_dict(_named(load(content), info.network))
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError, SafetensorError) as error:
         raise InputError(
-            f"{info.tensors}: the tensors do not fit the architecture in {info.name}.json; install the release again"
+            f"{info.tensors}: the tensors are damaged or do not fit the architecture in {info.name}.json; install the "
+            "release again"
         ) from error
     network.pixel_filters = info.pixel_filters
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]

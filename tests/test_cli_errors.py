@@ -253,4 +253,4 @@ def test_a_name_that_is_too_long_leaves_the_other_sources(folder, tmp_path, caps
     arguments = ["bake", LONG, str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", "png"]
     assert main(arguments) == 3
     assert (tmp_path / "out" / "metal" / "stack.json").is_file()
-    assert "File name too long" in capsys.readouterr().err
+    assert "longer than a name can be" in capsys.readouterr().err

@@ -137,3 +137,9 @@ def test_a_folder_that_cannot_be_listed_is_refused(tmp_path: Path) -> None:
     locked.mkdir(mode=0)
     with pytest.raises(InputError, match="cannot be listed"):
         kind(locked)
+
+
+def test_a_list_with_a_zero_byte_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "list.txt").write_bytes(b"wood*\0.png\n")
+    with pytest.raises(InputError, match="zero byte"):
+        expand([f"@{tmp_path / 'list.txt'}"])

@@ -98,6 +98,7 @@ OBJ_ERRORS = {
     "uv beyond": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 1/7\n", "line 3 .* a texture coordinate with number 7 of 1"),
     "before": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 -2/1\n", "line 3 .* has the corner '-2/1'"),
     "zero": ("v 0 0 0\nvt 0 0\nf 1/1 1/1 0/1\n", "line 3 .* has the corner '0/1'"),
+    "huge": ("v 0 0 0\nvt 0 0\nf 1/1 99999999999999999999/1 1/1\n", "line 3 .* has the corner '9999"),
     "letters": ("v 0 0 0\nvt 0 0\nf 1/1 a/1 1/1\n", "line 3 .* has the corner 'a/1'"),
 }
 

@@ -36,7 +36,7 @@ def test_a_mesh_from_a_file_renders_as_the_one_in_memory(tmp_path: Path) -> None
 
 
 def test_files_that_are_no_meshes_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.obj cannot be read \(No such file or directory\): expected a file"):
+    with pytest.raises(InputError, match=r"none\.obj cannot be read \(No such file or directory\): expected a mesh"):
         read_mesh(tmp_path / "none.obj")
     (tmp_path / "folder.glb").mkdir()
     with pytest.raises(InputError, match=r"folder\.glb cannot be read"):

@@ -315,3 +315,11 @@ def test_the_gpu_takes_float32_alone_and_uses_the_current_stream() -> None:
         result = ops.shade("ggx", late, *arguments[1:])
     stream.synchronize()
     assert torch.equal(result, ops.shade("ggx", *arguments))
+
+
+@pytest.mark.parametrize("shapes", [((0, 8), (1, 2, 0, 3), (2, 3)), ((3, 0, 8), (1, 2, 0, 3), (3, 2, 0, 3))])
+def test_no_texels_with_directions_of_their_own(shapes: tuple[tuple[int, ...], ...]) -> None:
+    stored, light, view = (torch.zeros(shape) for shape in shapes)
+    radiance = ops.shade("gltf", stored.requires_grad_(), light, view)
+    assert radiance.shape == shade_numpy("gltf", *(np.zeros(shape, np.float32) for shape in shapes)).shape
+    assert torch.autograd.grad(radiance.sum(), stored)[0].shape == stored.shape

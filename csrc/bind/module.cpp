@@ -1,5 +1,7 @@
 #include <nanobind/nanobind.h>
 
+#include <exception>
+
 #include "ops.h"
 
 namespace nb = nanobind;
@@ -11,6 +13,13 @@ void bind_interpolate(nb::module_& m);
 void bind_antialias(nb::module_& m);
 
 NB_MODULE(_native, m) {
+    nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
+        try {
+            std::rethrow_exception(thrown);
+        } catch (const mipbake::EnvironmentFault& fault) {
+            PyErr_SetString(nb::module_::import_("mipbake.errors").attr("UsageError").ptr(), fault.what());
+        }
+    });
     m.doc() = "The native core of mipbake. Arguments are checked by the Python modules that call it, not here.";
     m.def("isa", &mipbake::active_isa_name, "Instruction set of the CPU kernels: 'baseline', 'avx2' or 'avx512'.");
     m.def("num_threads", &mipbake::num_threads, "Threads that a CPU kernel may use, the caller included.");

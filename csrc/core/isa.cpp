@@ -1,8 +1,12 @@
 #include "core/isa.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <cstring>
 #include <initializer_list>
+#include <string>
+
+#include "core/environment.h"
 
 #if defined(MIPBAKE_X86_ISAS) && defined(_MSC_VER)
 #include <immintrin.h>
@@ -43,10 +47,11 @@ Isa detect() { return Isa::baseline; }
 Isa choose() {
     const Isa best = detect();
     const char* const wish = std::getenv("MIPBAKE_ISA");
-    if (wish == nullptr) return best;
+    if (wish == nullptr || *wish == '\0') return best;
     for (const Isa isa : {Isa::baseline, Isa::avx2, Isa::avx512})
-        if (std::strcmp(wish, isa_name(isa)) == 0 && isa < best) return isa;
-    return best;
+        if (std::strcmp(wish, isa_name(isa)) == 0) return std::min(isa, best);
+    throw EnvironmentFault("the environment variable MIPBAKE_ISA is '" + std::string(wish) +
+                           "': expected baseline, avx2 or avx512, or no such variable for the best that there is");
 }
 
 }  // namespace

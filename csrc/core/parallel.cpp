@@ -6,12 +6,16 @@
 #include <cstdlib>
 #include <memory>
 #include <mutex>
+#include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
 #ifndef _WIN32
 #include <pthread.h>
 #endif
+
+#include "core/environment.h"
 
 namespace mipbake {
 namespace {
@@ -87,11 +91,17 @@ class Pool {
 };
 
 int default_threads() {
-    if (const char* const text = std::getenv("MIPBAKE_THREADS")) {
-        const int count = std::atoi(text);
-        if (count > 0) return std::min(count, 1024);
-    }
-    return static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+    constexpr long most = 1024;
+    const char* const text = std::getenv("MIPBAKE_THREADS");
+    if (text == nullptr || *text == '\0')
+        return static_cast<int>(std::clamp(static_cast<long>(std::thread::hardware_concurrency()), 1L, most));
+    const std::string_view digits = text;
+    const bool whole = digits.find_first_not_of("0123456789") == digits.npos;
+    const long count = whole ? std::strtol(text, nullptr, 10) : 0;
+    if (count < 1 || count > most)
+        throw EnvironmentFault("the environment variable MIPBAKE_THREADS is '" + std::string(digits) +
+                               "': expected a whole number from 1 to 1024, or no such variable for every core");
+    return static_cast<int>(count);
 }
 
 std::atomic<int>& thread_count() {

@@ -12,6 +12,10 @@
 #if defined(__CUDACC__)
 #define MIPBAKE_INLINE __host__ __device__ __forceinline__
 #define MIPBAKE_FUNCTION __host__ __device__ inline
+#elif defined(MIPBAKE_SANITIZE)
+// Every copy of an inlined function would bring its own checks: minutes of compiling.
+#define MIPBAKE_INLINE inline
+#define MIPBAKE_FUNCTION inline
 #elif defined(__GNUC__)
 #define MIPBAKE_INLINE inline __attribute__((always_inline))
 #define MIPBAKE_FUNCTION inline

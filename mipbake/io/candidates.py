@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io import disk
+from mipbake.io.json_text import parsed
 from mipbake.io.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
 from mipbake.io.messages import listed
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
@@ -36,7 +37,7 @@ class Candidate:
 
 def _name_of(folder: Path) -> str:
     """A set's name: that of its folder; of a `textures` folder that of its parent."""
-    resolved = folder.resolve()
+    resolved = disk.resolved(folder)
     name = resolved.parent.name if resolved.name.lower() == "textures" else ""
     return safe_name(name or resolved.name, "texture_set")
 
@@ -48,23 +49,23 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         if not files:
             raise InputError("no files were given: expected the maps of one texture set")
         for file in files:
-            if not file.is_file():
+            if not disk.is_file(file):
                 raise InputError(f"{file} is not a file: expected the maps of one texture set")
         return _name_of(files[0].parent), files[0].parent, files
     folder = Path(path)
-    if not folder.exists():
+    if not disk.exists(folder):
         raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
-    if not folder.is_dir():
+    if not disk.is_dir(folder):
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
     _refuse_baked(folder)
-    files = _visible(folder)
+    files = disk.files_in(folder)
     if not any(_is_map(f) for f in files):
-        inner = [d for d in folder.iterdir() if d.is_dir() and d.name.lower() == "textures"]
+        inner = [d for d in disk.folders_in(folder) if d.name.lower() == "textures"]
         if inner:
             _refuse_baked(inner[0])
-            return _name_of(folder), inner[0], _visible(inner[0])
+            return _name_of(folder), inner[0], disk.files_in(inner[0])
     if not files:
-        folders = sorted(d for d in folder.iterdir() if d.is_dir() and not d.name.startswith("."))
+        folders = disk.folders_in(folder)
         if folders:
             raise InputError(
                 f"{folder} holds folders but no files: expected the maps of one texture set, did you mean "
@@ -89,17 +90,10 @@ def _refuse_baked(folder: Path) -> None:
 def _manifest(file: Path, schema: str) -> dict[str, Any] | None:
     """A manifest of that schema; None where the file is none."""
     try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        manifest = parsed(disk.read_bytes(file))
+    except (InputError, ValueError):
         return None
     return manifest if isinstance(manifest, dict) and manifest.get("schema") == schema else None
-
-
-def _visible(folder: Path) -> list[Path]:
-    try:
-        return sorted(f for f in folder.iterdir() if f.is_file() and not f.name.startswith("."))
-    except OSError as error:
-        raise InputError(f"{folder} cannot be listed ({error.strerror}): check its permissions") from error
 
 
 def _is_map(file: Path) -> bool:
@@ -181,7 +175,7 @@ def _explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: s
 
 
 def _existing(text: str, folder: Path) -> Path | None:
-    return next((p for p in (folder / text, Path(text)) if p.is_file()), None)
+    return next((p for p in (folder / text, Path(text)) if disk.is_file(p)), None)
 
 
 def _check_channels(role: str, channels: str, header: Header) -> None:

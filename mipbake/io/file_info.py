@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mipbake.errors import InputError
-from mipbake.io import dds, ktx2
+from mipbake.io import dds, disk, ktx2
 from mipbake.io.gltf import container
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import KTX2, stored_image
 from mipbake.io.gpu_format import GpuTexture, level_size
+from mipbake.io.json_text import parsed
 from mipbake.io.layout import INVERTED
 from mipbake.io.oiio_levels import ABOUT, reader
 from mipbake.io.read import PNG_SIGNATURE, check_png
@@ -159,17 +159,14 @@ def file_info(path: Path) -> FileInfo:
 
     Pixels of KTX 2, DDS and documents are not decoded.
     """
-    try:
-        with path.open("rb") as file:
-            start = file.read(12)
-    except OSError as error:
-        raise InputError(f"cannot read {path} ({error.strerror}): expected a file of a stack, or its folder") from error
+    with disk.opened(path, "a file of a stack, or its folder") as file:
+        start = file.read(12)
     if start == ktx2.IDENTIFIER:
         return _ktx2(path)
     if path.suffix.lower() == ".ktx2":
         raise InputError(f"{path} is no KTX 2 file: it does not begin like one; bake or download it again")
     if start.startswith(b"DDS "):
-        return _gpu(path, "DDS (Direct3D 10)", dds.decoded(path.read_bytes(), str(path)))
+        return _gpu(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
     if start.startswith(container.MAGIC) or path.suffix.lower() in (".gltf", ".glb"):
         return _document(path, "GLB (glTF 2.0)" if start.startswith(container.MAGIC) else "glTF 2.0")
     return _image(path)
@@ -198,7 +195,7 @@ def _document_image(document: Document, index: int) -> ImageInfo:
 
 
 def _ktx2(path: Path) -> FileInfo:
-    data = path.read_bytes()
+    data = disk.read_bytes(path)
     outline = ktx2.outline(data, str(path))
     if outline.readable:
         return _gpu(path, "KTX 2", ktx2.stored(data, str(path)))
@@ -230,7 +227,7 @@ def _gpu(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> Fil
 
 
 def _image(path: Path) -> FileInfo:
-    start = path.read_bytes() if path.suffix.lower() == ".png" else b""
+    start = disk.read_bytes(path) if path.suffix.lower() == ".png" else b""
     if start.startswith(PNG_SIGNATURE):
         check_png(path, start)
     source = reader(path)
@@ -258,7 +255,7 @@ def _image(path: Path) -> FileInfo:
 
 def _about(text: str) -> Mapping[str, Any]:
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
+        content = parsed(text)
+    except ValueError:
         return {}
     return content if isinstance(content, dict) else {}

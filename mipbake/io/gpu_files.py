@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake import __version__
 from mipbake.errors import InputError, OutputError
-from mipbake.io import dds, ktx2
+from mipbake.io import dds, disk, ktx2
 from mipbake.io.blocks import from_blocks, to_blocks, widened
 from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
@@ -134,8 +134,5 @@ class GpuFile:
         return [level[..., : len(layout.channels)] for level in from_blocks(self.texture(layout, levels, ""))]
 
     def _opened(self, path: Path) -> GpuTexture:
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot read {path} ({error.strerror}): bake it again") from error
+        data = disk.read_bytes(path)
         return ktx2.decoded(data, str(path)) if self.name == "ktx2" else dds.decoded(data, str(path))

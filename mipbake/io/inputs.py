@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.io.names import interpretations
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.tiles import is_pattern, tiles_of
@@ -51,10 +52,10 @@ def kind(path: str | os.PathLike[str]) -> Kind:
     path = Path(path)
     if is_pattern(path):
         return "udim"
-    if path.is_dir():
+    if disk.is_dir(path):
         return "udim" if _holds_tiles(path) else "folder"
-    if not path.is_file():
-        what = "is neither a file nor a folder" if path.exists() else "does not exist"
+    if not disk.is_file(path):
+        what = "is neither a file nor a folder" if disk.exists(path) else "does not exist"
         raise InputError(f"{path} {what}: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
     suffix = path.suffix.lower()
     if suffix in _GLTF:
@@ -71,9 +72,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
 
 def _listed(file: Path) -> list[Path]:
     try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(f"the list {file} cannot be read ({error.strerror}): expected a text file of paths") from error
+        lines = disk.read_text_or_pipe(file, "a text file of paths").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"the list {file} is not UTF-8 text: expected one path a line") from error
     entries = [entry for line in lines if (entry := line.strip()) and not entry.startswith("#")]
@@ -85,6 +84,8 @@ def _listed(file: Path) -> list[Path]:
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     if not entry:
         raise InputError("a source has no name: expected a path, look where the empty one came from")
+    if "\0" in entry:
+        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can: expected a path")
     path = folder / entry
     if os.path.lexists(path) or not any(c in entry for c in "*?["):
         return [path]
@@ -92,6 +93,7 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     root = "" if folder == Path() else glob.escape(str(folder))
     matches = [Path(match) for match in sorted(glob.glob(os.path.join(root, entry), recursive=True))]  # noqa: PTH118, PTH207
     if not matches:
+        _check_listable(path)
         raise InputError(f"{path} matches nothing: check the pattern, or quote a name that holds *, ? or [")
     found = [match for match in matches if _could_be_input(match)]
     if not found:
@@ -101,28 +103,32 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     return found
 
 
+def _check_listable(pattern: Path) -> None:
+    """InputError where the folder that a glob starts from keeps its contents to itself: to a glob it is empty."""
+    start = pattern
+    while any(c in str(start) for c in "*?["):
+        start = start.parent
+    if disk.is_dir(start):
+        disk.entries(start)
+
+
 def _could_be_input(path: Path) -> bool:
     """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
-    if not path.is_dir():
-        return path.suffix.lower() in (*_GLTF, _MATERIALX, *IMAGE_SUFFIXES)
     try:
-        inside = list(path.iterdir())
-    except OSError:  # its turn will say what is wrong
+        if not disk.is_dir(path):
+            return path.suffix.lower() in (*_GLTF, _MATERIALX, *IMAGE_SUFFIXES)
+        files = disk.files_in(path)
+        textures = any(p.name.lower() == "textures" for p in disk.folders_in(path))
+    except InputError:  # its turn will say what is wrong
         return True
-    textures = any(p.is_dir() and p.name.lower() == "textures" for p in inside)
-    files = [p for p in inside if p.is_file() and not p.name.startswith(".")]
     return textures or not files or any(p.suffix.lower() in IMAGE_SUFFIXES for p in files)
 
 
 def _holds_tiles(folder: Path) -> bool:
     """Whether maps of a folder, or of the `textures` folder inside where it has none itself, are tiles."""
-    try:
-        inside = sorted(folder.iterdir())
-    except OSError as error:
-        raise InputError(f"{folder} cannot be listed ({error.strerror}): check its permissions") from error
-    maps = [p for p in inside if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    maps = [p for p in disk.files_in(folder) if p.suffix.lower() in IMAGE_SUFFIXES]
     if not maps:
-        textures = [p for p in inside if p.is_dir() and p.name.lower() == "textures"]
+        textures = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
         return bool(textures) and _holds_tiles(textures[0])
     tiles = tiles_of(maps)
     # Numbers in the names of other pictures, years for one, are no tiles.

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.io.colour import srgb_to_linear
 from mipbake.io.options import COLOUR_ROLES
 
@@ -44,8 +46,8 @@ def manifest_name(tile: int) -> str:
 def manifests(folder: Path) -> list[Path]:
     """The files of a folder that declare stacks, by their names; none where it cannot be listed."""
     try:
-        return sorted(p for p in folder.iterdir() if re.fullmatch(r"stack(\.1\d{3})?\.json", p.name))
-    except OSError:
+        return [p for p in disk.entries(folder) if re.fullmatch(r"stack(\.1\d{3})?\.json", p.name)]
+    except InputError:
         return []
 
 

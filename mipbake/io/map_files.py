@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
+from mipbake.io import disk
 from mipbake.io.containers import Container
+from mipbake.io.json_text import parsed
 from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.io.messages import listed
 from mipbake.io.publish import IsOurs, check_room, published
@@ -170,12 +172,12 @@ def is_result_folder(path: Path, manifests: Sequence[Path], schema: str) -> bool
     try:
         known = {file.name for file in manifests}
         for file in manifests:
-            manifest = json.loads(file.read_text(encoding="utf-8"))
+            manifest = parsed(disk.read_bytes(file))
             if manifest["schema"] != schema:
                 return False
             known.update(listed_files(manifest))
         return bool(manifests) and all(p.name in known and p.is_file() for p in path.iterdir())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (InputError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
 
 
@@ -190,7 +192,7 @@ def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[st
     names: list[str] = []
     earlier: dict[str, str] = {}
     for file in manifests:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
+        manifest = parsed(disk.read_bytes(file))
         names.append(str(manifest.get("name")))
         provenance = manifest.get("provenance")
         found = provenance.get("sources") if isinstance(provenance, dict) else None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
+from mipbake.io import disk
 from mipbake.io.layout import FileLayout
 from mipbake.io.messages import told_by
 from mipbake.io.publish import check_room
@@ -159,6 +160,7 @@ def reader(path: Path) -> OpenImageIO.ImageInput:
     """A reader of a file; InputError when it is not there or no image."""
     import OpenImageIO
 
+    disk.check_file(path)
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     source = OpenImageIO.ImageInput.open(str(path), config)

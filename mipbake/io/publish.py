@@ -42,6 +42,10 @@ def check_target(target: Path, is_ours: IsOurs) -> None:
         raise OutputError(f"cannot write to {shown}: its name is not UTF-8, choose another folder") from error
     except OSError as error:
         raise OutputError(f"cannot write to {target}: {reason(error)}") from error
+    except RuntimeError as error:  # what Python says of loops of links before version 3.13
+        raise OutputError(
+            f"cannot write to {target}: a link leads back to itself, remove it or choose another folder"
+        ) from error
 
 
 def _check_existing(target: Path, is_ours: IsOurs) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.io.messages import told_by
 
 if TYPE_CHECKING:
@@ -69,10 +70,7 @@ def read_image(path: Path) -> Image:
     Raises:
         InputError: the file is no image, is damaged or cut short, or holds NaN or infinity.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    data = disk.read_bytes(path)
     if data.startswith(PNG_SIGNATURE):
         check_png(path, data)
     digest = hashlib.sha256(data).hexdigest()
@@ -94,11 +92,8 @@ def _open(path: Path) -> OpenImageIO.ImageInput:
     import OpenImageIO
 
     _check_name(path)
-    try:
-        with path.open("rb") as file:
-            start = file.read(24)
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    with disk.opened(path) as file:
+        start = file.read(24)
     if not start:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
     if start.startswith(PNG_SIGNATURE) and len(start) == 24:
@@ -134,10 +129,6 @@ def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
 def _check_size(path: Path, width: int, height: int) -> None:
     if width < 1 or height < 1:
         raise InputError(f"{path} is {width} x {height} texels: expected at least 1 x 1; export it again")
-
-
-def _unreadable(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions")
 
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"

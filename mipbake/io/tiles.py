@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.io.options import LoadOptions, MapChoice
 
 FIRST, LAST = 1001, 1999
@@ -41,7 +42,7 @@ def pattern_files(pattern: str | os.PathLike[str]) -> dict[int, Path]:
     if len(parts) != 2 or is_pattern(path.parent):
         raise InputError(f"{path} is no pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
     before, after = parts
-    names = sorted(p.name for p in path.parent.iterdir() if p.is_file()) if path.parent.is_dir() else []
+    names = [p.name for p in disk.files_in(path.parent)] if disk.is_dir(path.parent) else []
     found = {}
     for name in names:
         middle = name[len(before) : len(name) - len(after)]
@@ -112,7 +113,7 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
         )
         there = (folder or Path()) / _CHANNELS.sub("", text)
         maps[role] = text
-        if not there.is_file():
+        if not disk.is_file(there):
             if role in ("normal", "roughness"):
                 raise InputError(f"tile {tile} has no {role} map: expected {there}")
             maps[role] = None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 from mipbake.raster._arguments import (
     MAX_SPARSITY,
@@ -46,13 +47,14 @@ def rasterize(
     described = None if ranges is None else _described("ranges", ranges)
     size = size_of(resolution)
     shape = (*image_shape(_described("pos", pos), _described("tri", tri), described, size), 4)
-    pos, tri = np.ascontiguousarray(pos), np.ascontiguousarray(tri)
-    ranges = None if ranges is None else np.ascontiguousarray(ranges)
+    pos, tri = contiguous(pos), contiguous(tri)
+    ranges = None if ranges is None else contiguous(ranges)
     rast, rast_db = np.empty(shape, pos.dtype), np.empty(shape, pos.dtype)
     try:
         _native.check_mesh(pos, tri, pos.shape[-2], ranges)
         if rast.size:
-            _native.rasterize(pos, tri, ranges, previous, rast, rast_db, 0 if ctx is None else ctx.handle)
+            before = None if previous is None else contiguous(previous)
+            _native.rasterize(pos, tri, ranges, before, rast, rast_db, 0 if ctx is None else ctx.handle)
     except ValueError as error:
         raise UsageError(str(error)) from None
     return rast, rast_db
@@ -75,8 +77,8 @@ def interpolate(
         None if rast_db is None else _described("rast_db", rast_db),
         diff_attrs,
     )
-    attr, rast, tri = (np.ascontiguousarray(array) for array in (attr, rast, tri))
-    rast_db = np.ascontiguousarray(rast_db) if rast_db is not None and selected else None
+    attr, rast, tri = (contiguous(array) for array in (attr, rast, tri))
+    rast_db = contiguous(rast_db) if rast_db is not None and selected else None
     out = np.empty((*rast.shape[:3], attr.shape[-1]), attr.dtype)
     out_da = np.empty((*rast.shape[:3], 2 * len(selected)), attr.dtype)
     try:
@@ -102,7 +104,7 @@ def antialias(
     triangles = _described("tri", tri)
     check_antialias(_described("color", color), _described("rast", rast), _described("pos", pos), triangles)
     boost_of(pos_gradient_boost)
-    color, rast, pos, tri = (np.ascontiguousarray(array) for array in (color, rast, pos, tri))
+    color, rast, pos, tri = (contiguous(array) for array in (color, rast, pos, tri))
     out = np.empty_like(color)
     try:
         _native.check_mesh(pos, tri, pos.shape[-2], None)
@@ -119,7 +121,7 @@ def antialias_construct_topology_hash(tri: Array) -> Topology:
     from mipbake import _native
 
     check_triangles(_described("tri", tri))
-    tri = np.ascontiguousarray(tri)
+    tri = contiguous(tri)
     vertices = int(tri.max(initial=-1)) + 1
     try:
         if vertices > MAX_SPARSITY * tri.size and tri.min(initial=0) >= 0:
@@ -147,7 +149,7 @@ def _next_of(topology: Any, tri: Described) -> Array:
             "gives for a NumPy array, or None"
         )
     check_topology(topology.next.shape[0], "cpu", tri)
-    return topology.next
+    return contiguous(topology.next)
 
 
 def _described(name: str, array: Any) -> Described:

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._aligned import aligned
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -128,8 +129,8 @@ def _errors_of_data() -> Iterator[None]:
 
 
 def _plain(tensor: Tensor) -> Tensor:
-    """As the native core reads it: contiguous, and no part of a graph."""
-    return tensor.detach().contiguous()
+    """As the native core reads it: contiguous, aligned, and no part of a graph."""
+    return aligned(tensor.detach().contiguous())
 
 
 def _optional(tensor: Tensor | None) -> Tensor | None:

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io.disk import check_file, exists
+from mipbake.io.messages import told_by
 
 Array = NDArray[np.float64]
 
@@ -128,12 +130,12 @@ def from_file(path: Path, lights: int = LIGHTS, normalised: bool = True) -> Ligh
     """
     import OpenImageIO as oiio  # noqa: N813
 
+    check_file(path)
     image = oiio.ImageBuf(str(path))
     if not image.read(0, 0, True, "float"):
-        reason = (image.geterror() or "unknown format").strip().splitlines()[0]
         raise InputError(
-            f"environment {path} cannot be read ({reason}): expected a whole image in .hdr or .exr format, so check "
-            "its path and copy it again"
+            f"environment {path} cannot be read ({told_by(image.geterror)}): expected a whole image in .hdr or .exr "
+            "format, so check its path and copy it again"
         )
     pixels = np.asarray(image.get_pixels(oiio.FLOAT))
     if pixels.ndim != 3 or pixels.shape[2] < 3:
@@ -250,7 +252,7 @@ def lighting_named(name: str, lights: int = LIGHTS) -> Lighting:
     """The lighting of that name, or from the file at that path; UsageError or InputError where there is neither."""
     if name in ENVIRONMENTS:
         return ENVIRONMENTS[name](lights)
-    if not Path(name).is_file():
+    if not exists(Path(name)):
         raise UsageError(
             f"no lighting is called {name!r} and no file lies there: expected {', '.join(ENVIRONMENTS)} or the path of "
             "a latitude-longitude HDR image"

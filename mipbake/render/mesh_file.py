@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_gltf import read_gltf
 from mipbake.render.mesh_obj import read_obj
@@ -28,10 +29,4 @@ def read_mesh(path: Path) -> Mesh:
             f"the mesh {path} is of a kind that is not read: expected a file that ends in {', '.join(_READERS)}, so "
             "convert it to glTF"
         )
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"the mesh {path} cannot be read ({error.strerror or error}): expected a file, check its path"
-        ) from error
-    return reader(path, data)
+    return reader(path, disk.read_bytes(path, "a mesh"))

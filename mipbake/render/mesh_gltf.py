@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.render.mesh import Mesh, joined
 from mipbake.render.tangents import any_tangent, corner_normals, with_tangents
 
@@ -278,11 +279,11 @@ class _Scene:
     def _external(self, uri: str) -> tuple[str, bytes]:
         file = self.path.parent / urllib.parse.unquote(uri)
         try:
-            return str(file), file.read_bytes()
-        except OSError as error:
+            return str(file), disk.read_bytes(file)
+        except InputError as error:
             raise InputError(
-                f"the mesh {self.path} keeps its data in {file}, which cannot be read ({error.strerror or error}): "
-                "expected that file beside it, so copy both, or export one .glb file"
+                f"the mesh {self.path} keeps its data in a file of its own ({error}): expected that file beside it, so "
+                "copy both, or export one .glb file"
             ) from error
 
 

@@ -26,6 +26,8 @@ _CREASE = 60.0
 
 _NUMBERS = {"v": ("a position", 3), "vt": ("a texture coordinate", 1), "vn": ("a normal", 3)}
 _ABSENT = -1
+_MOST = 1 << 31
+"""More than any file has of anything; larger numbers fit no array."""
 
 
 @dataclass
@@ -131,7 +133,8 @@ def _corner(path: Path, line: int, word: str, said: _Statements) -> tuple[int, i
         given = [int(part) if part else None for part in (*parts, "", "")[:3]]
     except ValueError:
         given = [None]
-    if given[0] is None or len(parts) > 3 or any(i == 0 or (i or 0) < -n for i, n in zip(given, counts, strict=False)):
+    numbers = [(i, n) for i, n in zip(given, counts, strict=False) if i is not None]
+    if given[0] is None or len(parts) > 3 or any(i == 0 or not -n <= i <= _MOST for i, n in numbers):
         raise InputError(
             f"line {line} of the mesh {path} has the corner {word!r}: expected numbers of a position, a texture "
             "coordinate and a normal as in 7/3/5, counted from 1, so export it again"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._aligned import contiguous
+
 __all__ = ["scatter_linear"]
 
 _Floats = NDArray[np.float32]
@@ -32,6 +34,6 @@ def scatter_linear(size: tuple[int, int], uv: _Floats, values: _Floats, boundary
     if len(values):
         # The texels themselves play no part: one stands for all.
         level = np.broadcast_to(np.zeros(channels, np.float32), out.shape)
-        rows = np.ascontiguousarray(values)[None], [level], np.ascontiguousarray(uv)[None]
+        rows = contiguous(values)[None], [level], contiguous(uv)[None]
         _native.texture_backward(*rows, None, None, "linear", *boundary, [out], None, None, None)
     return np.asarray(out[0])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 from mipbake.sampling._arguments import (
     TextureMip,
@@ -62,7 +63,7 @@ def texture(
     chooses_level = plan.filter not in ("nearest", "linear")
     B, h, w, C = plan.shape
     if bias is not None and bias.shape[1:] != (1, 1):
-        bias = np.ascontiguousarray(np.broadcast_to(bias, (bias.shape[0], h, w)))
+        bias = contiguous(np.broadcast_to(bias, (bias.shape[0], h, w)))
     _native.texture(
         [_readable(level) for level in levels],
         coordinates.reshape(-1, h * w, coordinates.shape[-1]),
@@ -99,7 +100,7 @@ def _reals(name: str, values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
     if array.dtype.kind not in "fiu":
         raise UsageError(f"{name} is {array.dtype}: expected real numbers")
     with np.errstate(over="ignore"):  # a float64 coordinate beyond float32 becomes infinite, which is documented
-        return np.asarray(array, dtype, order="C")
+        return contiguous(array, dtype)
 
 
 def _checked_mip(mip: Any, tex: NDArray[Any]) -> TextureMip | list[tuple[int, ...]] | None:
@@ -122,7 +123,7 @@ def _built(tex: NDArray[Any], count: int) -> list[NDArray[Any]]:
     """The first `count` levels after `tex`, each from the one before."""
     from mipbake import _native
 
-    levels = [np.ascontiguousarray(_readable(tex))] if count else []
+    levels = [contiguous(tex)] if count else []
     for height, width in level_sizes(tex.shape[-3], tex.shape[-2], count)[1:]:
         level = np.empty((*tex.shape[:-3], height, width, tex.shape[-1]), tex.dtype)
         finer = levels[-1]
@@ -135,4 +136,4 @@ def _readable(level: NDArray[Any]) -> NDArray[Any]:
     """The level itself, or a copy where its channels do not lie side by side."""
     whole = all(stride % level.itemsize == 0 for stride in level.strides)
     side_by_side = level.strides[-1] == level.itemsize or level.shape[-1] == 1
-    return level if whole and side_by_side and level.flags.aligned else np.ascontiguousarray(level)
+    return level if whole and side_by_side and level.flags.aligned else contiguous(level)

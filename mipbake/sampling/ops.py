@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._aligned import aligned
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -145,7 +146,7 @@ def _texture_mips(tex: Tensor, count: int) -> list[Tensor]:
 
     levels = _empty_levels(tex, count)
     with current_stream(tex, "tex") as stream:
-        finer = tex.detach().contiguous()
+        finer = aligned(tex.detach().contiguous())
         for level in levels:
             _native.texture_mip(_images(finer), _images(level), stream)
             finer = level
@@ -247,7 +248,7 @@ def _texture_backward(
     else:
         with current_stream(uv, "tex") as stream:
             _native.texture_backward(
-                grad.detach().contiguous().flatten(1, 2),
+                aligned(grad.detach().contiguous()).flatten(1, 2),
                 [_level(level, need_levels) for level in levels],
                 _flat(uv),
                 None if uv_da is None else _flat(uv_da),
@@ -325,14 +326,14 @@ def _level(level: Tensor, own_items: bool = False) -> Tensor:
     """The level itself, or a copy where its channels do not lie side by side, or its items in the same place."""
     level = level.detach()
     shares = own_items and level.shape[0] > 1 and level.stride(0) == 0
-    return level if (level.stride(-1) == 1 or level.shape[-1] == 1) and not shares else level.contiguous()
+    return aligned(level if (level.stride(-1) == 1 or level.shape[-1] == 1) and not shares else level.contiguous())
 
 
 def _flat(lookups: Tensor) -> Tensor:
     """(B | 1, h, w, n) to (B | 1, P, n), contiguous; one item where all repeat it."""
     lookups = lookups.detach()
     repeats = lookups.shape[0] > 1 and lookups.stride(0) == 0
-    return (lookups[:1] if repeats else lookups).contiguous().flatten(1, 2)
+    return aligned((lookups[:1] if repeats else lookups).contiguous()).flatten(1, 2)
 
 
 def _flat_bias(bias: Tensor, uv: Tensor) -> Tensor:
@@ -340,7 +341,7 @@ def _flat_bias(bias: Tensor, uv: Tensor) -> Tensor:
     bias = bias.detach()
     if bias.shape[1:] != (1, 1):
         bias = bias.expand(-1, *uv.shape[1:3])
-    return bias.contiguous().flatten(1)
+    return aligned(bias.contiguous()).flatten(1)
 
 
 def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:

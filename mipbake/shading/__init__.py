@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 from mipbake.material import model_named
 from mipbake.shading._arguments import batch_shape, check_lit, per_texel
@@ -106,7 +107,7 @@ def shade_lit(
         raise UsageError(f"radiance holds a value that is not finite in {texels.dtype}: expected finite numbers")
     out = np.empty((len(texels), 3), texels.dtype)
     if out.size:
-        lights = np.ascontiguousarray(to_light), np.ascontiguousarray(power)
+        lights = contiguous(to_light), contiguous(power)
         _native.shade_lit(model, _readable(texels), _readable(axes), _readable(to_view), *lights, out)
     return out
 
@@ -146,4 +147,4 @@ def _reals(name: str, values: ArrayLike) -> NDArray[Any]:
 def _readable(array: NDArray[Any]) -> NDArray[Any]:
     """The array itself, or a copy where its elements do not lie a whole number of elements apart."""
     whole = all(stride % array.itemsize == 0 for stride in array.strides)
-    return array if whole and array.flags.aligned else np.ascontiguousarray(array)
+    return array if whole and array.flags.aligned else contiguous(array)

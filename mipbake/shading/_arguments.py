@@ -66,7 +66,7 @@ def pair_count(directions: Shape) -> int:
 
 def per_texel(light: Shape, view: Shape) -> bool:
     """Whether texels have directions of their own."""
-    return any(len(shape) == 4 and shape[2] > 1 for shape in (light, view))
+    return any(len(shape) == 4 and shape[2] != 1 for shape in (light, view))
 
 
 def _text(shape: Shape) -> str:

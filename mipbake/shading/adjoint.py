@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._aligned import contiguous
 from mipbake.material import model_named
 from mipbake.shading._arguments import batch_shape, per_texel
 
@@ -38,12 +39,13 @@ def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, 
     out = np.empty((size, texels, material.shape[-1]), np.float32)
     if out.size == 0 or pairs == 0:
         return np.zeros_like(out)
+    material, light, view = (np.require(array, requirements="A") for array in (material, light, view))
     _native.shade_backward(
         model,
         np.broadcast_to(material, out.shape),
         np.broadcast_to(light, (size, pairs, *each, 3)),
         np.broadcast_to(view, (size, pairs, *each, 3)),
-        np.ascontiguousarray(radiance).reshape(size, pairs, texels, 3),
+        contiguous(radiance).reshape(size, pairs, texels, 3),
         out,
     )
     return out

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._aligned import aligned
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -93,7 +94,8 @@ def _shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     out = material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
     if out.numel():
         with current_stream(material, "material") as stream:
-            _native.shade(model, material.detach(), light.detach(), view.detach(), out, stream)
+            inputs = (aligned(tensor.detach()) for tensor in (material, light, view))
+            _native.shade(model, *inputs, out, stream)
     return out
 
 
@@ -110,9 +112,8 @@ def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, g
     if grad.numel() == 0:
         return out.zero_()
     with current_stream(material, "material") as stream:
-        _native.shade_backward(
-            model, material.detach(), light.detach(), view.detach(), grad.detach().contiguous(), out, stream
-        )
+        inputs = (aligned(tensor.detach()) for tensor in (material, light, view, grad.contiguous()))
+        _native.shade_backward(model, *inputs, out, stream)
     return out
 
 

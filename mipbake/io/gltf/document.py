@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from mipbake.errors import InputError
+from mipbake.io import disk, json_text
 from mipbake.io.gltf import container, uris
 from mipbake.io.messages import one_line
 
@@ -60,7 +59,8 @@ def read_document(path: Path) -> Document:
     """Reads a .gltf or .glb file, which of them its content tells, with its buffers.
 
     Raises:
-        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it.
+        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it; a
+            texture names an image that is not there.
     """
     data = _read(path)
     if data.startswith(container.MAGIC):
@@ -76,6 +76,8 @@ def read_document(path: Path) -> Document:
     document = Document(path, parsed, buffers, chunks.others)
     for index, view in enumerate(document.all("bufferViews")):
         _check_view(document, index, view)
+    for index, texture in enumerate(document.all("textures")):
+        _check_sources(document, index, texture)
     return document
 
 
@@ -110,31 +112,18 @@ def member(parent: Mapping[str, Any], key: str, where: str, path: Path) -> Json:
 
 
 def _read(path: Path) -> bytes:
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: expected a .gltf or .glb file")
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist: expected a .gltf or .glb file") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
+    if not disk.exists(path):
+        raise InputError(f"{path} does not exist: expected a .gltf or .glb file")
+    data = disk.read_bytes(path)
     if not data:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
     return data
 
 
 def _parsed(path: Path, text: bytes) -> Json:
-    def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no number in JSON")
-
-    def number_of(digits: str) -> float:
-        if not math.isfinite(value := float(digits)):
-            raise ValueError(f"the number {digits[:20]} is beyond what a float holds")
-        return value
-
     try:
-        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=refuse, parse_float=number_of)
-    except (ValueError, RecursionError) as error:
+        parsed = json_text.parsed(text)
+    except ValueError as error:
         raise InputError(
             f"{path} holds JSON that is damaged ({one_line(str(error))}): export or download it again"
         ) from error
@@ -204,6 +193,15 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
             "another file, export or download it again"
         )
     return data[:length]
+
+
+def _check_sources(document: Document, index: int, texture: Json) -> None:
+    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that is none."""
+    extensions = texture.get("extensions")
+    named = {f"{name} of texture {index}": e for name, e in extensions.items()} if isinstance(extensions, dict) else {}
+    for where, holder in {f"texture {index}": texture, **named}.items():
+        if isinstance(holder, dict) and "source" in holder:
+            document.one("images", holder["source"], where)
 
 
 def _check_view(document: Document, index: int, view: Json) -> None:

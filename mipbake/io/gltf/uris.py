@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import binascii
+import contextlib
 import posixpath
 import re
 import urllib.parse
 from pathlib import Path
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # longer than a letter: C: is a drive
 
@@ -45,10 +47,7 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
             f"{what} of {document} is the file {_short(urllib.parse.unquote(uri))}, which does not exist beside it: "
             "copy it there too, or export as GLB"
         )
-    try:
-        return named.read_bytes()
-    except OSError as error:
-        raise InputError(f"{named} cannot be read ({error.strerror}): check the file and its permissions") from error
+    return disk.read_bytes(named)
 
 
 def _is_data(uri: str) -> bool:
@@ -71,11 +70,9 @@ def _existing(uri: str, document: Path) -> Path | None:
     """The file of the first spelling that is one."""
     for text in _spellings(uri):
         path = document.parent / text
-        try:
-            if path.is_file():
+        with contextlib.suppress(InputError):  # a name that is too long, as a data URI would be that lost its start
+            if disk.is_file(path):
                 return path
-        except (OSError, ValueError):  # a name too long, or with a zero byte
-            continue
     return None
 
 

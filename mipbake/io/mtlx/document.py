@@ -13,6 +13,7 @@ from typing import TypeAlias
 from xml.etree import ElementTree
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 
 Element: TypeAlias = "ElementTree.Element[str]"
 
@@ -101,7 +102,7 @@ class Document:
         name = ((prefix[0] if prefix else "") + value.text.strip()).replace("\\", "/")
         folders = [folder for e in self.lineage(value.element) if (folder := self.folders.get(e)) is not None]
         candidates = [folder / name for folder in (*folders, self.path.parent)]
-        return next((path for path in candidates if path.exists()), candidates[0])
+        return next((path for path in candidates if disk.exists(path)), candidates[0])
 
     def given(self, node: Element, name: str, scope: Scope) -> Given:
         """What an input of a node is given; None where it is left at its default."""
@@ -184,7 +185,7 @@ def read_document(path: Path) -> Document:
     """
     root = _parsed(path)
     document = Document(path, root)
-    read = {path.resolve()}
+    read = {disk.resolved(path)}
     for include in [e for e in root if e.tag == _INCLUDE]:
         at = list(root).index(include)
         root.remove(include)
@@ -201,11 +202,11 @@ def _included(document: Document, href: str, read: set[Path]) -> list[Element]:
     path = document.path.parent / name
     if not name or "://" in name or Path(name).is_absolute():
         raise InputError(f"{document.path} includes {href!r}: expected the relative path of a .mtlx file")
-    if not path.is_file():
+    if not disk.is_file(path):
         raise InputError(f"{document.path} includes {href}, which is not there: expected {path}")
-    if path.resolve() in read:
+    if disk.resolved(path) in read:
         return []
-    read.add(path.resolve())
+    read.add(disk.resolved(path))
     inner = _parsed(path)
     document.notes.append(f"{document.path.name}: includes {href}")
     elements = []
@@ -233,11 +234,8 @@ class _DoctypeError(Exception):
 
 
 def _parsed(path: Path) -> Element:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): expected a MaterialX document") from error
+    with disk.opened(path, "a MaterialX document") as file:
+        data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise InputError(f"{path} is larger than {MAX_BYTES >> 20} MiB: expected a MaterialX document")
     try:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.io.mtlx.document import Document, Element, Link, Scope, Value, read_document
 from mipbake.io.mtlx.roles import Sources, read_roles
 from mipbake.io.mtlx.shaders import SHADERS
@@ -176,7 +177,7 @@ def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:
     for file in _paths(options):
         if is_pattern(file):
             files += pattern_files(file).values()
-        elif file.is_file():
+        elif disk.is_file(file):
             files.append(file)
         else:
             raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
