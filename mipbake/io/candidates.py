@@ -22,6 +22,8 @@ from mipbake.io.sources import IgnoredFile, Log, spoken
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 OUTVOTED = "another file fills its roles"
+NO_ROLE = "its name says no role"
+PREVIEW = "it has the name of the set itself: taken for a preview"
 _REASONS = {"option": "chosen by option", "document": "the document says so"}
 
 
@@ -111,6 +113,7 @@ def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[st
     candidates: dict[str, list[Candidate]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
+    assets = {match.asset for match in matches.values() if match and match.meanings and match.asset}
     ignored = []
     for file in files:
         match = matches.get(file)
@@ -118,11 +121,13 @@ def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[st
         if file not in matches:
             ignored.append(IgnoredFile(file, "not an image"))
         elif match is None:
-            ignored.append(IgnoredFile(file, "its name says no role"))
+            own = asset_words(file.stem)
+            preview = bool(own) and any(asset.startswith(own) for asset in assets)
+            ignored.append(IgnoredFile(file, PREVIEW if preview else NO_ROLE))
         elif not match.meanings:
             ignored.append(IgnoredFile(file, f"{match.word} maps are not used"))
         elif any(m and m.meanings and m.asset == asset_words(file.stem) for f, m in matches.items() if f != file):
-            ignored.append(IgnoredFile(file, "it has the name of the set itself: taken for a preview"))
+            ignored.append(IgnoredFile(file, PREVIEW))
         elif not meanings:
             ignored.append(IgnoredFile(file, OUTVOTED))
         else:
@@ -199,14 +204,19 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
-    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says."""
+    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
+    variants the first."""
     best = min(c.meaning.rank for c in several)
     first = [c for c in several if c.meaning.rank == best]
-    if role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}:
+    paired = role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}
+    if paired:
         wanted = options.normal_convention or "opengl"
         first = [c for c in first if c.meaning.convention == wanted]
         log.notes.append(f"both normal conventions are there: {spoken(wanted)} ({first[0].header.path.name}) is taken")
-    elif len(first) == 1 and len(several) > 1:
+    variants = [c.meaning.variant for c in first]
+    if len(first) > 1 and len(set(variants)) > 1:
+        first = [c for c in first if c.meaning.variant == min(variants)]
+    if len(first) == 1 and len(several) > 1 and not paired:
         others = ", ".join(c.header.path.name for c in several if c is not first[0])
         log.notes.append(f"{role}: {first[0].header.path.name} is preferred to {others}")
     if len(first) > 1:
