@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Optional
@@ -17,11 +16,13 @@ from mipbake.cli import options
 from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
+from mipbake.cli.sources import Sources
 from mipbake.compare.compression import LIMIT
 from mipbake.glb import GLB, output
 from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
+from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
 from mipbake.output import Output, check_outputs, outputs_from, split_formats
 from mipbake.packing import PACKINGS, SOURCE, Normals
@@ -46,15 +47,7 @@ def _some_of(option: str) -> str:
 def bake(
     session: Session,
     load: LoadOptions,
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="SOURCE",
-            help="Texture sets: folders of maps, UDIM tiles in a folder or as a pattern with <UDIM>, .gltf, .glb and "
-            ".mtlx documents; globs, and @FILE for a list of them.",
-            show_default=False,
-        ),
-    ],
+    sources: Sources,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="OUT", help="Where the stacks go: OUT/<set>/.", show_default=False)
     ],
@@ -184,8 +177,8 @@ def bake(
         raise UsageError(f"the target {target} does not go with {what}: expected gltf or gltf-anisotropic")
     if glb or any(output.container.texels == "uastc" for output in outputs):
         check_encoder()
-    with tempfile.TemporaryDirectory() as scratch:
-        found = jobs(sources, load, Path(scratch))
+    with temporary_folder() as scratch:
+        found = jobs(sources, load, scratch)
         if chosen_preset:
             session.print(*_preset_lines(chosen_preset, asked, [job for job in found if isinstance(job, Job)]))
         results = bake_all(session, found, out, asked)

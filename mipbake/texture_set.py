@@ -166,7 +166,7 @@ def load(
         InputError: the folder or a file cannot be used; the sentence says which and what to do.
         UsageError: an option does not exist or has a value it cannot have.
     """
-    options = _with_overrides(options or LoadOptions(), overrides)
+    options = with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
     decoded = _read(found)
     normals = decoded["normal"].map.pixels
@@ -204,7 +204,8 @@ def load(
     )
 
 
-def _with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
+def with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
+    """Options with single fields replaced; UsageError for a field that there is not."""
     known = [f.name for f in fields(LoadOptions)]
     for name in overrides:
         if name not in known:

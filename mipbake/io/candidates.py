@@ -43,6 +43,11 @@ def _name_of(folder: Path) -> str:
     return safe_name(name or resolved.name, "texture_set")
 
 
+def name_of(files: Path | Sequence[Path]) -> str:
+    """What a set is called that is read from a folder, or from these files; nothing is read."""
+    return _name_of(files if isinstance(files, Path) else files[0].parent)
+
+
 def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Path]]:
     """Name, folder and files of a set; the files of a `textures` folder inside where the folder itself has none."""
     if not isinstance(path, (str, os.PathLike)):
@@ -60,8 +65,8 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
     _refuse_baked(folder)
     files = _visible(folder)
-    if not any(_is_map(f) for f in files):
-        inner = [d for d in folder.iterdir() if d.is_dir() and d.name.lower() == "textures"]
+    if not any(is_map(f) for f in files):
+        inner = [d for d in folder.iterdir() if d.is_dir() and is_textures(d)]
         if inner:
             _refuse_baked(inner[0])
             return _name_of(folder), inner[0], _visible(inner[0])
@@ -104,8 +109,14 @@ def _visible(folder: Path) -> list[Path]:
         raise InputError(f"{folder} cannot be listed ({error.strerror}): check its permissions") from error
 
 
-def _is_map(file: Path) -> bool:
+def is_map(file: Path) -> bool:
+    """Whether a file is an image whose name tells a role that is read."""
     return file.suffix.lower() in IMAGE_SUFFIXES and any(m.meanings for m in interpretations(file.stem))
+
+
+def is_textures(folder: Path) -> bool:
+    """Whether a folder is called so that its maps are those of the folder around it."""
+    return folder.name.lower() == "textures"
 
 
 def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:

@@ -68,7 +68,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         source = replace(source, notes=(*source.notes, *notes))
         warnings += tuple(doubts)
     if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
-        top = np.iinfo(stored.dtype).max
+        top = np.iinfo(stored.dtype.name).max
         warnings += (f"{image.header.path.name}: its values are 0 and 1 of {top}, next to nothing: is 1 meant as all?",)
     if source.inverted:
         pixels = np.float32(1) - pixels
