@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io.candidates import BASE_ALPHA, alpha_note
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import (
     DecodedMap,
@@ -177,6 +178,10 @@ def load(
         texture = decoded[role].map
         if role.startswith(CARRIED) and texture.source.channels == "A" and texture.pixels.min() >= 1:
             continue  # an alpha channel that says nothing
+        if texture.source.reason == BASE_ALPHA and texture.source.path and texture.pixels.min() >= 1:
+            told = alpha_note(texture.source.path)
+            found = replace(found, notes=tuple(note for note in found.notes if note != told))
+            continue
         if role == "normal" and found.convention.name == "directx":
             texture.pixels[..., 1] *= -1
         if role in options.factors:

@@ -24,6 +24,7 @@ PathLike: TypeAlias = "str | os.PathLike[str]"
 OUTVOTED = "another file fills its roles"
 NO_ROLE = "its name says no role"
 PREVIEW = "it has the name of the set itself: taken for a preview"
+BASE_ALPHA = "alpha of the base colour"
 _REASONS = {"option": "chosen by option", "document": "the document says so"}
 
 
@@ -243,5 +244,10 @@ def take_alpha_as_opacity(chosen: dict[str, Candidate], options: LoadOptions, lo
     base = chosen.get("base_color")
     if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
         return
-    chosen["opacity"] = Candidate(base.header, Meaning("opacity", "A"), "alpha of the base colour")
-    log.notes.append(f"opacity is the alpha channel of {base.header.path.name}")
+    chosen["opacity"] = Candidate(base.header, Meaning("opacity", "A"), BASE_ALPHA)
+    log.notes.append(alpha_note(base.header.path))
+
+
+def alpha_note(path: Path) -> str:
+    """What is said of opacity that is the alpha of the base colour, until it is known that it hides something."""
+    return f"opacity is the alpha channel of {path.name}"

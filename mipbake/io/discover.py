@@ -184,7 +184,10 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
         what = f"{told}, taken as {named}" if told == RAW else named
         log.notes.append(f"{name}: its name says {what}")
         return named
-    encoding = default_colour_space(header.is_integer)
+    encoding = header.colour_space or default_colour_space(header.is_integer)
+    if header.colour_space is not None:
+        log.notes.append(f"{name}: the file says {encoding}")
+        return encoding
     if header.depth not in ("uint8", "half", "float"):
         log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
     return encoding

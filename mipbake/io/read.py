@@ -22,7 +22,7 @@ IMAGE_SUFFIXES = frozenset(
     f".{s}"
     for s in (
         *("png", "jpg", "jpeg", "tif", "tiff", "tga", "exr", "hdr", "bmp", "webp", "dds", "psd", "jp2", "jxl"),
-        *("sgi", "ppm", "pgm", "pnm", "tx"),
+        *("sgi", "ppm", "pgm", "pnm", "tx", "avif", "ktx2"),
     )
 )
 
@@ -31,7 +31,9 @@ _NATIVE = ("uint8", "uint16", "half", "float")
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type."""
+    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type,
+    number of images, and the colour space of its colours where the container tells it.
+    """
 
     path: Path
     width: int
@@ -40,6 +42,7 @@ class Header:
     alpha: int
     depth: str
     subimages: int
+    colour_space: str | None = None
 
     @property
     def is_integer(self) -> bool:
@@ -49,6 +52,8 @@ class Header:
 
 def read_header(path: Path) -> Header:
     """The header of an image file; InputError when it is not an image or has no texels."""
+    if _is_other(path):
+        return _other_header(path, _bytes(path))
     return _header(path, _open(path))
 
 
@@ -69,13 +74,12 @@ def read_image(path: Path) -> Image:
     Raises:
         InputError: the file is no image, is damaged or cut short, or holds NaN or infinity.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    data = _bytes(path)
     if data.startswith(PNG_SIGNATURE):
         check_png(path, data)
     digest = hashlib.sha256(data).hexdigest()
+    if _is_other(path):
+        return _other_image(path, data, digest)
     del data
     image = _open(path)
     header = _header(path, image)
@@ -88,6 +92,40 @@ def read_image(path: Path) -> Image:
     values: NDArray[np.generic] = np.asarray(pixels).reshape(header.height, header.width, header.channels)
     _check_finite(path, values)
     return Image(values, header, digest)
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _is_other(path: Path) -> bool:
+    """Whether a file is of a kind that OpenImageIO does not read."""
+    from mipbake.io.other_images import START, is_other
+
+    try:
+        with path.open("rb") as file:
+            return is_other(file.read(START))
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _other_header(path: Path, data: bytes) -> Header:
+    from mipbake.io.other_images import outline
+
+    found = outline(data, path)
+    _check_size(path, found.width, found.height)
+    return Header(path, found.width, found.height, found.channels, found.alpha, found.depth, 1, found.colour_space)
+
+
+def _other_image(path: Path, data: bytes, digest: str) -> Image:
+    from mipbake.io.other_images import pixels_of
+
+    header, pixels = _other_header(path, data), pixels_of(data, path)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
 
 
 def _open(path: Path) -> OpenImageIO.ImageInput:
