@@ -151,3 +151,30 @@ def test_names_that_end_in_the_workflow() -> None:
     roles = [match and match.meanings[0].role for match in classify(stems)]
     assert roles == ["base_color", "normal", "roughness", "metallic"]
     assert classify(["Metal007_1K_Metalness"])[0].meanings[0].role == "metallic"
+
+
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+
+
+@pytest.mark.parametrize(
+    ("name", "attributes", "encoding"),
+    [
+        ("a_color.exr", {"chromaticities": AP1}, "ACEScg"),
+        ("a_color.exr", {"chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)}, LINEAR),
+        ("a_color.exr", {"chromaticities": (0.6, 0.3, 0.3, 0.6, 0.2, 0.1, 0.3, 0.3)}, LINEAR),
+        ("a_color.exr", {"oiio__ColorSpace": "sRGB"}, "sRGB"),
+        ("a_color_lin_srgb.exr", {"chromaticities": AP1}, LINEAR),
+    ],
+)
+def test_colour_spaces_that_exr_files_tell(name: str, attributes: dict, encoding: str, tmp_path: Path) -> None:
+    import OpenImageIO as oiio  # noqa: N813
+
+    folder = without_colour(tmp_path)
+    spec = oiio.ImageSpec(8, 8, 3, "half")
+    for key, value in attributes.items():
+        kind = "string" if isinstance(value, str) else "float[8]"
+        spec.attribute(key.replace("__", ":"), oiio.TypeDesc(kind), value)
+    output = oiio.ImageOutput.create(str(folder / name))
+    assert output.open(str(folder / name), spec) and output.write_image(np.full((8, 8, 3), 0.5, np.float32))
+    output.close()
+    assert discover(folder).sources["base_color"].encoding == encoding

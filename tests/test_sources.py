@@ -223,6 +223,11 @@ def test_an_export_of_several_sets_is_split_by_their_names(tmp_path: Path, capsy
         next(mipbake.load_all(folder, name="robot"))
 
 
+def test_sets_in_other_scripts_are_told_apart(tmp_path: Path, capsys) -> None:
+    folder = substance(tmp_path, "石", "木の板", "пол 2")
+    assert [result["name"] for result in run(capsys, "inspect", folder)["results"]] == ["пол_2", "木の板", "石"]
+
+
 def test_one_broken_set_of_an_export_leaves_the_others(tmp_path: Path, capsys) -> None:
     folder = substance(tmp_path, "A", "B", "C")
     (folder / "B_Roughness.png").unlink()

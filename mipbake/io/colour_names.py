@@ -49,6 +49,37 @@ def _spaces() -> dict[str, str]:
     return spaces
 
 
+_CHROMATICITIES = {
+    LINEAR: (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329),
+    "ACEScg": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
+    "ACES2065-1": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "linear Display P3": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
+    "linear ITU-R BT.2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
+    "linear Adobe RGB (1998)": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.329),
+}
+"""x and y of red, green, blue and white: ITU-R BT.709 and BT.2020, SMPTE ST 2065-1 and EG 432-1, Adobe RGB (1998), and
+S-2014-004 of the Academy."""
+
+_SAME = 0.002
+"""Chromaticities that differ by less are written with fewer digits."""
+
+
+def told_by_file(name: object, chromaticities: object) -> str | None:
+    """The colour space that an OpenEXR file tells: by its name, else linear light of the primaries that it lists.
+
+    None where it tells none, or one that is not known.
+    """
+    if isinstance(name, str):
+        space = _spaces().get("".join(chunk[0] for chunk in _CHUNK.finditer(name)).lower())
+        return None if space == RAW else space
+    if not isinstance(chromaticities, tuple) or len(chromaticities) != 8:
+        return None
+    for space, known in _CHROMATICITIES.items():
+        if all(abs(float(found) - wanted) < _SAME for found, wanted in zip(chromaticities, known, strict=True)):
+            return space
+    return None
+
+
 def split_colour_space(stem: str) -> tuple[str, str | None]:
     """What stands before the colour space at the end of a stem, and the colour space.
 

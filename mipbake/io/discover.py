@@ -186,6 +186,7 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
         return named
     encoding = header.colour_space or default_colour_space(header.is_integer)
     if header.colour_space is not None:
+        encoding = canonical_colour_space(header.colour_space)
         log.notes.append(f"{name}: the file says {encoding}")
         return encoding
     if header.depth not in ("uint8", "half", "float"):

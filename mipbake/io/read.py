@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io.colour_names import told_by_file
 from mipbake.io.messages import told_by
 
 if TYPE_CHECKING:
@@ -161,12 +162,13 @@ def _check_name(path: Path) -> None:
 def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
     spec = image.spec()
     _check_size(path, spec.width, spec.height)
-    count = 1
+    count, space = 1, None
     if path.suffix.lower() == ".exr":
+        space = told_by_file(spec.getattribute("oiio:ColorSpace"), spec.getattribute("chromaticities"))
         while image.seek_subimage(count, 0):
             count += 1
         image.seek_subimage(0, 0)
-    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count)
+    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count, space)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:

@@ -73,7 +73,7 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
             named.append(_Named(file, meant, stems[file]))
     groups: dict[str, list[_Named]] = {}
     for each in named:
-        groups.setdefault(each.match.asset, []).append(each)
+        groups.setdefault(_key(each.match.asset, each.stem), []).append(each)
     settled = {role for role in options.maps if role not in patterns}
     roles = {asset: _roles(group) | settled for asset, group in groups.items()}
     complete = [asset for asset in groups if {"normal", "roughness"} <= roles[asset] and _roles(groups[asset])]
@@ -86,7 +86,9 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
     for file in images:
         if any(file in several for several in own.values()):
             continue
-        asset = max((a for a in sets if a and asset_words(stems[file]).startswith(a)), key=len, default=None)
+        asset = max(
+            (a for a in sets if a and _key(asset_words(stems[file]), stems[file]).startswith(a)), key=len, default=None
+        )
         (left_out if asset is None else own[asset]).append(file)
     parts = (Part(_shown(asset, groups[asset]), tuple(sorted(own[asset]))) for asset in sets)
     return Division(tuple(sorted(parts, key=lambda part: part.name.casefold())), tuple(left_out))
@@ -137,6 +139,11 @@ def _without_tile(stem: str, tile: str) -> str:
     return stem.replace(tile, "") if tile else stem
 
 
+def _key(words: str, stem: str) -> str:
+    """Equal for files of one set: its words, and the letters of other scripts, which are in no word."""
+    return "".join(letter for letter in stem.lower() if letter.isalnum() and not letter.isascii()) + words
+
+
 def _roles(group: Sequence[_Named]) -> set[str]:
     return {meaning.role for each in group for meaning in each.match.meanings}
 
@@ -157,6 +164,7 @@ def _shown(asset: str, group: Sequence[_Named]) -> str:
     """The name of a set as its files have it, with capitals and separators; empty for files of a role's name alone."""
     for each in group:
         for end in range(1, len(each.stem) + 1):
-            if "".join(re.findall(r"[A-Za-z0-9]", each.stem[:end])).lower() == asset:
+            found = "".join(re.findall(r"[A-Za-z0-9]", each.stem[:end])).lower()
+            if _key(found, each.stem[:end]) == asset:
                 return each.stem[:end]
     return asset
