@@ -16,6 +16,7 @@ from mipbake.cli import options
 from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
+from mipbake.cli.sources import Sources
 from mipbake.compare.compression import LIMIT
 from mipbake.glb import GLB, output
 from mipbake.intake import Job, jobs
@@ -46,15 +47,7 @@ def _some_of(option: str) -> str:
 def bake(
     session: Session,
     load: LoadOptions,
-    sources: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="SOURCE",
-            help="Texture sets: folders of maps, UDIM tiles in a folder or as a pattern with <UDIM>, .gltf, .glb and "
-            ".mtlx documents; globs, and @FILE for a list of them.",
-            show_default=False,
-        ),
-    ],
+    sources: Sources,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="OUT", help="Where the stacks go: OUT/<set>/.", show_default=False)
     ],

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import mipbake
-from mipbake import InputError, MipbakeError, OutputError, UsageError
+from mipbake import InputError, MipbakeError, OutputError
 from mipbake.adjust import Adjustments, adjusted
 from mipbake.bake import resolve_target
-from mipbake.cli.folders import check_names, file_hashes
+from mipbake.cli.folders import file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost, part_of
@@ -93,20 +93,12 @@ def _set_of_tiles(job: Job | Failure) -> tuple[Path, str]:
     """Source and name of a set of tiles, the same for all its groups."""
     if isinstance(job, Failure) or not job.tiled:
         return job.source, ""
-    try:
-        return job.source, next(iter(job.parts.values())).find().name
-    except (InputError, UsageError):  # its turn will say what is wrong
-        return job.source, ""
+    return job.source, next(iter(job.parts.values())).name
 
 
 def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
-    """UsageError where two results would lie in one place; OutputError where a GLB cannot."""
-    jobs = [job for job in found if isinstance(job, Job)]
-    check_names(_all_names(jobs), "bake")
-    documents = {job.source: job for job in jobs if job.document is not None}
-    check_names([(job.place, source) for source, job in documents.items()], "bake")
-    alone = _all_names([job for job in jobs if job.document is None])
-    check_names([*alone, *((job.place, source) for source, job in documents.items())], "bake")
+    """OutputError where a GLB cannot lie where it is to be written."""
+    documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
     if asked.glb or asked.documents:
         for source, job in documents.items():
             check_file(out / f"{job.place}.{GLB}", source)
@@ -127,21 +119,6 @@ def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
         except InputError as error:
             lost.append(Failure(document.path, error))
     return lost
-
-
-def _all_names(jobs: Sequence[Job]) -> list[tuple[str, Path]]:
-    """Where stacks go, and where they come from; groups of tiles of one set go to one place."""
-    tiled = dict.fromkeys(name for job in jobs if job.tiled for name in _names(job))
-    return [*(name for job in jobs if not job.tiled for name in _names(job)), *tiled]
-
-
-def _names(job: Job) -> list[tuple[str, Path]]:
-    """Where a job's stacks go, and where they come from; nothing where its turn will say what is wrong."""
-    try:
-        names = [found.name for found in job.found().values()]
-    except (InputError, UsageError):
-        return []
-    return [(str(Path(job.place) / name), job.source) for name in dict.fromkeys(names)]
 
 
 def _bake_tiles(session: Session, jobs: Sequence[Job], out: Path, asked: Asked) -> list[dict[str, Any]]:
@@ -280,7 +257,7 @@ def _write_one(
         "warnings": warnings,
         "stack": {"model": stack.model, "levels": len(stack.levels[: asked.levels]), "provenance": provenance},
         "seconds": dict(baking.seconds),
-        "set": set_report(texture_set),
+        "set": set_report(texture_set, job),
     }
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 import mipbake
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
 from mipbake.cli import options
+from mipbake.cli.folders import stack_of
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, plain, stages
+from mipbake.cli.session import Session, Stages, plain, stages
+from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import set_report, table
 from mipbake.compare.comparing import Settings
 from mipbake.compare.comparing import compare as compare_methods
@@ -21,6 +24,7 @@ from mipbake.compare.pictures import MAX_PASSES
 from mipbake.compare.result import SCALES, Comparison
 from mipbake.compare.scenes import SPHERE_RESOLUTION
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.metrics import PAIR_SETS
@@ -33,6 +37,7 @@ from mipbake.report.page import check_report, write_report
 from mipbake.report.page.verdict import verdict
 from mipbake.report.page.writing import PAGE
 from mipbake.report.viewer import Source
+from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -46,14 +51,14 @@ _LIST = "one or more, separated by commas"
 def compare(
     session: Session,
     load: LoadOptions,
-    folder: options.Folder,
+    sources: Sources,
     out: Annotated[
         Path,
         typer.Option(
             "--out",
             "-o",
             metavar="REPORT",
-            help="Folder of the report: index.html, results.json, images.",
+            help="Folder of the report: index.html, results.json, images; of several sets REPORT/<set>/.",
             show_default=False,
         ),
     ],
@@ -61,7 +66,8 @@ def compare(
         Optional[Path],  # noqa: UP045
         typer.Option(
             metavar="STACK",
-            help="A stack that was baked from the set, OUT/<set>: compared as `baked`, and what the verdict is about.",
+            help="A stack that was baked from the set, OUT/<set>: compared as `baked`, and what the verdict is about; "
+            "of several sets OUT, the folder that they were baked into.",
         ),
     ] = None,
     methods: Annotated[
@@ -128,13 +134,12 @@ def compare(
         bool, typer.Option("--cache/--no-cache", help="Keep references of renders for the next comparison.")
     ] = True,
 ) -> None:
-    """Compare methods on a texture set in a report for the browser.
+    """Compare methods on texture sets, each in a report for the browser.
 
-    Measures, renders, and a verdict.
+    Measures, renders, and a verdict. A set that cannot be compared is reported, and the others are all the same.
     """
     session.in_files = True
     conditions = [parse(text) for text in fail_if or []]
-    check_report(out)
     settings = Settings(
         lighting=lighting_named(light),
         mesh=read_mesh(mesh) if mesh else None,
@@ -146,41 +151,44 @@ def compare(
         seed=seed,
         cache=default_folder() if cache else None,
     )
-    stack = mipbake.open_stack(baked) if baked else None
     names = None if methods is None else tuple(name.strip() for name in methods.split(","))
-    texture_set = mipbake.load(folder, load)
-    with stages(session, texture_set.name) as progress, temporary_folder() as kept:
-        renders = kept if keep_renders else None
-        found = compare_methods(
-            texture_set, stack, baked, names, target, pixel_filter, settings, conditions, renders, progress
-        )
-        comparison = replace(found.comparison, source=plain(set_report(texture_set)))
-        source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
-        files = write_report(comparison, found.stacks, source, out, progress, renders)
-    outcomes = [condition.check(comparison) for condition in conditions]
+
+    def compare_one(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
+        place = out if alone else out / job.place / texture_set.name
+        check_report(place)
+        known = stack_of(baked, job, texture_set, alone) if baked else None
+        stack = mipbake.open_stack(known) if known else None
+        with stages(session, texture_set.name) as progress, temporary_folder() as kept:
+            renders = kept if keep_renders else None
+            found = compare_methods(
+                texture_set, stack, known, names, target, pixel_filter, settings, conditions, renders, progress
+            )
+            comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
+            source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
+            files = write_report(comparison, found.stacks, source, place, progress, renders)
+        outcomes = [condition.check(comparison) for condition in conditions]
+        _print(session, comparison, place, files, progress)
+        for outcome in outcomes:
+            if outcome.failed:
+                told = outcome.sentence if alone else f"{texture_set.name}: {outcome.sentence}"
+                session.fail(told, EXIT_CONDITION)
+            else:
+                session.print(outcome.sentence)
+        return {"out": place, "files": files, "conditions": outcomes, **comparison.to_dict()}
+
+    results = over_sets(session, sources, load, compare_one)
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+
+
+def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Stages) -> None:
+    """What a comparison found, for people."""
     session.print(verdict(comparison).sentence)
     for pairs in PAIR_SETS:
         session.print("", scale_table(comparison, pairs))
     session.print("", *(f"warning: {warning}" for warning in comparison.warnings))
     session.print(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
     size_of = sum(file.stat().st_size for file in files)
-    session.print(f"wrote {out / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
-    for outcome in outcomes:
-        if outcome.failed:
-            session.fail(outcome.sentence, EXIT_CONDITION)
-        else:
-            session.print(outcome.sentence)
-    session.dump(
-        {
-            "version": mipbake.__version__,
-            "exit_code": session.exit_code,
-            "folder": folder,
-            "out": out,
-            "files": files,
-            "conditions": outcomes,
-            **comparison.to_dict(),
-        }
-    )
+    session.print(f"wrote {place / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
 
 
 def scale_table(comparison: Comparison, pairs: str) -> Table:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any, Optional, TypeAlias
 
 import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
 from mipbake.cli import options
-from mipbake.cli.folders import check_names, file_hashes, names_of
+from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, stages
+from mipbake.cli.session import Session, Stages, stages
+from mipbake.cli.sources import Sources
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.convert import (
     LEARNED,
@@ -24,27 +28,23 @@ from mipbake.convert import (
     is_material_folder,
     open_material,
 )
+from mipbake.intake import Failure, Job, Part, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
-from mipbake.io.discover import find
+from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
+from mipbake.io.publish import temporary_folder
 from mipbake.material import model_named
 from mipbake.prefilter import method_named
 from mipbake.texture_set import TextureSet
+
+_Write: TypeAlias = "Callable[[TextureSet | Material, Path, Stages], dict[str, Any]]"
 
 
 @options.reads_sets
 def convert(
     session: Session,
     load: LoadOptions,
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SOURCE",
-            help="Texture sets, or materials that were converted before, one a folder.",
-            show_default=False,
-            readable=False,
-        ),
-    ],
+    sources: Sources,
     to: Annotated[str, typer.Option("--to", metavar=one_of(TARGETS), help="Material model.", show_default=False)],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="OUT", help="Where the materials go: OUT/<set>/.", show_default=False)
@@ -65,7 +65,7 @@ def convert(
         ),
     ] = None,
 ) -> None:
-    """Convert texture sets to another material model, level 0 alone.
+    """Convert texture sets, or materials that were converted before, to another material model, level 0 alone.
 
     By formula, texel by texel, and nothing is filtered, or by trained weights. A set that cannot be converted is
     reported and the others are converted all the same.
@@ -75,59 +75,99 @@ def convert(
     image_container(model_named(to).name, format)
     if weights is not None:
         method_named(LEARNED, weights)
-    check_names(names_of(sources, lambda source: _name(source, load)), "convert")
+    results: list[dict[str, Any]] = []
 
-    results = []
-    for source in sources:
+    def attempt(source: Path, convert_one: Callable[[], dict[str, Any]]) -> None:
         try:
-            results.append(_convert_one(session, source, out, load, to, format, weights))
+            results.append({"source": source, "ok": True, "exit_code": 0, **convert_one()})
         except MipbakeError as error:
             session.fail(str(error), error.exit_code)
             results.append({"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
-    if len(sources) > 1:
-        session.print(f"{sum(r['ok'] for r in results)} of {len(sources)} sets converted")
+
+    def write(given: TextureSet | Material, place: Path, reading: Stages) -> dict[str, Any]:
+        return _write(session, given, place, to, format, weights, reading)
+
+    every = expand(sources)
+    materials = [path for path in every if is_material_folder(path)]
+    with temporary_folder() as scratch:
+        found = jobs([str(path) for path in every if path not in materials], load, scratch)
+        named = [(name, job.source) for job in found if isinstance(job, Job) for name in job.names.values()]
+        check_names([*_names(materials), *named], "convert")
+        for path in materials:
+            attempt(path, partial(_convert_material, session, path, out, load, write))
+        for job in found:
+            if isinstance(job, Failure):
+                attempt(job.source, partial(_raise, job.error))
+                continue
+            for tile, part in job.parts.items():
+                attempt(job.source, partial(_convert_set, session, job, tile, part, out, write))
+    if len(results) > 1:
+        session.print(f"{sum(r['ok'] for r in results)} of {len(results)} sets converted")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
 
 
-def _name(source: Path, load: LoadOptions) -> str:
-    return open_material(source).name if is_material_folder(source) else find(source, load).name
+def _names(materials: Sequence[Path]) -> list[tuple[str, Path]]:
+    """Of materials that were converted; what is wrong with one is left for when its turn comes."""
+    named = []
+    for path in materials:
+        with contextlib.suppress(MipbakeError):
+            named.append((open_material(path).name, path))
+    return named
 
 
-def _convert_one(
-    session: Session, source: Path, out: Path, load: LoadOptions, to: str, format: str, weights: str | None
+def _raise(error: MipbakeError) -> dict[str, Any]:
+    raise error
+
+
+def _convert_material(session: Session, source: Path, out: Path, load: LoadOptions, write: _Write) -> dict[str, Any]:
+    """Converts what was converted before, prints what happened, and returns it for JSON."""
+    if load != LoadOptions():
+        raise UsageError(
+            f"{source} holds a converted material, which says itself how it is read: leave the options for reading a "
+            "set out"
+        )
+    with stages(session, source.name) as reading:
+        reading("read", 0.0)
+        given = open_material(source)
+        reading("read", 1.0)
+    place = out / given.name
+    if os.path.realpath(place) == os.path.realpath(source):
+        raise UsageError(f"{source} would be replaced by what is made of it, which may hold less: choose another --out")
+    check_material_output(place, given.provenance.sources)
+    height, width = given.stored.shape[:2]
+    session.print(f"{source}: {width} x {height}, {given.model}")
+    read = {"name": given.name, "width": width, "height": height, "model": given.model}
+    return {**write(given, place, reading), "set": read}
+
+
+def _convert_set(session: Session, job: Job, tile: int, part: Part, out: Path, write: _Write) -> dict[str, Any]:
+    """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
+    place = out / job.place / job.names[tile]
+    check_material_output(place, file_hashes(part.find()))
+    with stages(session, place.name) as reading:
+        reading("read", 0.0)
+        given = job.read_tile(tile)
+        reading("read", 1.0)
+    check_material_output(place, file_hashes(given))
+    session.print(
+        f"{job.source}: {given.name}, {given.width} x {given.height}",
+        map_table(sources_of(given)),
+        *remarks(given),
+        *(f"note: {note}" for note in job.notes),
+        *(f"warning: {warning}" for warning in job.warnings),
+    )
+    return {**write(given, place, reading), "set": set_report(given, job)}
+
+
+def _write(
+    session: Session,
+    given: TextureSet | Material,
+    place: Path,
+    to: str,
+    format: str,
+    weights: str | None,
+    reading: Stages,
 ) -> dict[str, Any]:
-    """Converts and writes one set, prints what happened, and returns it for JSON."""
-    given: TextureSet | Material
-    if is_material_folder(source):
-        if load != LoadOptions():
-            raise UsageError(
-                f"{source} holds a converted material, which says itself how it is read: leave the options for reading "
-                "a set out"
-            )
-        with stages(session, source.name) as reading:
-            reading("read", 0.0)
-            given = open_material(source)
-            reading("read", 1.0)
-        place = out / given.name
-        if os.path.realpath(place) == os.path.realpath(source):
-            raise UsageError(
-                f"{source} would be replaced by what is made of it, which may hold less: choose another --out"
-            )
-        check_material_output(place, given.provenance.sources)
-        height, width = given.stored.shape[:2]
-        read = {"name": given.name, "width": width, "height": height, "model": given.model}
-        session.print(f"{source}: {width} x {height}, {given.model}")
-    else:
-        found = find(source, load)
-        place = out / found.name
-        check_material_output(place, file_hashes(found))
-        with stages(session, place.name) as reading:
-            reading("read", 0.0)
-            given = mipbake.load(source, load)
-            reading("read", 1.0)
-        check_material_output(place, file_hashes(given))
-        read = set_report(given)
-        session.print(f"{source}: {given.width} x {given.height}", map_table(sources_of(given)), *remarks(given))
     with stages(session, place.name) as converting:
         converting.seconds.update(reading.seconds)
         made = mipbake.convert(given, to, weights)
@@ -140,16 +180,12 @@ def _convert_one(
         f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
     )
     return {
-        "source": source,
-        "ok": True,
-        "exit_code": 0,
         "out": place,
         "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
         "bytes": size,
         "format": format,
         "material": {"model": made.model, "provenance": made.provenance},
         "seconds": converting.seconds,
-        "set": read,
     }
 
 

@@ -1,14 +1,16 @@
-"""What the commands that write a folder for every set share."""
+"""What the commands share that write or read a folder for every set."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from mipbake import InputError, UsageError
 from mipbake.cli.tables import sources_of
+from mipbake.intake import Job
+from mipbake.io.layout import manifests
 from mipbake.io.sources import Discovery
+from mipbake.io.tiles import name_without
 from mipbake.texture_set import TextureSet
 
 
@@ -28,15 +30,34 @@ def check_names(named: Iterable[tuple[str, Path]], what: str) -> None:
         names[name] = source
 
 
-def names_of(folders: Iterable[Path], name_of: Callable[[Path], str]) -> list[tuple[str, Path]]:
-    """Names and folders; an InputError of `name_of` is left for when a folder's turn comes."""
-    named = []
-    for folder in folders:
-        with contextlib.suppress(InputError):
-            named.append((name_of(folder), folder))
-    return named
-
-
 def file_hashes(found: Discovery | TextureSet) -> dict[str, str]:
     """Source file name to SHA-256, which is empty before the file is read."""
     return {source.path.name: source.sha256 for source in sources_of(found).values() if source.path}
+
+
+def stack_of(given: Path, job: Job, texture_set: TextureSet, alone: bool) -> Path:
+    """Where the stack of a texture set lies: a folder, or the file that declares the stack of a tile.
+
+    Args:
+        given: a stack, where the set is the only one, or what stacks were baked into.
+        job: that the set is of.
+        texture_set: the set.
+        alone: whether it is the only one.
+
+    Raises:
+        InputError: there is none.
+    """
+    tile = next((tile for tile, name in job.names.items() if name == texture_set.name and tile), 0)
+    place = given / job.place / (name_without(texture_set.name, tile) if tile else texture_set.name)
+    if tile:
+        declared = [folder / f"stack.{tile}.json" for folder in (given, place)]
+        found = next((file for file in declared if file.is_file()), None)
+        if found is not None:
+            return found
+    elif place.is_dir() and manifests(place) and not manifests(given):
+        return place
+    if alone:
+        return given
+    raise InputError(
+        f"{given} holds no stack of {texture_set.name}: expected {place}, as `mipbake bake ... -o {given}` writes it"
+    )

@@ -1,20 +1,36 @@
-"""`mipbake inspect`: what would be read, and why."""
+"""`mipbake inspect`: what is read, and why."""
 
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import mipbake
 from mipbake.cli import options
 from mipbake.cli.session import Session
+from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.io.discover import discover
+from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
+from mipbake.texture_set import TextureSet
 
 
 @partial(options.reads_sets, without=("normal_length", "wrap_u", "wrap_v"))
-def inspect(session: Session, folder: options.Folder, load: LoadOptions) -> None:
-    """Show what is found in a texture set and why. Writes nothing."""
-    found = discover(folder, load)
-    session.print(f"{folder}: {found.width} x {found.height}", map_table(sources_of(found)), *remarks(found))
-    session.dump({"version": mipbake.__version__, "folder": folder, **set_report(found)})
+def inspect(session: Session, sources: Sources, load: LoadOptions) -> None:
+    """Show what is found in texture sets and why.
+
+    Every map is decoded, so that damaged files are found. Writes nothing.
+    """
+
+    def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:
+        session.print(
+            f"{job.source}: {found.name}, {found.width} x {found.height}",
+            map_table(sources_of(found)),
+            *remarks(found),
+            *(f"note: {note}" for note in job.notes),
+            *(f"warning: {warning}" for warning in job.warnings),
+        )
+        return set_report(found, job)
+
+    results = over_sets(session, sources, load, show)
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})

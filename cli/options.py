@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Container, Iterable
-from pathlib import Path
 from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
@@ -23,9 +22,6 @@ def one_of(names: Iterable[str]) -> str:
 
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A texture set.", show_default=False, readable=False)]
-
-
 def _reading(
     maps: Annotated[
         Optional[list[str]],  # noqa: UP045
@@ -33,7 +29,8 @@ def _reading(
             "--map",
             metavar="ROLE=SOURCE",
             help="Fill a role yourself; repeat for more. SOURCE is a file of the folder (FILE, or FILE:G for one "
-            f"channel), a number from 0 to 1, or none. Roles: {', '.join(ROLES)}.",
+            "channel), a number from 0 to 1, or none; in a folder of several sets '*_FILE', where * is the name of a "
+            f"set. Roles: {', '.join(ROLES)}.",
             show_default="by file name",
         ),
     ] = None,
@@ -43,7 +40,7 @@ def _reading(
             metavar="NAME",
             help="Colour space of base colour and emissive: a name of colour-science, with 'linear ' before it for its "
             "linear values.",
-            show_default="sRGB in 8 and 16 bit files, linear Rec.709 in float files",
+            show_default="by file name, else sRGB in 8 and 16 bit files, linear Rec.709 in float files",
         ),
     ] = DEFAULTS.colour_space,
     normal_convention: Annotated[

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mipbake.intake import Job
 from mipbake.io.sources import Discovery, MapSource
 from mipbake.texture_set import TextureSet
 
@@ -54,14 +56,18 @@ def remarks(found: Discovery | TextureSet) -> list[str]:
     return lines
 
 
-def set_report(found: Discovery | TextureSet) -> dict[str, Any]:
-    """The same for machines."""
+def set_report(found: Discovery | TextureSet, job: Job | None = None) -> dict[str, Any]:
+    """The same for machines. Paths of files in an archive begin with the archive's."""
+    archive = job.archive if job else None
+    sources = sources_of(found)
+    if archive is not None:
+        sources = {r: replace(s, path=Path(archive.told(str(s.path)))) if s.path else s for r, s in sources.items()}
     return {
         "name": found.name,
         "width": found.width,
         "height": found.height,
         "model": "gltf-anisotropic" if found.anisotropic else "gltf",
-        "maps": sources_of(found),
+        "maps": sources,
         "normal_convention": found.convention,
         "notes": found.notes,
         "warnings": found.warnings,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import mipbake
 from mipbake import UsageError, Validation
 from mipbake.cli import options
+from mipbake.cli.folders import stack_of
 from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, stages
+from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
+from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
+from mipbake.texture_set import TextureSet
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -24,10 +28,15 @@ if TYPE_CHECKING:
 def validate(
     session: Session,
     load: LoadOptions,
-    folder: options.Folder,
+    sources: Sources,
     stack: Annotated[
         Path,
-        typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False, readable=False),
+        typer.Argument(
+            metavar="STACK",
+            help="What was baked from it: OUT/<set>; of several sets OUT, the folder that they were baked into.",
+            show_default=False,
+            readable=False,
+        ),
     ],
     lods: Annotated[
         str, typer.Option(metavar="LODS", help="Levels of detail, numbers from 0 up, separated by commas.")
@@ -38,31 +47,28 @@ def validate(
         int, typer.Option(help="Samples per pixel in each of two estimates of the reference; 1 or more.")
     ] = DEFAULT_SAMPLES,
 ) -> None:
-    """Measure a stack against its source: SNR in dB, higher is better.
+    """Measure stacks against their sources: SNR in dB, higher is better.
 
     The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
-    with.
+    with. A set whose stack cannot be measured is reported, and the others are measured all the same.
     """
     chosen = parse_lods(lods)
     if seed < 0:
         raise UsageError(f"--seed is {seed}: expected 0 or more")
-    baked = mipbake.open_stack(stack)
-    texture_set = mipbake.load(folder, load)
-    with stages(session, texture_set.name) as progress:
-        measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
-    session.print(f"{stack}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
-    for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
-        session.print("", snr_table(measured, pairs))
-    session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
-    session.dump(
-        {
-            "version": mipbake.__version__,
-            "folder": folder,
-            "stack": stack,
-            **measured.to_dict(),
-            "seconds": progress.seconds,
-        }
-    )
+
+    def measure(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
+        place = stack_of(stack, job, texture_set, alone)
+        baked = mipbake.open_stack(place)
+        with stages(session, texture_set.name) as progress:
+            measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
+        session.print(f"{place}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
+        for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
+            session.print("", snr_table(measured, pairs))
+        session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
+        return {"stack": place, **measured.to_dict(), "seconds": progress.seconds}
+
+    results = over_sets(session, sources, load, measure)
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
 
 
 def snr_table(measured: Validation, pairs: str) -> Table:

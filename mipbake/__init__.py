@@ -14,8 +14,9 @@ __version__ = "0.1.0"
 from mipbake.bake import bake
 from mipbake.convert import Material, convert, open_material
 from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
+from mipbake.loading import load, load_all
 from mipbake.stack import MipStack, open_stack
-from mipbake.texture_set import TextureSet, load
+from mipbake.texture_set import TextureSet
 from mipbake.validate import Validation, validate
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "bake",
     "convert",
     "load",
+    "load_all",
     "open_material",
     "open_stack",
     "validate",

@@ -1,4 +1,4 @@
-"""From what a user names to what is baked: folders, tiles, glTF and MaterialX documents, lists and globs of them."""
+"""From what a user names to what is baked: folders, archives, tiles, documents, lists and globs of them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TypeVar
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
+from mipbake.io.archives import Archive, Shelf
+from mipbake.io.candidates import is_map, is_textures, name_of
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
@@ -16,9 +18,10 @@ from mipbake.io.inputs import expand, kind
 from mipbake.io.messages import listed
 from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
-from mipbake.io.safe_names import safe_name
+from mipbake.io.safe_names import safe_name, unique_name
 from mipbake.io.sources import Discovery
-from mipbake.io.tiles import is_pattern, pattern_files, tile_options, tiles_of
+from mipbake.io.split import Division, divided, resolved
+from mipbake.io.tiles import is_pattern, name_with, pattern_files, text_of, tile_options, tiles_of
 from mipbake.packing import source_files
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet, load
@@ -29,18 +32,27 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Part:
-    """What `load` reads one texture set from."""
+    """What `load` reads one texture set from, and the archive that the files lie in."""
 
     files: Path | tuple[Path, ...]
     options: LoadOptions
+    archive: Archive | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the texture set; nothing is read."""
+        return self.options.name or name_of(self.files)
 
     def find(self) -> Discovery:
         """What it would read. InputError where it cannot."""
-        return find(self.files, self.options)
+        return self._using(lambda: find(self.files, self.options))
 
     def load(self) -> TextureSet:
         """The texture set. InputError where it cannot be read."""
-        return load(self.files, self.options)
+        return self._using(lambda: load(self.files, self.options))
+
+    def _using(self, read: Callable[[], _T]) -> _T:
+        return read() if self.archive is None else self.archive.using(read)
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,25 @@ class Job:
     def tiled(self) -> bool:
         """Whether it is about tiles, which share a folder with all others of their source."""
         return 0 not in self.parts
+
+    @property
+    def archive(self) -> Archive | None:
+        """The archive that it lies in."""
+        return next(iter(self.parts.values())).archive
+
+    @property
+    def names(self) -> dict[int, str]:
+        """What the texture sets will be called, by tile; nothing is read."""
+        return {tile: name_with(part.name, tile) if tile else part.name for tile, part in self.parts.items()}
+
+    def sets(self) -> Iterator[TextureSet]:
+        """The texture sets, one after the other. InputError where one cannot be read."""
+        return (self.read_tile(tile) for tile in self.parts)
+
+    def read_tile(self, tile: int) -> TextureSet:
+        """The texture set of one part, clamped where it is a tile. InputError where it cannot be read."""
+        alone = _of_tile(tile, self.parts[tile].load)
+        return replace(alone, wrap=CLAMPED, name=self.names[tile]) if tile else alone
 
     def found(self) -> dict[int, Discovery]:
         """What would be read, by tile. InputError where it cannot."""
@@ -119,24 +150,31 @@ def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
 
 
 def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Job | Failure]:
-    """What is to be baked, in order; a source that cannot be read does not keep others from it.
+    """What is to be baked, in order; a source that cannot be read does not keep others from it. All commands and
+    `mipbake.load_all` read what they are given through here.
+
+    No two results have one name: sets of one name are called after the folders around them, too.
 
     Args:
-        sources: paths, globs, `@FILE` for a list of paths.
-        options: how sets are read; documents say that themselves.
-        scratch: an empty folder for images that lie within documents, as long as jobs are read.
+        sources: paths, globs, `@FILE` for a list of paths, `@-` for one on the standard input.
+        options: how sets are read; documents say that themselves. Names of files in `maps` may be patterns with *.
+        scratch: an empty folder for images that lie within documents and archives, as long as jobs are read.
 
     Raises:
         InputError: a list or a glob that stands for nothing.
     """
     found: list[Job | Failure] = []
+    shelf = Shelf(scratch)
     for index, path in enumerate(expand(sources)):
         try:
             with disk.reading(path):  # a file or folder that went away meanwhile
-                found += _jobs_of(path, options, scratch / str(index))
+                if kind(path) == "archive":
+                    found += _archived(path, options, shelf, str(index))
+                else:
+                    found += _jobs_of(path, options, scratch / str(index))
         except (InputError, UsageError) as error:
             found.append(Failure(path, error))
-    return found
+    return with_names_apart(found)
 
 
 @dataclass(frozen=True)
@@ -156,7 +194,66 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | 
     if what == "udim":
         files = list(pattern_files(path).values()) if is_pattern(path) else _files(path)
         return _tiled(path, files, options)
-    return [Job(path, {0: Part(path, options)})]
+    return _folder(path, options) if what == "folder" else [Job(path, {0: Part(path, options)})]
+
+
+def _archived(path: Path, options: LoadOptions, shelf: Shelf, place: str) -> list[Job | Failure]:
+    """The jobs of an archive: of every folder inside that holds maps."""
+    archive = shelf.archive(path, place)
+
+    def inside() -> list[Job | Failure]:
+        return [job for folder in _folders_of_maps(archive.folder) for job in _jobs_of(folder, options, archive.folder)]
+
+    made = []
+    for job in archive.using(inside):
+        if isinstance(job, Job):
+            parts = {tile: replace(part, archive=archive) for tile, part in job.parts.items()}
+            job = replace(job, source=path, parts=parts)  # noqa: PLW2901
+        made.append(job)
+    return made
+
+
+def _folders_of_maps(root: Path) -> list[Path]:
+    """Folders in an unpacked archive that hold files with a role, else all that hold images."""
+    images: dict[Path, list[Path]] = {}
+    for file in sorted(p for p in root.rglob("*") if p.is_file()):
+        folder = file.parent
+        images.setdefault(folder.parent if folder != root and is_textures(folder) else folder, []).append(file)
+    with_maps = [folder for folder, files in images.items() if any(is_map(file) for file in files)]
+    return with_maps or list(images)
+
+
+def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
+    """The job of a folder, or those of the several sets in it."""
+    files = _files(path)
+    division = divided(files, options)
+    if division is None:
+        return [Job(path, {0: Part(path, resolved(options, files, str(path)))})]
+    if options.name is not None:
+        names = listed(part.name or path.name for part in division.parts)
+        raise UsageError(f"{path} holds {len(division.parts)} texture sets, {names}: leave the name out")
+    made: list[Job | Failure] = []
+    for part in division.parts:
+        named = part.name or name_of(path)
+        try:
+            own = replace(resolved(options, part.files, named), name=safe_name(named, "texture_set"))
+            made.append(Job(path, {0: Part(part.files, own)}))
+        except InputError as error:
+            made.append(Failure(path, error))
+    return _told_of_division(made, path, division)
+
+
+def _told_of_division(made: list[Job | Failure], path: Path, division: Division) -> list[Job | Failure]:
+    """The jobs of several sets; the first says what the folder holds."""
+    names = [part.name or name_of(path) for part in division.parts]
+    note = f"{path} holds {len(names)} texture sets: {listed(names)}"
+    left = tuple(f"{file.name} is of none of the sets: left out" for file in division.left_out)
+    first = next((index for index, job in enumerate(made) if isinstance(job, Job)), None)
+    if first is not None:
+        job = made[first]
+        if isinstance(job, Job):
+            made[first] = replace(job, notes=(note, *job.notes), warnings=(*left, *job.warnings))
+    return made
 
 
 def _files(folder: Path) -> list[Path]:
@@ -164,29 +261,108 @@ def _files(folder: Path) -> list[Path]:
     files = disk.files_in(folder)
     if tiles_of(files):
         return files
-    inner = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
+    if any(is_map(file) for file in files):
+        return files
+    inner = [p for p in disk.folders_in(folder) if is_textures(p)]
     return _files(inner[0]) if inner else files
 
 
-def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> list[Job]:
+def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> list[Job | Failure]:
+    """A job for every group of tiles that touch, of every set."""
+    if is_pattern(path):
+        return list(_groups(path, files, options, _by_pattern(path, options)))
+    division = _divided_tiles(tiles_of(files), options)
+    if division is None:
+        return list(_groups(path, files, options, tiles_of(files)))
+    made: list[Job | Failure] = []
+    for part in division.parts:
+        own = replace(options, name=safe_name(part.name or name_of(path), "texture_set"))
+        made += _groups(path, part.files, own, tiles_of(part.files))
+    return _told_of_division(made, path, division)
+
+
+def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapping[int, Sequence[Path]]) -> list[Job]:
     """A job for every group of tiles that touch."""
-    found = tiles_of(files) if not is_pattern(path) else _by_pattern(path)
     shared = [file for file in files if not any(file in several for several in found.values())]
     notes = (f"{len(found)} UDIM tiles: {listed(found)}",)
     warnings = tuple(f"{file.name} is no tile: left out" for file in shared if not is_pattern(path))
     made = []
     for group in islands(found):
-        parts = {tile: Part(tuple(found[tile]), tile_options(options, tile, found[tile][0].parent)) for tile in group}
+        parts = {}
+        for tile in group:
+            own = tile_options(options, tile, found[tile][0].parent)
+            parts[tile] = Part(tuple(found[tile]), resolved(own, found[tile], f"tile {tile}"))
         made.append(Job(path, parts, notes, warnings))
     return made
 
 
-def _by_pattern(path: Path) -> dict[int, list[Path]]:
-    """All maps of the tiles whose folder a pattern names."""
+def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) -> Division | None:
+    """The several sets that tiles are of."""
+    tiles = {file: text_of(file.name, tile) for tile, several in found.items() for file in several}
+    return divided(list(tiles), options, tiles)
+
+
+def _by_pattern(path: Path, options: LoadOptions) -> dict[int, list[Path]]:
+    """All maps of the tiles whose folder a pattern names, of the set that it is a map of."""
     folder = path.parent
     wanted = pattern_files(path)
     every = tiles_of(disk.files_in(folder))
+    division = _divided_tiles(every, options)
+    for part in () if division is None else division.parts:
+        if all(file in part.files for file in wanted.values()):
+            every = tiles_of(part.files)
     return {tile: list(every.get(tile, [file])) for tile, file in wanted.items()}
+
+
+def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
+    """The same jobs, no two results of one name: those that would share one are called after the folder around their
+    source, too, or numbered where that is the same.
+    """
+    tops: dict[str, dict[object, Job]] = {}
+    for index, job in enumerate(found):
+        if isinstance(job, Job):
+            tops.setdefault(_top(job).casefold(), {}).setdefault(_unit(job, index), job)
+    taken = set(tops)
+    renamed: dict[object, tuple[str, str]] = {}
+    for units in tops.values():
+        if len(units) < 2:
+            continue
+        told = listed(dict.fromkeys(str(job.source) for job in units.values()))
+        around = {unit: f"{job.source.resolve().parent.name}_{_top(job)}" for unit, job in units.items()}
+        apart = len({name.casefold() for name in around.values()}) == len(units)
+        for unit, job in units.items():
+            name = unique_name(around[unit], "texture_set", taken) if apart else _top(job)
+            if not apart and job is not next(iter(units.values())):
+                name = unique_name(_top(job), "texture_set", taken)
+            renamed[unit] = (name, f"it is called {name} here, for several are called {_top(job)}: {told}")
+    made: list[Job | Failure] = []
+    for index, job in enumerate(found):
+        if not isinstance(job, Job) or _unit(job, index) not in renamed:
+            made.append(job)
+            continue
+        name, note = renamed[_unit(job, index)]
+        notes = (*job.notes, note) if name != _top(job) else job.notes
+        if job.place:
+            made.append(replace(job, place=name, notes=notes))
+            continue
+        parts = {tile: replace(part, options=replace(part.options, name=name)) for tile, part in job.parts.items()}
+        made.append(replace(job, parts=parts, notes=notes))
+    return made
+
+
+def _top(job: Job) -> str:
+    """What the result of a job, or of its document, is called in the folder of all results."""
+    return job.place or next(iter(job.parts.values())).name
+
+
+def _unit(job: Job, index: int) -> object:
+    """Equal for jobs whose results share a folder: those of a document, the groups of tiles of one set."""
+    if job.place:
+        return job.source, job.place
+    if not job.tiled:
+        return index
+    files = next(iter(job.parts.values())).files
+    return job.source, _top(job), files.parent if isinstance(files, Path) else files[0].parent
 
 
 def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:

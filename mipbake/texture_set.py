@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import InputError, UsageError
+from mipbake.io.candidates import BASE_ALPHA, alpha_note
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import (
     DecodedMap,
@@ -166,7 +167,7 @@ def load(
         InputError: the folder or a file cannot be used; the sentence says which and what to do.
         UsageError: an option does not exist or has a value it cannot have.
     """
-    options = _with_overrides(options or LoadOptions(), overrides)
+    options = with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
     decoded = _read(found)
     normals = decoded["normal"].map.pixels
@@ -177,6 +178,10 @@ def load(
         texture = decoded[role].map
         if role.startswith(CARRIED) and texture.source.channels == "A" and texture.pixels.min() >= 1:
             continue  # an alpha channel that says nothing
+        if texture.source.reason == BASE_ALPHA and texture.source.path and texture.pixels.min() >= 1:
+            told = alpha_note(texture.source.path)
+            found = replace(found, notes=tuple(note for note in found.notes if note != told))
+            continue
         if role == "normal" and found.convention.name == "directx":
             texture.pixels[..., 1] *= -1
         if role in options.factors:
@@ -204,7 +209,8 @@ def load(
     )
 
 
-def _with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
+def with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
+    """Options with single fields replaced; UsageError for a field that there is not."""
     known = [f.name for f in fields(LoadOptions)]
     for name in overrides:
         if name not in known:
@@ -265,19 +271,52 @@ def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
         raise InputError(f"{role} has shape {np.shape(value)}: expected {shape}, at least 1 x 1")
     if not np.isfinite(array).all():
         raise InputError(f"{role} holds {np.count_nonzero(~np.isfinite(array))} NaN or infinite values: expected none")
+    _check_encoding(role, array, np.asarray(value).dtype)
     low, high = _ARRAY_RANGES.get(role, (-np.inf, np.inf))
     values = array[..., 2] if role == "anisotropy" else array
     if values.min() < low or values.max() > high:
         raise InputError(f"{role} runs from {values.min():g} to {values.max():g}: expected values from {low} to {high}")
     if role == "normal":
         if array[..., 2].min() < 0:
-            raise InputError(
-                "normal points into the surface: expected signed vectors with z at least 0, not 0-to-1 colours"
-            )
+            raise InputError("normal points into the surface: expected signed vectors with z at least 0")
         array = normalised(array)
     elif role == "anisotropy":
         array[..., :2] = unit_directions(array[..., :2])
     return np.ascontiguousarray(array)
+
+
+_TOPS = (1, 255, 65535)
+"""What encoded values reach: those of floats, and of 8 and 16 bits."""
+
+
+def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any]) -> None:
+    """InputError for values as files store them: integers that stand for 0 to 1, vectors moved into 0 to 1."""
+    if role in ("normal", "anisotropy"):
+        vectors = array[..., :3] if role == "normal" else array[..., :2]
+        for top in _TOPS:
+            if vectors.min() >= 0 and vectors.max() <= top and _are_unit(2 * vectors / np.float32(top) - 1):
+                if _are_unit(vectors):
+                    return
+                decoded = f"2 * values{'' if top == 1 else f' / {top}'} - 1"
+                where = " for x and y" if role == "anisotropy" else ""
+                raise InputError(
+                    f"{role} is encoded in 0 to {top}, as files store it: expected signed vectors, "
+                    f"pass {decoded}{where}"
+                )
+    bounded = role in _ARRAY_RANGES and role not in ("normal", "anisotropy")
+    if bounded and dtype.kind in "iu" and array.max() > 1:
+        top = 255 if array.max() <= 255 else 65535
+        decoded = f"values / {top}, decoded from sRGB" if role in COLOUR_ROLES else f"values / {top}"
+        raise InputError(
+            f"{role} holds integers up to {array.max():g}: expected {'linear ' if role in COLOUR_ROLES else ''}values "
+            f"from 0 to 1, pass {decoded}"
+        )
+
+
+def _are_unit(vectors: NDArray[np.float32]) -> bool:
+    """Whether vectors (H, W, C) have length one, but for rounding to 8 bits and a tenth of outliers."""
+    off = np.abs(np.sqrt(np.einsum("hwc,hwc->hw", vectors, vectors)) - 1)
+    return float(np.quantile(off, 0.9)) < 0.05
 
 
 _ARRAY_RANGES = {

@@ -121,8 +121,8 @@ def test_inspect_writes_nothing(folder, tmp_path, capsys, monkeypatch):
     assert "normal.png" in out and "16 x 16" in out and "opengl" in out.lower() and err == ""
     assert tree(tmp_path) == before
     assert main(["inspect", str(folder), "--json", "--map", "metallic=0.5"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["maps"]["metallic"]["constant"] == [0.5]
+    (report,) = json.loads(capsys.readouterr().out)["results"]
+    assert report["ok"] and report["maps"]["metallic"]["constant"] == [0.5]
     assert report["maps"]["normal"]["path"] == str(folder / "normal.png")
     assert report["normal_convention"]["name"] == "opengl"
 
@@ -130,7 +130,7 @@ def test_inspect_writes_nothing(folder, tmp_path, capsys, monkeypatch):
 def test_map_option(folder, capsys):
     shutil.copy(folder / "roughness.png", folder / "wear.png")
     assert main(["inspect", str(folder), "--json", "--map", "roughness=wear.png", "--map", "base_color=none"]) == 0
-    maps = json.loads(capsys.readouterr().out)["maps"]
+    maps = json.loads(capsys.readouterr().out)["results"][0]["maps"]
     assert maps["roughness"]["path"] == str(folder / "wear.png")
     assert maps["base_color"]["path"] is None
     assert "expected ROLE=SOURCE" in fails(capsys, 2, "inspect", folder, "--map", "roughness")
@@ -144,7 +144,7 @@ def test_validate(folder, tmp_path, capsys):
     out = capsys.readouterr().out
     assert "near-mirror" in out and "hemisphere" in out and "baked" in out and "linear (box)" in out
     assert main(["validate", str(folder), str(tmp_path / "out" / "metal"), *quick, "--json", "--seed", "3"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    (report,) = json.loads(capsys.readouterr().out)["results"]
     assert report["seed"] == 3 and report["points"] == 64 and report["method"] == "lean"
     assert {row["lod"] for row in report["rows"]} == {0.0, 2.0}
     assert all(isinstance(row["snr"], float) for row in report["rows"])
@@ -165,7 +165,7 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
         assert main([command, "--help"]) == 0
         text = capsys.readouterr().out
         assert all(option in text for option in ("--map", "--normal-convention", "--gloss", "--colour-space", "--json"))
-        for option in ("--wrap-u", "--wrap-v", "--normal-length"):  # of pixels, which inspect does not read
+        for option in ("--wrap-u", "--wrap-v", "--normal-length"):  # they change nothing that inspect tells
             assert (option in text) == (command == "validate")
     assert main([]) == 0
     assert "Exit codes" in capsys.readouterr().out

@@ -303,12 +303,26 @@ def test_a_list_or_glob_of_nothing(tmp_path, capsys) -> None:
     assert "cannot be read" in fails(capsys, 3, "bake", f"@{tmp_path / 'none.txt'}", "-o", tmp_path / "out")
 
 
-def test_two_documents_of_one_name(tmp_path, capsys) -> None:
+def test_results_of_one_name_are_told_apart(tmp_path) -> None:
+    """By the folders around their sources, documents as well as sets; what is alone keeps its name."""
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        small().write(tmp_path / name / "bolt")
-    sources = (tmp_path / "a" / "bolt.glb", tmp_path / "b" / "bolt.glb")
-    assert "both called bolt" in fails(capsys, 2, "bake", *sources, "-o", tmp_path / "out", *LINEAR)
+        small(name).write(tmp_path / name / "bolt")
+        write_set(tmp_path / name / "metal")
+    sources = [tmp_path / folder / name for folder in "ab" for name in ("bolt.glb", "metal")]
+    code, _ = bake(*sources, write_set(tmp_path / "wood"), "-o", tmp_path / "out", "--format", "png,glb")
+    assert code == 0
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == ["a_bolt", "a_bolt.glb", "a_metal", "b_bolt", "b_bolt.glb", "b_metal", "wood"]
+    assert mipbake.open_stack(tmp_path / "out" / "b_metal").name == "b_metal"
+
+
+def test_results_of_one_name_from_one_folder_are_numbered(tmp_path) -> None:
+    folder = write_set(tmp_path / "in" / "metal")
+    small().write(tmp_path / "in" / "metal")
+    code, _ = bake(folder, tmp_path / "in" / "metal.glb", "-o", tmp_path / "out", "--format", "png,glb")
+    assert code == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["metal", "metal_2", "metal_2.glb"]
 
 
 def test_max_level_and_adjustments(tmp_path) -> None:

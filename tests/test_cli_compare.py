@@ -47,8 +47,9 @@ def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, c
     baked = ["--baked", str(tmp_path / "out" / "metal"), "--methods", "linear"]
     assert run(folder, tmp_path / "report", *baked, "--json", "--fail-if", "linear (box):near_mirror@0 > -90") == 5
     out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert found["subject"] == "baked" and found["pixel_filter"] == "box" and found["exit_code"] == 5
+    report = json.loads(out)
+    (found,) = report["results"]
+    assert found["subject"] == "baked" and found["pixel_filter"] == "box" and report["exit_code"] == 5
     assert [c["failed"] for c in found["conditions"]] == [True]
     assert found["foreign"] is False and not any("not baked from" in warning for warning in found["warnings"])
     assert err.count("\n") == 1 and "holds" in err

@@ -127,7 +127,7 @@ def test_unknown_names_exit_2_and_list_the_valid_ones(folder, tmp_path, capsys, 
         (["bake"], "SOURCE"),
         (["bake", "x"], "--out"),
         (["bake", "x", "-o", "y", "--nonsense"], "--nonsense"),
-        (["validate", "x"], "STACK"),
+        (["validate", "x"], "SOURCE"),
         (["validate", "x", "y", "--seed", "one"], "--seed"),
         (["validate", "x", "y", "--seed", "-1"], "--seed"),
         (["validate", "x", "y", "--lods", "0;1"], "separated by commas"),
@@ -141,12 +141,6 @@ def test_usage_errors_exit_2(tmp_path, monkeypatch, capsys, arguments, part):
     monkeypatch.chdir(tmp_path)
     assert part in fails(capsys, 2, *arguments)
     assert tree(tmp_path) == []
-
-
-def test_two_sets_of_one_name_exit_2(tmp_path, capsys):
-    first, second = write_set(tmp_path / "a" / "metal"), write_set(tmp_path / "b" / "metal")
-    message = fails(capsys, 2, "bake", first, second, "-o", tmp_path / "out", "--method", "linear")
-    assert str(first) in message and str(second) in message and not (tmp_path / "out").exists()
 
 
 def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):

@@ -56,7 +56,7 @@ def test_other_files() -> None:
 @pytest.mark.parametrize(
     ("place", "value", "part"),
     [
-        (12, 23, "Vulkan format 23"),
+        (12, 24, "Vulkan format 24"),
         (20, 0, "no single two-dimensional texture"),
         (24, 0, "no single two-dimensional texture"),
         (28, 2, "no single two-dimensional texture"),

@@ -110,9 +110,9 @@ def test_colours_outside_rec709_are_clipped_and_counted(tmp_path: Path) -> None:
     result = load(folder, colour_space="Display P3")
     base, emissive = result.maps["base_color"].pixels, result.maps["emissive"].pixels
     assert (base.min(), base.max()) == (0, 1)
-    assert any(n.startswith("base_color.png: 8 texels outside [0, 1] clipped") for n in result.notes)
+    assert any(n.startswith("base_color.png: 8 texels outside [0, 1] in linear Rec.709 clipped") for n in result.notes)
     assert emissive.min() == 0 and emissive.max() > 1  # light may be brighter than white
-    assert any(n.startswith("emissive.png: 8 texels below 0 clipped (from -0.") for n in result.notes)
+    assert any(n.startswith("emissive.png: 8 texels below 0 in linear Rec.709 clipped (from -0.") for n in result.notes)
 
 
 def test_float_roughness_outside_its_range_is_clipped_and_said(tmp_path: Path) -> None:
@@ -223,8 +223,10 @@ def test_missing_maps_are_constants_and_that_is_said(tmp_path: Path) -> None:
     assert (result.maps["base_color"].pixels == 0.5).all()
     assert (result.maps["metallic"].pixels == 0).all()
     assert (result.maps["roughness"].pixels == 0.25).all()
-    for role in ("base colour", "metallic"):
-        assert any(n.startswith(f"no {role} map: the constant") for n in result.notes)
+    assert any(n.startswith("no metallic map: the constant") for n in result.notes)
+    assert any(w.startswith("no base colour map: the constant") and "base_color=none" in w for w in result.warnings)
+    result = load(folder, maps={"roughness": 0.25, "base_color": None})
+    assert not result.warnings and any(n.startswith("no base colour map: the constant") for n in result.notes)
 
 
 def test_smaller_maps_are_resampled_to_the_largest(tmp_path: Path) -> None:
@@ -398,3 +400,78 @@ def test_arrays_that_are_no_texture_set_are_refused(others: dict[str, Any], matc
         TextureSet.from_arrays("a", **arrays(**others))
     with pytest.raises(UsageError, match="wrap"):
         TextureSet.from_arrays("a", wrap=("wrap", "mirror"), **arrays())
+
+
+def signed() -> np.ndarray:
+    return height_field(16, 16).astype(np.float32)
+
+
+@pytest.mark.parametrize(("top", "told"), [(1, "0 to 1"), (255, "0 to 255"), (65535, "0 to 65535")])
+def test_encoded_normals_are_told_from_signed_ones(top: int, told: str) -> None:
+    values = (signed() + 1) / 2 * top
+    with pytest.raises(InputError, match=f"normal is encoded in {told}.*expected signed vectors, pass 2"):
+        TextureSet.from_arrays("a", normal=values if top == 1 else np.rint(values).astype(np.uint16), roughness=0.5)
+
+
+@pytest.mark.parametrize("normal", [np.float32([[[0, 0, 1]]]), np.float32([[[0.6, 0, 0.8]]]), signed() * 3])
+def test_signed_normals_of_any_length_pass(normal: np.ndarray) -> None:
+    made = TextureSet.from_arrays("a", normal=normal, roughness=0.5)
+    np.testing.assert_allclose(np.linalg.norm(made.maps["normal"].pixels, axis=-1), 1, atol=1e-5)
+
+
+def test_encoded_directions_are_told() -> None:
+    angle = np.linspace(0, 6, 64).reshape(8, 8)
+    both = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], -1)
+    TextureSet.from_arrays("a", normal=signed(), roughness=0.5, anisotropy=both)
+    with pytest.raises(InputError, match=r"anisotropy is encoded in 0 to 1.*2 \* values - 1 for x and y"):
+        TextureSet.from_arrays("a", normal=signed(), roughness=0.5, anisotropy=(both + 1) / [2, 2, 1] - [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("role", "told"),
+    [("roughness", "values / 255$"), ("base_color", "decoded from sRGB$"), ("emissive", "decoded from sRGB$")],
+)
+def test_integers_of_files_are_told(role: str, told: str) -> None:
+    given = {"roughness": 0.5} | {role: pixels_for(role if role != "roughness" else "height", 16)}
+    with pytest.raises(InputError, match=f"{role} holds integers up to .*{told}"):
+        TextureSet.from_arrays("a", normal=signed(), **given)
+    mask = np.eye(16, dtype=np.uint8)
+    assert TextureSet.from_arrays("a", normal=signed(), roughness=0.5, metallic=mask).maps["metallic"].pixels.max() == 1
+
+
+@pytest.mark.parametrize("stem", ["roughness", "gloss"])
+def test_values_of_8_bits_in_a_float_file_are_refused(stem: str, tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    (folder / "roughness.png").unlink()
+    write_image(folder / f"{stem}.exr", pixels_for("roughness").astype(np.float32), "float")
+    with pytest.raises(InputError, match=rf"{stem}\.exr holds values from \d+ to \d+: expected roughness from 0 to 1"):
+        load(folder)
+
+
+def test_many_values_out_of_range_are_warned_of(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path)
+    values = np.full((32, 32), 0.5, np.float32)
+    values[:4] = 1.25
+    write_image(folder / "metallic.exr", values, "float")
+    told = "metallic.exr: 128 texels outside [0, 1] clipped (from 0.5 to 1.25), 12% of all: check that it is a map of"
+    assert any(told in warning for warning in load(folder).warnings)
+
+
+def test_a_mask_of_ones_in_8_bits_is_questioned(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path, metallic=np.eye(32, dtype=np.uint8))
+    assert any("its values are 0 and 1 of 255" in warning for warning in load(folder).warnings)
+
+
+def test_acescg_in_a_name_becomes_linear_rec709(tmp_path: Path) -> None:
+    folder = plain_set(tmp_path / "wood")
+    (folder / "base_color.png").unlink()
+    values = np.full((32, 32, 3), (0.3, 0.4, 0.2), np.float32)
+    values[0, 0] = (0, 1, 0)  # no light of Rec.709's primaries looks so
+    write_image(folder / "wood_diffuse_ACEScg.exr", values, "float")
+    result = load(folder)
+    # The matrix of OpenColorIO's built-in configuration for ACES, to four digits; Rec.709 is D65, ACES near D60.
+    matrix = np.array([[1.7051, -0.6218, -0.0833], [-0.1303, 1.1408, -0.0105], [-0.0240, -0.1290, 1.1530]])
+    np.testing.assert_allclose(result.maps["base_color"].pixels[1, 1], matrix @ (0.3, 0.4, 0.2), atol=2e-3)
+    assert (result.maps["base_color"].pixels[0, 0] == (0, 1, 0)).all()
+    assert "wood_diffuse_ACEScg.exr: its name says ACEScg" in result.notes
+    assert any("1 texel outside [0, 1] in linear Rec.709 clipped" in note for note in result.notes)

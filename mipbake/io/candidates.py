@@ -23,6 +23,9 @@ from mipbake.io.sources import IgnoredFile, Log, spoken
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 OUTVOTED = "another file fills its roles"
+NO_ROLE = "its name says no role"
+PREVIEW = "it has the name of the set itself: taken for a preview"
+BASE_ALPHA = "alpha of the base colour"
 _REASONS = {"option": "chosen by option", "document": "the document says so"}
 
 
@@ -42,6 +45,11 @@ def _name_of(folder: Path) -> str:
     return safe_name(name or resolved.name, "texture_set")
 
 
+def name_of(files: Path | Sequence[Path]) -> str:
+    """What a set is called that is read from a folder, or from these files; nothing is read."""
+    return _name_of(files if isinstance(files, Path) else files[0].parent)
+
+
 def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Path]]:
     """Name, folder and files of a set; the files of a `textures` folder inside where the folder itself has none."""
     if not isinstance(path, (str, os.PathLike)):
@@ -59,8 +67,8 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
     _refuse_baked(folder)
     files = disk.files_in(folder)
-    if not any(_is_map(f) for f in files):
-        inner = [d for d in disk.folders_in(folder) if d.name.lower() == "textures"]
+    if not any(is_map(f) for f in files):
+        inner = [d for d in disk.folders_in(folder) if is_textures(d)]
         if inner:
             _refuse_baked(inner[0])
             return _name_of(folder), inner[0], disk.files_in(inner[0])
@@ -96,8 +104,14 @@ def _manifest(file: Path, schema: str) -> dict[str, Any] | None:
     return manifest if isinstance(manifest, dict) and manifest.get("schema") == schema else None
 
 
-def _is_map(file: Path) -> bool:
+def is_map(file: Path) -> bool:
+    """Whether a file is an image whose name tells a role that is read."""
     return file.suffix.lower() in IMAGE_SUFFIXES and any(m.meanings for m in interpretations(file.stem))
+
+
+def is_textures(folder: Path) -> bool:
+    """Whether a folder is called so that its maps are those of the folder around it."""
+    return folder.name.lower() == "textures"
 
 
 def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
@@ -105,6 +119,7 @@ def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[st
     candidates: dict[str, list[Candidate]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
+    assets = {match.asset for match in matches.values() if match and match.meanings and match.asset}
     ignored = []
     for file in files:
         match = matches.get(file)
@@ -112,11 +127,13 @@ def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[st
         if file not in matches:
             ignored.append(IgnoredFile(file, "not an image"))
         elif match is None:
-            ignored.append(IgnoredFile(file, "its name says no role"))
+            own = asset_words(file.stem)
+            preview = bool(own) and any(asset.startswith(own) for asset in assets)
+            ignored.append(IgnoredFile(file, PREVIEW if preview else NO_ROLE))
         elif not match.meanings:
             ignored.append(IgnoredFile(file, f"{match.word} maps are not used"))
         elif any(m and m.meanings and m.asset == asset_words(file.stem) for f, m in matches.items() if f != file):
-            ignored.append(IgnoredFile(file, "it has the name of the set itself: taken for a preview"))
+            ignored.append(IgnoredFile(file, PREVIEW))
         elif not meanings:
             ignored.append(IgnoredFile(file, OUTVOTED))
         else:
@@ -193,14 +210,19 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
-    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says."""
+    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
+    variants the first."""
     best = min(c.meaning.rank for c in several)
     first = [c for c in several if c.meaning.rank == best]
-    if role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}:
+    paired = role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}
+    if paired:
         wanted = options.normal_convention or "opengl"
         first = [c for c in first if c.meaning.convention == wanted]
         log.notes.append(f"both normal conventions are there: {spoken(wanted)} ({first[0].header.path.name}) is taken")
-    elif len(first) == 1 and len(several) > 1:
+    variants = [c.meaning.variant for c in first]
+    if len(first) > 1 and len(set(variants)) > 1:
+        first = [c for c in first if c.meaning.variant == min(variants)]
+    if len(first) == 1 and len(several) > 1 and not paired:
         others = ", ".join(c.header.path.name for c in several if c is not first[0])
         log.notes.append(f"{role}: {first[0].header.path.name} is preferred to {others}")
     if len(first) > 1:
@@ -216,5 +238,10 @@ def take_alpha_as_opacity(chosen: dict[str, Candidate], options: LoadOptions, lo
     base = chosen.get("base_color")
     if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
         return
-    chosen["opacity"] = Candidate(base.header, Meaning("opacity", "A"), "alpha of the base colour")
-    log.notes.append(f"opacity is the alpha channel of {base.header.path.name}")
+    chosen["opacity"] = Candidate(base.header, Meaning("opacity", "A"), BASE_ALPHA)
+    log.notes.append(alpha_note(base.header.path))
+
+
+def alpha_note(path: Path) -> str:
+    """What is said of opacity that is the alpha of the base colour, until it is known that it hides something."""
+    return f"opacity is the alpha channel of {path.name}"

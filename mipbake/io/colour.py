@@ -65,6 +65,11 @@ def canonical_colour_space(name: str) -> str:
     return f"{'linear ' if linear else ''}{known[wanted]}"
 
 
+def is_linear(colour_space: str) -> bool:
+    """Whether values of a colour space that `canonical_colour_space` returned are proportional to light."""
+    return colour_space.startswith("linear ") or colour_space in ("ACEScg", "ACES2065-1")
+
+
 def decode(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
     """File values (H, W, 3) of uint8, uint16 or floating point to linear Rec.709 (H, W, 3) float32, not clipped.
 

@@ -9,16 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.io.colour import decode, unit_range
+from mipbake.io.colour import LINEAR, SRGB, decode, unit_range
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
-from mipbake.io.options import COLOUR_ROLES
+from mipbake.io.options import COLOUR_ROLES, SCALAR_ROLES
 from mipbake.io.read import Image
-from mipbake.io.sources import MapSource, taken
+from mipbake.io.sources import MapSource, spoken, taken
 
 Pixels = NDArray[np.float32]
 
 _RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "opacity"), (0.0, 1.0))
 _RANGES["emissive"] = (0.0, np.inf)
+
+_FAR = 1.5
+"""A median this many times the top of a range belongs to values in other units."""
+
+_MANY = 0.01
+"""Share of texels outside the range of a role from which a note becomes a warning."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +60,18 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
     else:
         pixels = unit_range(stored)
-    if source.inverted:
-        pixels = np.float32(1) - pixels
     warnings: tuple[str, ...] = ()
     if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
         warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
     if source.role in _RANGES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
-        pixels, notes = _clipped(pixels, source)
+        pixels, notes, doubts = _clipped(pixels, source)
         source = replace(source, notes=(*source.notes, *notes))
+        warnings += tuple(doubts)
+    if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
+        top = np.iinfo(stored.dtype.name).max
+        warnings += (f"{image.header.path.name}: its values are 0 and 1 of {top}, next to nothing: is 1 meant as all?",)
+    if source.inverted:
+        pixels = np.float32(1) - pixels
     return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
 
 
@@ -185,16 +195,34 @@ def _channels_differ(image: Image) -> bool:
     return float(np.abs(values - values[..., :1]).max()) > 0.1
 
 
-def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str]]:
+def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str], Sequence[str]]:
+    """Values within the range of a role, and what is to be said of those that were outside: notes, and warnings.
+
+    InputError where the values cannot be the role's: most are far above its range, as integers in a float file are.
+    """
     least, most = _RANGES[source.role]
+    label = source.path.name if source.path else source.role
     outside = np.count_nonzero(((pixels < least) | (pixels > most)).any(-1))
     if not outside:
-        return pixels, ()
+        return pixels, (), ()
     low, high = float(pixels.min()), float(pixels.max())
-    label = source.path.name if source.path else source.role
+    if most < np.inf and float(np.median(pixels)) > _FAR * most:
+        raise InputError(
+            f"{source.path or label} holds values from {low:.4g} to {high:.4g}: expected {spoken(source.role)} from "
+            f"{least:g} to {most:g}, divide them by what stands for {most:g} and export it again"
+        )
     count = f"{outside} texel{'s' if outside > 1 else ''}"
-    if most == np.inf:
-        note = f"{label}: {count} below {least:g} clipped (from {low:.4g})"
-    else:
-        note = f"{label}: {count} outside [{least:g}, {most:g}] clipped (from {low:.4g} to {high:.4g})"
-    return np.clip(pixels, least, most), (note,)
+    # Primaries other than Rec.709's reach colours that it has no positive values for.
+    wide = source.role in COLOUR_ROLES and source.encoding not in (SRGB, LINEAR)
+    limits = f"below {least:g}" if most == np.inf else f"outside [{least:g}, {most:g}]"
+    reach = f"from {low:.4g}" if most == np.inf else f"from {low:.4g} to {high:.4g}"
+    told = f"{label}: {count} {limits}{' in linear Rec.709' if wide else ''} clipped ({reach})"
+    share = outside / (pixels.shape[0] * pixels.shape[1])
+    if share <= _MANY:
+        return np.clip(pixels, least, most), (told,), ()
+    return np.clip(pixels, least, most), (), (f"{told}, {share:.0%} of all: check that {_cause(source, wide)}",)
+
+
+def _cause(source: MapSource, wide: bool) -> str:
+    """What is to be checked where many values of a source lie outside the range of its role."""
+    return f"its colours are {source.encoding}" if wide else f"it is a map of {spoken(source.role)}"

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from mipbake.errors import InputError
 from mipbake.io.candidates import (
+    NO_ROLE,
     OUTVOTED,
+    PREVIEW,
     Candidate,
     PathLike,
     choose,
@@ -17,7 +19,10 @@ from mipbake.io.candidates import (
     list_files,
     take_alpha_as_opacity,
 )
-from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space
+from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space, is_linear
+from mipbake.io.colour_names import RAW
+from mipbake.io.messages import listed
+from mipbake.io.names import colour_space_of
 from mipbake.io.normal import (
     DECIDED_CONFIDENCE,
     Integrability,
@@ -105,11 +110,12 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     sources = {role: _source(c, colour_space, options, log) for role, c in chosen.items()}
     sources |= {r: _constant(r, (float(v),)) for r, v in options.maps.items() if isinstance(v, (int, float))}
     _check_complete(sources, options, folder, candidates, ignored)
+    unread = [i for i in ignored if i.reason in (NO_ROLE, PREVIEW) and i.path not in {s.path for s in sources.values()}]
+    _check_colour(sources, options, folder, unread)
     for role, value in _CONSTANTS.items():
         if role not in sources:
             sources[role] = _constant(role, value)
-            shown = ", ".join(f"{v:g}" for v in value)
-            log.notes.append(f"no {spoken(role)} map: the constant {shown} is used")
+            _tell_constant(role, value, options, unread, log)
     carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
     used = {s.path for s in sources.values()}
     ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(candidates)]
@@ -135,11 +141,7 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
         channels = c.meaning.channels
     if len(channels) == 1 and channels == "R" and header.channels - (header.alpha >= 0) == 1:
         channels = "Y"
-    encoding = DATA
-    if role in COLOUR_ROLES:
-        encoding = colour_space or default_colour_space(header.is_integer)
-        if colour_space is None and header.depth not in ("uint8", "half", "float"):
-            log.notes.append(f"{header.path.name}: its {header.depth} values are taken as {encoding}")
+    encoding = _encoding(role, header, colour_space, options, log)
     inverted = c.meaning.inverted
     if role == "roughness" and options.roughness_is_gloss is not None:
         inverted = options.roughness_is_gloss
@@ -160,6 +162,36 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
         channels_named=bool(c.meaning.channels),
         convention=c.meaning.convention,
     )
+
+
+def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions, log: Log) -> str:
+    """The colour space of a file's colours: what is asked for, else what its name tells, else what its type means."""
+    name = header.path.name
+    told = colour_space_of(header.path.stem) if options.origin == "option" else None
+    named = None if told is None else LINEAR if told == RAW else canonical_colour_space(told)
+    if role not in COLOUR_ROLES:
+        if named is not None and not is_linear(named):
+            log.warnings.append(
+                f"{name}: its name says {named}, but {spoken(role)} is no colour: its values are taken as they are "
+                "stored; export it as raw values if that is wrong"
+            )
+        return DATA
+    if asked is not None:
+        if named not in (None, asked):
+            log.warnings.append(f"{name}: its name says {told}, the {options.origin} says {asked} and is followed")
+        return asked
+    if named is not None:
+        what = f"{told}, taken as {named}" if told == RAW else named
+        log.notes.append(f"{name}: its name says {what}")
+        return named
+    encoding = header.colour_space or default_colour_space(header.is_integer)
+    if header.colour_space is not None:
+        encoding = canonical_colour_space(header.colour_space)
+        log.notes.append(f"{name}: the file says {encoding}")
+        return encoding
+    if header.depth not in ("uint8", "half", "float"):
+        log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
+    return encoding
 
 
 def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:
@@ -220,6 +252,42 @@ def _check_complete(
         f"{folder} has no {' and no '.join(missing)} map that its file names tell; found: {listed}; name one with "
         f"--map, maps in Python ({', '.join(remedy[m] for m in missing)})"
     )
+
+
+def _check_colour(
+    sources: Mapping[str, MapSource], options: LoadOptions, folder: Path, unread: Sequence[IgnoredFile]
+) -> None:
+    """InputError for a set without a base colour that holds images without a role: one of them may be it."""
+    if "base_color" in (*sources, *options.maps) or options.origin == "document" or not unread:
+        return
+    first = unread[0].path.name
+    raise InputError(
+        f"{folder} has no base colour map that its file names tell, but images without a role: "
+        f"{listed(i.path.name for i in unread)}; choose one with --map base_color={first}, or say --map "
+        "base_color=none where there is no colour and grey will do (maps in Python)"
+    )
+
+
+def _tell_constant(
+    role: str, value: Sequence[float], options: LoadOptions, unread: Sequence[IgnoredFile], log: Log
+) -> None:
+    """Says what stands for a map that is not there, as a warning where nobody has said that it is meant."""
+    told = f"no {spoken(role)} map: the constant {', '.join(f'{v:g}' for v in value)} is used"
+    nameless = [i.path.name for i in unread if i.reason == NO_ROLE]
+    if role in options.maps or options.origin == "document":
+        log.notes.append(told)
+    elif role == "base_color":
+        log.warnings.append(
+            f"{told}, so that what is baked is grey; choose a map with --map base_color=FILE, or say --map "
+            "base_color=none where grey is meant (maps in Python)"
+        )
+    elif nameless:
+        log.warnings.append(
+            f"{told}, and {listed(nameless)} {'have' if len(nameless) > 1 else 'has'} no role; choose it with --map "
+            f"{role}={nameless[0]} if it is one (maps in Python)"
+        )
+    else:
+        log.notes.append(told)
 
 
 def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> NormalConvention:

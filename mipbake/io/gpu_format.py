@@ -6,7 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-_RGBSDA, _BC1, _BC4, _BC5, _BC7, _UASTC = 1, 128, 131, 132, 134, 166  # colour models of Khronos's data formats 1.3
+_RGBSDA, _BC1, _BC3, _BC4, _BC5, _BC7, _UASTC = (
+    1,
+    128,
+    130,
+    131,
+    132,
+    134,
+    166,
+)  # colour models of Khronos's data formats 1.3
 _UASTC_RGB, _UASTC_RGBA, _UASTC_RG = 0, 3, 6
 _RED, _GREEN, _BLUE, _ALPHA = 0, 1, 2, 15
 _LINEAR_ALPHA, _SIGNED, _FLOAT = 0x10, 0x40, 0x80
@@ -61,7 +69,7 @@ class GpuFormat:
         """Channels that texels have, before they are compressed and after."""
         if self.side == 1:
             return len(self.samples)
-        return {_BC1: 3, _BC4: 1, _BC5: 2, _BC7: 4}.get(self.model) or _UASTC_CHANNELS[self.samples[0].channel]
+        return {_BC1: 3, _BC3: 4, _BC4: 1, _BC5: 2, _BC7: 4}.get(self.model) or _UASTC_CHANNELS[self.samples[0].channel]
 
     def level_size(self, width: int, height: int) -> int:
         """Bytes of a level."""
@@ -105,7 +113,20 @@ _ALL = (
 )
 
 GPU_FORMATS: Mapping[str, GpuFormat] = {each.name: each for each in _ALL}
-"""By name."""
+"""Those that are written, by name."""
+
+_ONLY_READ = (
+    GpuFormat("R8_SRGB", 15, 0, 1, _RGBSDA, 1, 1, True, _unorm(1, True)),
+    GpuFormat("R8G8_SRGB", 22, 0, 1, _RGBSDA, 1, 2, True, _unorm(2, True)),
+    GpuFormat("R8G8B8_UNORM", 23, 0, 1, _RGBSDA, 1, 3, False, _unorm(3, False)),
+    GpuFormat("R8G8B8_SRGB", 29, 0, 1, _RGBSDA, 1, 3, True, _unorm(3, True)),
+    GpuFormat("R16G16B16_SFLOAT", 90, 0, 2, _RGBSDA, 1, 6, False, _half(3)),
+    GpuFormat("BC3_UNORM_BLOCK", 137, 77, 1, _BC3, 4, 16, False, _blocks(128, 0)),
+    GpuFormat("BC3_SRGB_BLOCK", 138, 78, 1, _BC3, 4, 16, True, _blocks(128, 0)),
+)
+
+READ_FORMATS: Mapping[str, GpuFormat] = {**GPU_FORMATS} | {each.name: each for each in _ONLY_READ}
+"""Those that files of others may have, by name."""
 
 
 @dataclass(frozen=True)

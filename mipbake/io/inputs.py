@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import glob
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 from mipbake.errors import InputError
 from mipbake.io import disk
+from mipbake.io.archives import SUFFIX
 from mipbake.io.names import interpretations
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.tiles import is_pattern, tiles_of
 
-Kind = Literal["folder", "udim", "gltf", "materialx", "file"]
-"""A folder of maps, tiles of several texture sets, a glTF or MaterialX file, a single map."""
+Kind = Literal["folder", "udim", "gltf", "materialx", "archive", "file"]
+"""A folder of maps, tiles of several texture sets, a glTF or MaterialX file, a ZIP archive, a single map."""
 
 LIST_MARK = "@"
+STDIN = "-"
+"""In place of a list's name: the list is read from the standard input."""
+
+EXPECTED = "a folder of maps, a .gltf, .glb, .mtlx or .zip file, or tiles (<UDIM>)"
 
 _GLTF, _MATERIALX = (".gltf", ".glb"), ".mtlx"
 
@@ -26,8 +32,9 @@ def expand(sources: Sequence[str]) -> list[Path]:
     """The inputs that arguments stand for, in their order, each once.
 
     An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds one a line, relative to its
-    folder, without empty lines and those that start with #. An argument or a line that exists nowhere and holds *, ?
-    or [ is a glob: what it finds that could be an input, sorted; ** crosses folders.
+    folder, without empty lines and those that start with #; `@-` reads such a list from the standard input. An argument
+    or a line that exists nowhere and holds *, ? or [ is a glob: what it finds that could be an input, sorted; **
+    crosses folders.
 
     Raises:
         InputError: an empty name, a list that cannot be read or is empty, or a glob that finds nothing.
@@ -56,29 +63,34 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         return "udim" if _holds_tiles(path) else "folder"
     if not disk.is_file(path):
         what = "is neither a file nor a folder" if disk.exists(path) else "does not exist"
-        raise InputError(f"{path} {what}: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map")
+        raise InputError(f"{path} {what}: expected {EXPECTED}")
     suffix = path.suffix.lower()
     if suffix in _GLTF:
         return "gltf"
     if suffix == _MATERIALX:
         return "materialx"
+    if suffix == SUFFIX:
+        return "archive"
     if suffix in IMAGE_SUFFIXES:
         return "file"
-    raise InputError(
-        f"{path} is no input: expected a folder of maps, a .gltf, .glb or .mtlx file, or a map; a list of paths is "
-        f"given as {LIST_MARK}FILE"
-    )
+    raise InputError(f"{path} is no input: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
 
 
 def _listed(file: Path) -> list[Path]:
+    standard = str(file) == STDIN
+    name, folder = ("of the standard input", Path()) if standard else (str(file), file.parent)
     try:
-        lines = disk.read_text_or_pipe(file, "a text file of paths").splitlines()
+        text = (
+            sys.stdin.buffer.read().decode("utf-8-sig")
+            if standard
+            else disk.read_text_or_pipe(file, "a text file of paths")
+        )
     except UnicodeDecodeError as error:
-        raise InputError(f"the list {file} is not UTF-8 text: expected one path a line") from error
-    entries = [entry for line in lines if (entry := line.strip()) and not entry.startswith("#")]
+        raise InputError(f"the list {name} is not UTF-8 text: expected one path a line") from error
+    entries = [entry for line in text.splitlines() if (entry := line.strip()) and not entry.startswith("#")]
     if not entries:
-        raise InputError(f"the list {file} holds no path: expected one a line")
-    return [path for entry in entries for path in _matches(entry, file.parent)]
+        raise InputError(f"the list {name} holds no path: expected one a line")
+    return [path for entry in entries for path in _matches(entry, folder)]
 
 
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
@@ -116,7 +128,7 @@ def _could_be_input(path: Path) -> bool:
     """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
     try:
         if not disk.is_dir(path):
-            return path.suffix.lower() in (*_GLTF, _MATERIALX, *IMAGE_SUFFIXES)
+            return path.suffix.lower() in (*_GLTF, _MATERIALX, SUFFIX, *IMAGE_SUFFIXES)
         files = disk.files_in(path)
         textures = any(p.name.lower() == "textures" for p in disk.folders_in(path))
     except InputError:  # its turn will say what is wrong

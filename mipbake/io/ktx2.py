@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mipbake.errors import InputError
-from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+from mipbake.io.gpu_format import READ_FORMATS, GpuFormat, GpuTexture, level_size
 
 IDENTIFIER = bytes.fromhex("AB4B5458203230BB0D0A1A0A")
 _HEADER = struct.Struct("<9I")  # vkFormat to supercompressionScheme
@@ -120,8 +120,19 @@ def outline(data: bytes, name: str) -> Outline:
     )
 
 
-_MODELS = {163: "ETC1S", 166: "UASTC"}
+ETC1S = "ETC1S"
+_MODELS = {163: ETC1S, 166: "UASTC"}
 """Colour models of textures that are transcoded when they are loaded, and have no Vulkan format."""
+
+_ALPHA_SLICE = 15
+"""Channel of the second sample of ETC1S where it is alpha."""
+
+
+def has_alpha_slice(data: bytes) -> bool:
+    """Whether a file of ETC1S, whose header `outline` has read, has alpha beside its colours."""
+    descriptor_at, length, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    second = descriptor_at + 4 + 24 + 16  # total size, basic block, first sample
+    return bool(length >= 4 + 24 + 32 and len(data) > second + 3 and data[second + 3] & 15 == _ALPHA_SLICE)
 
 
 @dataclass(frozen=True)
@@ -146,7 +157,7 @@ def _head(data: bytes, name: str) -> _Head:
     descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
     model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
     (channel,) = struct.unpack_from("<B", data, descriptor_at + 31)
-    made = next((f for f in GPU_FORMATS.values() if _is(f, vulkan, model, transfer, channel)), None)
+    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channel)), None)
     several = bool(depth or layers or faces != 1)
     return _Head(vulkan, width, height, several, count, scheme, model, transfer, made)
 
@@ -198,7 +209,7 @@ def _stored(data: bytes, name: str) -> StoredTexture:
     if made is None:
         raise InputError(
             f"{name} has the Vulkan format {head.vulkan} with colour model {head.model}: expected one of "
-            f"{', '.join(GPU_FORMATS)}"
+            f"{', '.join(READ_FORMATS)}"
         )
     if head.several:
         raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")

@@ -1,8 +1,10 @@
 """What a file's name says about the map it holds.
 
-A name is split at separators; trailing words about resolution, format or encoding are dropped; what remains must END
-in a known word, so that `rusty_metal_02_diff_1k.jpg` is a base colour and `Metal007.png` is nothing. Words may be
-joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `basecolor` are one word.
+A name is split at separators; trailing words about resolution, format, colour space or variant are dropped; what
+remains must END in a known word, so that `rusty_metal_02_diff_1k.jpg` is a base colour and `Metal007.png` is nothing.
+Words may be joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `basecolor` are one word. A
+long word counts where nothing sets it off, too: `woodcolor.png` is a base colour unless another file's name says so
+more clearly.
 """
 
 from __future__ import annotations
@@ -10,9 +12,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import product
+
+from mipbake.io.colour_names import split_colour_space
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Meaning:
         inverted: the file stores one minus the value.
         rank: preference among files of one role, 0 first. Files of the same rank are a conflict.
         convention: "opengl" or "directx" where a normal map's name says so.
+        variant: of files of one role and rank the one with the smallest number is taken (`color_VAR1`); 0 for none.
     """
 
     role: str
@@ -32,6 +37,7 @@ class Meaning:
     inverted: bool = False
     rank: int = 0
     convention: str | None = None
+    variant: int = 0
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,7 @@ class NameMatch:
 
 _INVERTED = _DERIVED = 1
 _PACKED = 2
+_GLUED = 3
 
 _PLAIN_WORDS = {
     "base_color": "basecolor basecolour basecol base color colour col albedo alb diffuse diff dif diffusecolor "
@@ -107,7 +114,7 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
     for metal, gloss in product(("metallic", "metal"), ("smoothness", "smooth", "gloss", "glossmap", "glossiness")):
         words[metal + gloss] = (Meaning("metallic", "R", rank=_PACKED), smoothness)
     words["maskmap"] = (Meaning("metallic", "R", rank=_PACKED), Meaning("occlusion", "G", rank=_PACKED), smoothness)
-    for colour in ("albedo", "basecolor", "diffuse"):
+    for colour in ("albedo", "basecolor", "color", "diffuse"):
         for alpha in ("transparency", "opacity", "alpha"):
             words[colour + alpha] = (Meaning("base_color", "RGB"), Meaning("opacity", "A", rank=_PACKED))
     return words
@@ -116,23 +123,58 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
 # Words this short are only trusted behind a separator: the D of Concrete044D is part of the asset's name.
 _NEEDS_SEPARATOR = frozenset({"d", "n", "r", "m", "h", "e", "bc", "id", *_PACKED_WORDS.split()})
 
+# Words that name materials and pictures as often as maps are only trusted where something sets them off: `gunmetal`.
+_LOOSE = frozenset({"smooth", "cutout", "id", "mask"})
+_LEAST_GLUED = 5  # letters; shorter words end too many others
+
 _TRAILING = re.compile(
     r"\d{1,2}k|\d{2,5}x\d{2,5}|128|256|512|1024|2048|4096|8192|16384|lod\d|[uv]\d{1,3}|(8|16|32)bit|1\d{3}"
-    r"|srgb|linear|lin|raw|jpe?g|png|exr|tiff?|tga|hdr|webp|bmp",
+    r"|(var|variant|variation)(?P<variant>\d{0,3})|jpe?g|png|exr|tiff?|tga|hdr|webp|avif|ktx2|bmp",
     re.IGNORECASE,
 )
 _GLUED_RESOLUTION = re.compile(r"(?<=[A-Za-z])\d{1,2}k$", re.IGNORECASE)
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_CHUNK = re.compile(r"[A-Za-z0-9]+")
+# Poliigon ends the names of all maps so, that of the metalness itself too.
+_WORKFLOW = re.compile(r"(?P<bare>.+)[ _-]\d{1,2}K[ _-]METALNESS", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class _Stem:
+    """A stem without what trails it: what is left, the colour space, the number of the variant."""
+
+    bare: str
+    colour_space: str | None
+    variant: int
+
+
+@lru_cache(maxsize=4096)
+def _stripped(stem: str) -> _Stem:
+    space, variant = None, 0
+    while True:
+        bare, found = split_colour_space(stem)
+        if found is not None:
+            stem, space = bare, space or found
+            continue
+        chunks = list(_CHUNK.finditer(stem))
+        match = _TRAILING.fullmatch(chunks[-1][0]) if len(chunks) > 1 else None
+        if match is None:
+            return _Stem(stem, space, variant)
+        if match["variant"] is not None:
+            variant = int(match["variant"] or 1)
+        stem = stem[: chunks[-1].start()]
+
+
+def colour_space_of(stem: str) -> str | None:
+    """The colour space at the end of a stem, as `split_colour_space` has it, wherever the resolution stands."""
+    return _stripped(stem).colour_space
 
 
 def _split(stem: str) -> list[tuple[str, bool]]:
     """Words of a stem in lower case, each with whether a separator precedes it."""
-    chunks = [c for c in re.split(r"[^A-Za-z0-9]+", stem) if c]
-    while len(chunks) > 1 and _TRAILING.fullmatch(chunks[-1]):
-        chunks.pop()
     return [
         (word.lower(), i == 0)
-        for chunk in chunks
+        for chunk in _CHUNK.findall(_stripped(stem).bare)
         for i, word in enumerate(_CAMEL.findall(_GLUED_RESOLUTION.sub("", chunk)))
     ]
 
@@ -158,7 +200,33 @@ def interpretations(stem: str) -> list[NameMatch]:
         separated = words[start][1] and start > 0
         if separated or word not in _NEEDS_SEPARATOR or (len(word) == 3 and start == 0):
             found.append(NameMatch(word, meanings, "".join(w for w, _ in words[:start])))
-    return found
+    if not found and words:
+        found = _glued([w for w, _ in words])
+    if workflow := _WORKFLOW.fullmatch(_stripped(stem).bare):
+        found += interpretations(workflow["bare"])
+    variant = _stripped(stem).variant
+    if not variant:
+        return found
+    return [replace(m, meanings=tuple(replace(each, variant=variant) for each in m.meanings)) for m in found]
+
+
+def _glued(words: Sequence[str]) -> list[NameMatch]:
+    """What the last of several words means by how it ends: the longest known word, and only a long one."""
+    whole = words[-1]
+    for start in range(1, len(whole) - _LEAST_GLUED + 1):
+        meanings = _words().get(whole[start:])
+        if meanings is None or whole[start:] not in _glued_words():
+            continue
+        ranked = tuple(replace(meaning, rank=meaning.rank + _GLUED) for meaning in meanings)
+        return [NameMatch(whole[start:], ranked, "".join([*words[:-1], whole[:start]]))]
+    return []
+
+
+@cache
+def _glued_words() -> frozenset[str]:
+    """Words that are trusted without anything that sets them off."""
+    long = {word for word in _words() if len(word) > _LEAST_GLUED}
+    return frozenset((long | {"color"}) - _LOOSE)
 
 
 _OPPOSITE = {"gl": "DX", "ogl": "DX", "opengl": "DirectX", "dx": "GL", "directx": "OpenGL", "d3d": "GL"}

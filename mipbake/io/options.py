@@ -42,8 +42,9 @@ class LoadOptions:
         maps: role to what fills it. `"FILE"` takes that file (relative to the folder, else to the working directory);
             `"FILE:G"` or `"FILE:RGB"` takes those channels of it, as they stand; a number is a constant in linear units
             (roughness, metallic and the maps that do not shade; a grey base colour); None leaves the role empty,
-            whatever lies in the folder: a normal map left out is flat. Roles: base_color, normal, roughness, metallic,
-            anisotropy, occlusion, height, emissive, opacity.
+            whatever lies in the folder: a normal map left out is flat. `mipbake.load` and `load_all` also take
+            `"*_FILE"`, where * stands for the name of a set in a folder of several. Roles: base_color, normal,
+            roughness, metallic, anisotropy, occlusion, height, emissive, opacity.
         colour_space: RGB colour space of base colour and emissive, by its name in colour-science ("sRGB", "ACEScg",
             "Display P3", "ITU-R BT.2020"), with "linear " before it for its linear values ("linear Rec.709"). None:
             sRGB in integer files, linear Rec.709 in floating-point files.

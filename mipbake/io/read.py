@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError
 from mipbake.io import disk
+from mipbake.io.colour_names import told_by_file
 from mipbake.io.messages import told_by
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ IMAGE_SUFFIXES = frozenset(
     f".{s}"
     for s in (
         *("png", "jpg", "jpeg", "tif", "tiff", "tga", "exr", "hdr", "bmp", "webp", "dds", "psd", "jp2", "jxl"),
-        *("sgi", "ppm", "pgm", "pnm", "tx"),
+        *("sgi", "ppm", "pgm", "pnm", "tx", "avif", "ktx2"),
     )
 )
 
@@ -32,7 +33,9 @@ _NATIVE = ("uint8", "uint16", "half", "float")
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type."""
+    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type,
+    number of images, and the colour space of its colours where the container tells it.
+    """
 
     path: Path
     width: int
@@ -41,6 +44,7 @@ class Header:
     alpha: int
     depth: str
     subimages: int
+    colour_space: str | None = None
 
     @property
     def is_integer(self) -> bool:
@@ -50,6 +54,8 @@ class Header:
 
 def read_header(path: Path) -> Header:
     """The header of an image file; InputError when it is not an image or has no texels."""
+    if _is_other(path):
+        return _other_header(path, disk.read_bytes(path))
     return _header(path, _open(path))
 
 
@@ -74,6 +80,8 @@ def read_image(path: Path) -> Image:
     if data.startswith(PNG_SIGNATURE):
         check_png(path, data)
     digest = hashlib.sha256(data).hexdigest()
+    if _is_other(path):
+        return _other_image(path, data, digest)
     del data
     image = _open(path)
     header = _header(path, image)
@@ -86,6 +94,30 @@ def read_image(path: Path) -> Image:
     values: NDArray[np.generic] = np.asarray(pixels).reshape(header.height, header.width, header.channels)
     _check_finite(path, values)
     return Image(values, header, digest)
+
+
+def _is_other(path: Path) -> bool:
+    """Whether a file is of a kind that OpenImageIO does not read."""
+    from mipbake.io.other_images import START, is_other
+
+    with disk.opened(path) as file:
+        return is_other(file.read(START))
+
+
+def _other_header(path: Path, data: bytes) -> Header:
+    from mipbake.io.other_images import outline
+
+    found = outline(data, path)
+    _check_size(path, found.width, found.height)
+    return Header(path, found.width, found.height, found.channels, found.alpha, found.depth, 1, found.colour_space)
+
+
+def _other_image(path: Path, data: bytes, digest: str) -> Image:
+    from mipbake.io.other_images import pixels_of
+
+    header, pixels = _other_header(path, data), pixels_of(data, path)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
 
 
 def _open(path: Path) -> OpenImageIO.ImageInput:
@@ -118,12 +150,13 @@ def _check_name(path: Path) -> None:
 def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
     spec = image.spec()
     _check_size(path, spec.width, spec.height)
-    count = 1
+    count, space = 1, None
     if path.suffix.lower() == ".exr":
+        space = told_by_file(spec.getattribute("oiio:ColorSpace"), spec.getattribute("chromaticities"))
         while image.seek_subimage(count, 0):
             count += 1
         image.seek_subimage(0, 0)
-    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count)
+    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count, space)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:

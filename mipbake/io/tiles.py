@@ -113,7 +113,7 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
         )
         there = (folder or Path()) / _CHANNELS.sub("", text)
         maps[role] = text
-        if not disk.is_file(there):
+        if "*" not in text and not disk.is_file(there):
             if role in ("normal", "roughness"):
                 raise InputError(f"tile {tile} has no {role} map: expected {there}")
             maps[role] = None
@@ -123,6 +123,14 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
 def names_tile(name: str, tile: int) -> bool:
     """Whether a file's name, given without its suffix, tells its tile: so that <UDIM> can stand for it."""
     return any(found == tile for found, _, _ in _readings(f"{name}."))
+
+
+def text_of(name: str, tile: int) -> str:
+    """How a file's name writes its tile: `1001` or `u1_v1`; empty where it does not."""
+    for found, before, after in _readings(name):
+        if found == tile:
+            return name[len(before) : len(name) - len(after)]
+    return ""
 
 
 def name_with(name: str, tile: int) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake.errors import InputError, UsageError
 from mipbake.io import ktx2
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.io.messages import one_line
 from mipbake.io.oiio_levels import reader
 from mipbake.io.publish import temporary_folder, write_temporary
 
@@ -59,12 +61,28 @@ def decompressed(texture: GpuTexture) -> list[NDArray[np.generic]]:
     return levels
 
 
+def transcoded(data: bytes) -> NDArray[np.uint8]:
+    """(H, W, 4) texels of level 0 of a KTX 2 file whose texels are ETC1S.
+
+    Raises:
+        InputError: the file is broken. UsageError: the transcoder is not installed.
+    """
+    from PIL import Image
+
+    decoder = _library()
+    try:
+        with Image.open(io.BytesIO(decoder.decode_ktx2_to_bytes(data, format="png", level=0)[0])) as image:
+            return np.asarray(image.convert("RGBA"))
+    except (RuntimeError, ValueError, OSError) as error:
+        raise InputError(f"its blocks are broken ({one_line(str(error))}), export or download it again") from error
+
+
 def _library() -> ModuleType:
     try:
         import alktx2
     except ImportError:
         raise UsageError(
-            "UASTC needs the encoder of Basis Universal, which is not installed: install mipbake[uastc], or choose "
-            "other texels, such as ktx2:bc"
+            "UASTC and ETC1S need the library of Basis Universal, which is not installed: install mipbake[uastc], or "
+            "choose other texels, such as ktx2:bc"
         ) from None
     return alktx2

@@ -73,7 +73,7 @@ class Extracted:
             # The extracted file is gone when this is read.
             reason = str(error).replace(str(path), "its data")
             raise InputError(
-                f"{self.document.path}: {label} is no readable PNG, JPEG or WebP image: export it again ({reason})"
+                f"{self.document.path}: {label} is no readable image: export it again ({reason})"
             ) from error
 
     def _stem(self, image: int) -> str:

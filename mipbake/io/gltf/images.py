@@ -17,25 +17,19 @@ SOURCE_EXTENSIONS = (BASISU, "EXT_texture_webp", "EXT_texture_avif", "MSFT_textu
 
 @dataclass(frozen=True)
 class ImageKind:
-    """A kind of image file: its media type, the suffix of its files, and whether it can be baked from."""
+    """A kind of image file: its media type, and the suffix of its files."""
 
     mime: str
     suffix: str
-    readable: bool
 
 
-_PNG = ImageKind("image/png", ".png", True)
-_JPEG = ImageKind("image/jpeg", ".jpg", True)
-_WEBP = ImageKind("image/webp", ".webp", True)
-KTX2 = ImageKind("image/ktx2", ".ktx2", False)
-_DDS = ImageKind("image/vnd-ms.dds", ".dds", False)
-_AVIF = ImageKind("image/avif", ".avif", False)
+_PNG = ImageKind("image/png", ".png")
+_JPEG = ImageKind("image/jpeg", ".jpg")
+_WEBP = ImageKind("image/webp", ".webp")
+KTX2 = ImageKind("image/ktx2", ".ktx2")
+_DDS = ImageKind("image/vnd-ms.dds", ".dds")
+_AVIF = ImageKind("image/avif", ".avif")
 _KINDS = {kind.mime: kind for kind in (_PNG, _JPEG, _WEBP, KTX2, _DDS, _AVIF)}
-_WORDS = {
-    KTX2: "a KTX 2 texture, compressed already",
-    _DDS: "a DDS texture, compressed already",
-    _AVIF: "an AVIF image",
-}
 
 
 def kind_of(data: bytes) -> ImageKind | None:
@@ -89,16 +83,9 @@ def image_bytes(document: Document, index: object, where: str = "a texture") -> 
         where: what names it, for messages.
 
     Raises:
-        InputError: there is no such image, its file is missing or its data damaged, or it cannot be read (KTX 2, DDS,
-            AVIF).
+        InputError: there is no such image, or its file is missing.
     """
     data, kind = stored_image(document, index, where)
-    if not kind.readable:
-        what = image_label(index, document.one("images", index, where))
-        raise InputError(
-            f"{document.path}: {what} is {_WORDS[kind]}, and cannot be read: bake the file that it was made from, with "
-            "PNG or JPEG images"
-        )
     return data, kind.suffix
 
 

@@ -1,0 +1,54 @@
+"""What the commands share that read texture sets: what they take, and the run over all that it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from mipbake import MipbakeError
+from mipbake.cli.session import Session
+from mipbake.intake import Failure, Job, jobs
+from mipbake.io.options import LoadOptions
+from mipbake.io.publish import temporary_folder
+from mipbake.texture_set import TextureSet
+
+Sources = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="SOURCE",
+        help="Texture sets: folders of maps (of one set or several), .zip archives of them, UDIM tiles in a folder or "
+        "as a pattern with <UDIM>, .gltf, .glb and .mtlx documents; globs, @FILE for a list, @- for one on stdin.",
+        show_default=False,
+    ),
+]
+
+
+def over_sets(
+    session: Session,
+    sources: Sequence[str],
+    load: LoadOptions,
+    act: Callable[[Job, TextureSet, bool], dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """Does something with every texture set of all sources; one that fails does not keep others from it.
+
+    Args:
+        act: what is done; it is told whether the set is the only one, and returns what it did, for JSON.
+
+    Returns what was done, or went wrong, for each.
+    """
+    results: list[dict[str, Any]] = []
+    with temporary_folder() as scratch:
+        found = jobs(sources, load, scratch)
+        alone = len(found) == 1 and isinstance(found[0], Job) and len(found[0].parts) == 1
+        for job in found:
+            try:
+                if isinstance(job, Failure):
+                    raise job.error
+                for texture_set in job.sets():
+                    results.append({"source": job.source, "ok": True, "exit_code": 0, **act(job, texture_set, alone)})
+            except MipbakeError as error:
+                session.fail(str(error), error.exit_code)
+                results.append({"source": job.source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+    return results

@@ -1,0 +1,190 @@
+"""ZIP archives as sites hand out texture sets: checked, and unpacked into a temporary folder while they are read."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import zipfile
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+from mipbake.errors import InputError, OutputError
+from mipbake.io.read import IMAGE_SUFFIXES
+from mipbake.io.safe_names import safe_name
+
+SUFFIX = ".zip"
+
+_T = TypeVar("_T")
+
+_DOCUMENTS = (".gltf", ".glb", ".mtlx")
+
+MOST_FILES = 10_000
+MOST_BYTES = 64 << 30
+"""Of an archive when unpacked."""
+
+SURELY_FINE = 1 << 30
+MOST_RATIO = 100
+"""An archive that unpacks to more than `SURELY_FINE` bytes and to more than so many times its own is a bomb: images are
+compressed already, and whole sets of constant maps are smaller."""
+
+KEPT = 4 << 30
+"""Bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is."""
+
+_CHUNK = 1 << 20
+
+
+@dataclass(eq=False)
+class Shelf:
+    """The archives of one run, unpacked below a folder; those that were used last stay, within `KEPT` bytes."""
+
+    folder: Path
+    _sizes: OrderedDict[Path, int] = field(default_factory=OrderedDict)
+
+    def archive(self, path: Path, place: str) -> Archive:
+        """An archive that is unpacked, when it is used, into the folder `place`, which names its set as its file does.
+
+        Raises:
+            InputError: it cannot be read, is too large, or holds what would lie outside that folder.
+        """
+        members = checked_members(path)
+        return Archive(path, self.folder / place / safe_name(path.stem, "archive"), tuple(members), self)
+
+    def hold(self, archive: Archive) -> None:
+        """Unpacks it where it is not there, and removes what was used longest ago."""
+        if archive.folder not in self._sizes:
+            size = sum(member.file_size for member in archive.members)
+            while self._sizes and sum(self._sizes.values()) + size > KEPT:
+                oldest, _ = self._sizes.popitem(last=False)
+                shutil.rmtree(oldest, ignore_errors=True)
+            unpack(archive.path, archive.members, archive.folder)
+            self._sizes[archive.folder] = size
+        self._sizes.move_to_end(archive.folder)
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """An archive, where it is unpacked, and what of it is read."""
+
+    path: Path
+    folder: Path
+    members: tuple[zipfile.ZipInfo, ...]
+    shelf: Shelf
+
+    def using(self, read: Callable[[], _T]) -> _T:
+        """What is read while the archive is unpacked; an InputError names the archive in place of the folder."""
+        try:
+            self.shelf.hold(self)
+            return read()
+        except InputError as error:
+            raise InputError(self.told(str(error))) from error
+
+    def told(self, text: str) -> str:
+        """A text with the archive in place of the folder that it is unpacked to."""
+        return text.replace(str(self.folder.resolve()), str(self.path)).replace(str(self.folder), str(self.path))
+
+
+def checked_members(path: Path) -> list[zipfile.ZipInfo]:
+    """What of an archive is read; nothing is unpacked.
+
+    Raises:
+        InputError: it is no ZIP archive, is encrypted, holds nothing to read or too much, or has a member that would
+            lie elsewhere or is a link.
+    """
+    try:
+        with zipfile.ZipFile(path) as opened:
+            every = opened.infolist()
+        size = path.stat().st_size
+    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is no ZIP archive, or is damaged ({error}): download it again") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
+    if len(every) > MOST_FILES:
+        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {MOST_FILES} files at most")
+    for member in every:
+        _check_place(path, member)
+    found = [member for member in every if not member.is_dir() and _is_read(member)]
+    if not found:
+        documents = [member.filename for member in every if member.filename.lower().endswith(_DOCUMENTS)]
+        hint = f", unpack it and give {documents[0]}" if documents else ""
+        raise InputError(f"{path} holds no image: expected the maps of texture sets{hint}")
+    if any(member.flag_bits & 1 for member in found):
+        raise InputError(f"{path} is encrypted: unpack it and give the folder")
+    unpacked = sum(member.file_size for member in found)
+    if unpacked > MOST_BYTES or unpacked > max(SURELY_FINE, MOST_RATIO * size):
+        raise InputError(
+            f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no set of textures does, so it is "
+            "not unpacked; unpack it yourself and give the folder if it is one"
+        )
+    return found
+
+
+def _check_place(path: Path, member: zipfile.ZipInfo) -> None:
+    name = member.orig_filename.replace("\\", "/")
+    parts = PurePosixPath(name).parts
+    if name.startswith("/") or ".." in parts or "\0" in name or (parts and parts[0].endswith(":")):
+        raise InputError(f"{path} holds {name!r}, which would lie outside its folder: do not trust it")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise InputError(f"{path} holds {name!r}, which is a link: unpack it yourself and give the folder")
+
+
+def _is_read(member: zipfile.ZipInfo) -> bool:
+    place = _place(member)
+    hidden = any(part.startswith(".") or part == "__MACOSX" for part in place.parts)
+    return not hidden and place.suffix.lower() in IMAGE_SUFFIXES
+
+
+def _place(member: zipfile.ZipInfo) -> PurePosixPath:
+    """Of a member in its archive; old programs of Windows wrote backslashes."""
+    return PurePosixPath(member.filename.replace("\\", "/"))
+
+
+def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None:
+    """Writes members of an archive below a folder.
+
+    Raises:
+        InputError: one of them is damaged, or larger than the archive tells. OutputError: there is no room.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+        needed = sum(member.file_size for member in members)
+        if needed > free:
+            raise OutputError(
+                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder} has {free / 1e9:.2f}: make room, "
+                "or set the environment variable TMPDIR to a folder that has"
+            )
+        with zipfile.ZipFile(path) as opened:
+            for member in members:
+                _unpack_one(path, opened, member, folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
+    target = folder.joinpath(*_place(member).parts)
+    try:
+        with opened.open(member) as packed:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with target.open("xb") as file:
+                left = member.file_size
+                while chunk := packed.read(_CHUNK):
+                    left -= len(chunk)
+                    if left < 0:
+                        raise InputError(f"{path}: {member.filename} is larger than it says: do not trust the archive")
+                    file.write(chunk)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise InputError(
+            f"{path}: {member.filename} cannot be unpacked ({error}): download the archive again"
+        ) from error
+    except FileExistsError:
+        raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder") from None
+    except OSError as error:
+        raise OutputError(
+            f"{path}: {member.filename} cannot be unpacked to {folder} ({error.strerror}): make room there, or set the "
+            "environment variable TMPDIR to another folder"
+        ) from error
