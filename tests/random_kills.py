@@ -61,6 +61,7 @@ def main(place, count, seed):
             known[strength] = content(result)
         for index in range(int(count) // 2):
             number = rng.choice(SIGNALS)
+            before = set((folder / "out").iterdir())
             child = begun(folder, ("0.5", "1")[index % 2], format)
             time.sleep(rng.uniform(0, 1.1 * seconds))
             os.kill(child, number)
@@ -68,7 +69,8 @@ def main(place, count, seed):
             codes[code] += 1
             found = [strength for strength, files in known.items() if files == content(result)]
             seen[found[0] if found else "neither"] += 1
-            beside = [path.name for path in (folder / "out").iterdir() if path != result]
+            # A bake that is stopped before it looks leaves what an earlier one, which was killed, left.
+            beside = [path.name for path in set((folder / "out").iterdir()) - before]
             # The child has Python's own handling of SIGINT, or none of SIGTERM, until its handlers are set.
             allowed = {0, -number, 128 + number, 1}
             if not found or code not in allowed or (beside and number != signal.SIGKILL):
