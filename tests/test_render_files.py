@@ -39,7 +39,7 @@ def test_files_that_are_no_meshes_are_refused_in_a_sentence(tmp_path: Path) -> N
     with pytest.raises(InputError, match=r"none\.obj cannot be read \(No such file or directory\): expected a mesh"):
         read_mesh(tmp_path / "none.obj")
     (tmp_path / "folder.glb").mkdir()
-    with pytest.raises(InputError, match=r"folder\.glb cannot be read"):
+    with pytest.raises(InputError, match=r"folder\.glb is a folder"):
         read_mesh(tmp_path / "folder.glb")
     (tmp_path / "mesh.fbx").write_text("")
     with pytest.raises(InputError, match=r"ends in \.obj, \.gltf, \.glb, so convert it to glTF"):

@@ -94,8 +94,8 @@ def _shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     out = material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
     if out.numel():
         with current_stream(material, "material") as stream:
-            inputs = (aligned(tensor.detach()) for tensor in (material, light, view))
-            _native.shade(model, *inputs, out, stream)
+            material, light, view = (aligned(tensor.detach()) for tensor in (material, light, view))
+            _native.shade(model, material, light, view, out, stream)
     return out
 
 
@@ -112,8 +112,8 @@ def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, g
     if grad.numel() == 0:
         return out.zero_()
     with current_stream(material, "material") as stream:
-        inputs = (aligned(tensor.detach()) for tensor in (material, light, view, grad.contiguous()))
-        _native.shade_backward(model, *inputs, out, stream)
+        material, light, view = (aligned(tensor.detach()) for tensor in (material, light, view))
+        _native.shade_backward(model, material, light, view, aligned(grad.detach().contiguous()), out, stream)
     return out
 
 
