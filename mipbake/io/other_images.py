@@ -106,7 +106,7 @@ def _avif(data: bytes, path: Path) -> NDArray[np.generic]:
     try:
         with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
             texels = np.asarray(image)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(
             f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
         ) from error
