@@ -177,7 +177,7 @@ def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, fo
                     if left < 0:
                         raise InputError(f"{path}: {member.filename} is larger than it says: do not trust the archive")
                     file.write(chunk)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
         raise InputError(
             f"{path}: {member.filename} cannot be unpacked ({error}): download the archive again"
         ) from error

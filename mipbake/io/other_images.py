@@ -84,8 +84,8 @@ def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
             texels: NDArray[np.generic] = transcoded(data)[..., : outline(data, path).channels]
             return texels
         return from_blocks(_finest(ktx2.decoded(data, str(path))))[0]
-    except MipbakeError as error:
-        told = str(error)
+    except (MipbakeError, RuntimeError) as error:  # the transcoder of UASTC says RuntimeError
+        told = one_line(str(error))
         raise InputError(told if str(path) in told else f"{path} cannot be decoded: {told}") from error
 
 
