@@ -191,6 +191,20 @@ def test_a_damaged_archive_is_told(tmp_path: Path, capsys) -> None:
     assert "a.zip" in fails(capsys, 3, "inspect", archive)
 
 
+@pytest.mark.parametrize("step", range(4))
+def test_archives_with_broken_bytes_are_read_or_refused(step: int, tmp_path: Path) -> None:
+    files = {"wood_color.png": pixels_for("base_color", 2), "wood_normal_gl.png": pixels_for("normal", 2)}
+    archive = zipped(tmp_path / "a.zip", write_set(tmp_path / "set", files), "in/")
+    whole = archive.read_bytes()
+    for place in range(step, len(whole), 4):
+        data = bytearray(whole)
+        data[place] ^= 0x9C
+        archive.write_bytes(data)
+        with pytest.raises(InputError) as error:  # it has no roughness, whatever else is wrong
+            mipbake.load(archive)
+        assert "\n" not in str(error.value)
+
+
 def test_archives_share_a_bounded_place(tmp_path: Path, capsys, monkeypatch) -> None:
     """What was used longest ago goes first, and comes back when its turn comes."""
     monkeypatch.setattr(archives, "KEPT", 1)

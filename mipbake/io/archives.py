@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import lzma
 import shutil
 import stat
 import zipfile
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
@@ -35,6 +36,18 @@ KEPT = 4 << 30
 """Bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is."""
 
 _CHUNK = 1 << 20
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    OSError,
+)
+"""What reading a damaged archive raises; OSError for places before its beginning."""
 
 
 @dataclass(eq=False)
@@ -167,24 +180,32 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
 
 def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     target = folder.joinpath(*_place(member).parts)
+    if target.exists():
+        raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder")
+    chunks = _chunks(path, opened, member)
     try:
-        with opened.open(member) as packed:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with target.open("xb") as file:
-                left = member.file_size
-                while chunk := packed.read(_CHUNK):
-                    left -= len(chunk)
-                    if left < 0:
-                        raise InputError(f"{path}: {member.filename} is larger than it says: do not trust the archive")
-                    file.write(chunk)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise InputError(
-            f"{path}: {member.filename} cannot be unpacked ({error}): download the archive again"
-        ) from error
-    except FileExistsError:
-        raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder") from None
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with target.open("xb") as file:
+            for chunk in chunks:
+                file.write(chunk)
     except OSError as error:
         raise OutputError(
             f"{path}: {member.filename} cannot be unpacked to {folder} ({error.strerror}): make room there, or set the "
             "environment variable TMPDIR to another folder"
+        ) from error
+
+
+def _chunks(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
+    """The bytes of a member. InputError where it is damaged, or larger than the archive tells."""
+    left = member.file_size
+    try:
+        with opened.open(member) as packed:
+            while chunk := packed.read(_CHUNK):
+                left -= len(chunk)
+                if left < 0:
+                    raise InputError(f"{path}: {member.filename} is larger than it says: do not trust the archive")
+                yield chunk
+    except _DAMAGE as error:
+        raise InputError(
+            f"{path}: {member.filename} cannot be unpacked ({error}): download the archive again"
         ) from error

@@ -84,8 +84,8 @@ def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
             texels: NDArray[np.generic] = transcoded(data)[..., : outline(data, path).channels]
             return texels
         return from_blocks(_finest(ktx2.decoded(data, str(path))))[0]
-    except MipbakeError as error:
-        told = str(error)
+    except (MipbakeError, RuntimeError) as error:  # the transcoder of UASTC says RuntimeError
+        told = one_line(str(error))
         raise InputError(told if str(path) in told else f"{path} cannot be decoded: {told}") from error
 
 
@@ -106,7 +106,7 @@ def _avif(data: bytes, path: Path) -> NDArray[np.generic]:
     try:
         with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
             texels = np.asarray(image)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(
             f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
         ) from error
