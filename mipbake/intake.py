@@ -11,6 +11,7 @@ from mipbake.errors import InputError, UsageError
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
+from mipbake.io.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.io.inputs import expand, kind
 from mipbake.io.messages import listed
 from mipbake.io.mtlx.materials import read_materialx
@@ -193,15 +194,19 @@ def _by_pattern(path: Path) -> dict[int, list[Path]]:
 
 
 def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
-    scratch.mkdir()
-    document = read_document(path)
-    found = read_materials(document, scratch)
+    (scratch / "converted").mkdir(parents=True)
+    converted = without_specular_glossiness(read_document(path), scratch / "converted")
+    document = converted.document
+    (scratch / "images").mkdir()
+    found = read_materials(document, scratch / "images")
     made = [
         Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, safe_name(path.stem, "document"), document, b)
         for b in found.bakes
     ]
-    made[0] = replace(made[0], notes=found.notes + made[0].notes, warnings=found.warnings + made[0].warnings)
-    return [*made, *(Failure(path, InputError(error)) for error in found.errors)]
+    notes = (*converted.notes, *found.notes, *made[0].notes)
+    warnings = (*converted.warnings, *found.warnings, *made[0].warnings)
+    made[0] = replace(made[0], notes=notes, warnings=warnings)
+    return [*made, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
 
 
 def _materialx(path: Path) -> list[Job | Failure]:

@@ -119,7 +119,7 @@ def test_every_material_with_something_to_bake_is_in_one_bake(kind: str, tmp_pat
         assert (bake.options.colour_space, bake.options.normal_convention) == ("sRGB", "opengl")
         assert bake.slots[-3:] == ("metallicRoughnessTexture", "normalTexture", "anisotropyTexture")
         assert ("baseColorTexture" in bake.slots) == (name in ("Leather", "leather_2", "Fence", "Shifted"))
-    assert [w.split(":")[0].split(" is")[0] for w in found.warnings] == ["material 6 (Apart)", "material 10 (Glossy)"]
+    assert [w.split(":")[0].split(" is")[0] for w in found.warnings] == ["material 6 (Apart)"]
     assert [n.split(")")[0] for n in found.notes] == ["material 7 (Glow", "material 9 (Unlit", "material 11 (Plain"]
     assert any("share these textures, which are baked once" in note for note in bakes["Leather"].notes)
     assert any("normal 0.5, roughness 0.8" in note for note in bakes["Leather"].notes)

@@ -24,13 +24,13 @@ class ImageKind:
     readable: bool
 
 
-_PNG = ImageKind("image/png", ".png", True)
+PNG = ImageKind("image/png", ".png", True)
 _JPEG = ImageKind("image/jpeg", ".jpg", True)
 _WEBP = ImageKind("image/webp", ".webp", True)
 KTX2 = ImageKind("image/ktx2", ".ktx2", False)
 _DDS = ImageKind("image/vnd-ms.dds", ".dds", False)
 _AVIF = ImageKind("image/avif", ".avif", False)
-_KINDS = {kind.mime: kind for kind in (_PNG, _JPEG, _WEBP, KTX2, _DDS, _AVIF)}
+_KINDS = {kind.mime: kind for kind in (PNG, _JPEG, _WEBP, KTX2, _DDS, _AVIF)}
 _WORDS = {
     KTX2: "a KTX 2 texture, compressed already",
     _DDS: "a DDS texture, compressed already",
@@ -41,7 +41,7 @@ _WORDS = {
 def kind_of(data: bytes) -> ImageKind | None:
     """The kind of an image file by its first bytes; None where they are of none that glTF knows."""
     starts = (
-        (b"\x89PNG\r\n\x1a\n", _PNG),
+        (b"\x89PNG\r\n\x1a\n", PNG),
         (b"\xff\xd8\xff", _JPEG),
         (b"\xabKTX 20\xbb\r\n\x1a\n", KTX2),
         (b"DDS ", _DDS),

@@ -21,14 +21,15 @@ from mipbake.io.gltf.slots import (
     METALLIC_ROUGHNESS,
     NORMAL,
     OCCLUSION,
+    SPECULAR_GLOSSINESS,
+    UNLIT,
     Slot,
+    label_of,
     slot_of,
 )
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions, MapChoice
 from mipbake.io.safe_names import unique_name
-
-_UNLIT, _SPECULAR_GLOSSINESS = "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness"
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
         except _SkippedError as skipped:
             (warnings if skipped.loud else notes).append(str(skipped))
         except InputError as error:
-            broken.setdefault(str(error), []).append(_label(index, material))
+            broken.setdefault(str(error), []).append(label_of(index, material))
     names: set[str] = set()
     bakes = []
     for materials in groups.values():
@@ -149,23 +150,14 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
     return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings), errors)
 
 
-def _label(index: int, material: Json) -> str:
-    name = material.get("name")
-    return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
-
-
 def _material(document: Document, index: int, material: Json, images: Extracted) -> _Material:
     """A material's slots and factors; _SkippedError where it is left as it is."""
-    where, path = _label(index, material), document.path
+    where, path = label_of(index, material), document.path
     extensions = member(material, "extensions", where, path)
-    if _UNLIT in extensions:
+    if UNLIT in extensions:
         raise _SkippedError(f"{where} is unlit and is left as it is")
-    if _SPECULAR_GLOSSINESS in extensions and "pbrMetallicRoughness" not in material:
-        raise _SkippedError(
-            f"{where} is given in specular and glossiness ({_SPECULAR_GLOSSINESS}) and is left as it is: convert it to "
-            "metallic-roughness to have it baked",
-            loud=True,
-        )
+    if SPECULAR_GLOSSINESS in extensions:  # why it was not converted is told by who did that
+        raise _SkippedError(f"{where} is given in specular and glossiness and is left as it is")
     names = (NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
     slots = {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
     reference = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
