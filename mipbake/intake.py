@@ -11,6 +11,7 @@ from mipbake.errors import InputError, UsageError
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
+from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.io.inputs import expand, kind
 from mipbake.io.messages import listed
@@ -52,7 +53,7 @@ class Job:
         parts: tile number to what it is read from; a single one without a number (0) for sets that are no tiles.
         notes, warnings: what was found in the source, in sentences.
         place: folder of the result's folder, relative to that of all results.
-        document, bake: of a glTF source, and which of its bakes this is.
+        document, bake: of a glTF source, and which of its bakes this is. plain: all its textures that are averaged.
     """
 
     source: Path
@@ -62,6 +63,7 @@ class Job:
     place: str = ""
     document: Document | None = None
     bake: GltfBake | None = None
+    plain: tuple[PlainTexture, ...] = ()
 
     @property
     def tiled(self) -> bool:
@@ -199,8 +201,9 @@ def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
     document = converted.document
     (scratch / "images").mkdir()
     found = read_materials(document, scratch / "images")
+    place = safe_name(path.stem, "document")
     made = [
-        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, safe_name(path.stem, "document"), document, b)
+        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, place, document, b, found.plain)
         for b in found.bakes
     ]
     notes = (*converted.notes, *found.notes, *made[0].notes)

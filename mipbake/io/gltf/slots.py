@@ -30,8 +30,9 @@ SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 DIFFUSE = "diffuseTexture"
 SPECULAR_AND_GLOSS = "specularGlossinessTexture"
 
-COLOUR, DATA, VECTORS = "colour", "data", "vectors"
-"""What the red, green and blue of a slot's texture hold: sRGB-encoded colours, numbers, or directions."""
+COLOUR, DATA, VECTORS, ALPHA = "colour", "data", "vectors", "alpha"
+"""What a slot reads of its texture: sRGB-encoded colours, numbers or directions in red, green and blue; or alpha
+alone, which is never encoded."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Place:
 
     Args:
         keys: of the objects that lead to the one that holds the textureInfo.
-        holds: `COLOUR`, `DATA` or `VECTORS`. Alpha channels are never encoded.
+        holds: `COLOUR`, `DATA`, `VECTORS` or `ALPHA`.
     """
 
     keys: tuple[str, ...]
@@ -60,14 +61,14 @@ PLACES: Mapping[str, Place] = {
     **_of(ANISOTROPY, anisotropyTexture=VECTORS),
     **_of(CLEARCOAT, clearcoatTexture=DATA, clearcoatRoughnessTexture=DATA, clearcoatNormalTexture=VECTORS),
     **_of(SPECULAR_GLOSSINESS, diffuseTexture=COLOUR, specularGlossinessTexture=COLOUR),
-    **_of("KHR_materials_sheen", sheenColorTexture=COLOUR, sheenRoughnessTexture=DATA),
-    **_of("KHR_materials_specular", specularTexture=DATA, specularColorTexture=COLOUR),
+    **_of("KHR_materials_sheen", sheenColorTexture=COLOUR, sheenRoughnessTexture=ALPHA),
+    **_of("KHR_materials_specular", specularTexture=ALPHA, specularColorTexture=COLOUR),
     **_of("KHR_materials_transmission", transmissionTexture=DATA),
     **_of("KHR_materials_volume", thicknessTexture=DATA),
     **_of("KHR_materials_iridescence", iridescenceTexture=DATA, iridescenceThicknessTexture=DATA),
     **_of(
         "KHR_materials_diffuse_transmission",
-        diffuseTransmissionTexture=DATA,
+        diffuseTransmissionTexture=ALPHA,
         diffuseTransmissionColorTexture=COLOUR,
     ),
 }
@@ -83,19 +84,25 @@ class Lobe:
         roughness: slot whose green channel is the roughness.
         red: slot that may show the red channel of the same image.
         keys: as those of a `Place`: where the factors are.
-        factor: member that the roughness is multiplied with. default: what it is where it is not given.
+        factors: members that the texture is multiplied with, that of the roughness first, and what each is where it is
+            not given.
     """
 
     normal: str
     roughness: str
     red: str
     keys: tuple[str, ...]
-    factor: str
-    default: float
+    factors: tuple[tuple[str, float], ...]
 
 
-BASE = Lobe(NORMAL, METALLIC_ROUGHNESS, OCCLUSION, ("pbrMetallicRoughness",), "roughnessFactor", 1.0)
-COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, ("extensions", CLEARCOAT), "clearcoatRoughnessFactor", 0.0)
+BASE = Lobe(
+    NORMAL,
+    METALLIC_ROUGHNESS,
+    OCCLUSION,
+    ("pbrMetallicRoughness",),
+    (("roughnessFactor", 1.0), ("metallicFactor", 1.0)),
+)
+COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, ("extensions", CLEARCOAT), (("clearcoatRoughnessFactor", 0.0),))
 """KHR_materials_clearcoat: a second lobe, of a dielectric, on top of the material."""
 
 _CLAMPED, _MIRRORED, _REPEATED = 33071, 33648, 10497
@@ -140,6 +147,17 @@ def holder_of(material: Json, slot: str, where: str, document: Document) -> Json
     for key in PLACES[slot].keys:
         holder = member(holder, key, where, document.path)
     return holder
+
+
+def info_of(material: Json, slot: str) -> Json | None:
+    """A slot's textureInfo in a material that has been checked; None where there is no texture."""
+    holder: Any = material
+    for key in PLACES[slot].keys:
+        holder = holder.get(key)
+        if not isinstance(holder, dict):
+            return None
+    info = holder.get(slot)
+    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is no texture
 
 
 def made_holder(material: Json, keys: tuple[str, ...]) -> Json:

@@ -72,7 +72,7 @@ class _Given:
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """A material in metallic and roughness: its pixels, its loss, and the PNG files of what is not the same everywhere."""
+    """A material in metallic and roughness: pixels, loss, and the PNG files of what is not the same everywhere."""
 
     base: Pixels
     metallic: Pixels
