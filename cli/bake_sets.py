@@ -17,7 +17,7 @@ from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost, part_of
-from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
+from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
@@ -25,7 +25,7 @@ from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
 from mipbake.io.publish import published
 from mipbake.opacity import shown
-from mipbake.output import Output, check_outputs
+from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder, read_output
 from mipbake.texture_set import TextureSet

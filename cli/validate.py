@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import mipbake
-from mipbake import UsageError, Validation
+from mipbake import MipStack, TextureSet, UsageError, Validation
 from mipbake.cli import options
 from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import table
+from mipbake.glb_stacks import stacks_in_glb
+from mipbake.intake import jobs
 from mipbake.io.options import LoadOptions
+from mipbake.output import GLB
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -26,7 +30,10 @@ def validate(
     load: LoadOptions,
     folder: options.Folder,
     stack: Annotated[
-        Path, typer.Argument(metavar="STACK", help="What was baked from it: OUT/<set>.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="STACK", help="What was baked from it: OUT/<set>, or OUT/<file>.glb.", show_default=False
+        ),
     ],
     lods: Annotated[
         str, typer.Option(metavar="LODS", help="Levels of detail, numbers from 0 up, separated by commas.")
@@ -40,28 +47,31 @@ def validate(
     """Measure a stack against its source: SNR in dB, higher is better.
 
     The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
-    with.
+    with. Of a GLB every material is measured, from the textures that are in the file.
     """
     chosen = parse_lods(lods)
     if seed < 0:
         raise UsageError(f"--seed is {seed}: expected 0 or more")
-    baked = mipbake.open_stack(stack)
-    texture_set = mipbake.load(folder, load)
-    with stages(session, texture_set.name) as progress:
-        measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
-    session.print(f"{stack}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
-    for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
-        session.print("", snr_table(measured, pairs))
-    session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
-    session.dump(
-        {
-            "version": mipbake.__version__,
-            "folder": folder,
-            "stack": stack,
-            **measured.to_dict(),
-            "seconds": progress.seconds,
-        }
-    )
+
+    def measured(texture_set: TextureSet, baked: MipStack) -> dict[str, Any]:
+        with stages(session, texture_set.name) as progress:
+            found = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
+        name = f"{stack}: " + (f"{found.name}, " if in_glb else "")
+        session.print(f"{name}{found.method}, {found.model}, pixel filter {found.pixel_filter}")
+        for pairs in dict.fromkeys(row.pair_set for row in found.rows):
+            session.print("", snr_table(found, pairs))
+        session.print("", *(f"note: {note}" for note in found.notes), f"time: {progress.summary()}")
+        return {**found.to_dict(), "seconds": progress.seconds}
+
+    in_glb = stack.suffix.lower() == f".{GLB}"
+    told = {"version": mipbake.__version__, "folder": folder, "stack": stack}
+    if not in_glb:
+        baked = mipbake.open_stack(stack)
+        session.dump({**told, **measured(mipbake.load(folder, load), baked)})
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        pairs = stacks_in_glb(stack, jobs([str(folder)], load, Path(scratch)))
+        session.dump({**told, "materials": [measured(texture_set, held) for texture_set, held in pairs]})
 
 
 def snr_table(measured: Validation, pairs: str) -> Table:

@@ -27,13 +27,10 @@ from mipbake.io.gpu_files import GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
-from mipbake.output import Output
+from mipbake.output import GLB, Output
 from mipbake.packing import Normals
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
-
-GLB = "glb"
-"""What users call the format. It is no container of single maps."""
 
 SIDE = 4
 """KHR_texture_basisu takes images whose sides are multiples of it."""

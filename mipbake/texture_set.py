@@ -68,6 +68,10 @@ class TextureSet:
     ignored: tuple[IgnoredFile, ...] = ()
     alpha_cutoff: float | None = None
 
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"TextureSet({self.name!r}, {self.width} x {self.height}: {', '.join(self.maps)})"
+
     @property
     def anisotropic(self) -> bool:
         """Whether there is an anisotropy map."""

@@ -32,6 +32,12 @@ class TextureMap:
     pixels: Pixels
     source: MapSource
 
+    def __repr__(self) -> str:
+        """In one line."""
+        height, width, channels = self.pixels.shape
+        origin = self.source.path.name if self.source.path else self.source.reason
+        return f"TextureMap({self.source.role}, {width} x {height} x {channels}, {origin})"
+
 
 @dataclass(frozen=True)
 class DecodedMap:
