@@ -14,8 +14,9 @@ from mipbake.cli import options
 from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, stages
 from mipbake.cli.tables import table
-from mipbake.glb_stacks import stacks_in_glb
-from mipbake.intake import jobs
+from mipbake.glb import multiple_of_side
+from mipbake.glb_stacks import stack_in_glb
+from mipbake.intake import Failure, jobs
 from mipbake.io.options import LoadOptions
 from mipbake.output import GLB
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
@@ -69,9 +70,14 @@ def validate(
         baked = mipbake.open_stack(stack)
         session.dump({**told, **measured(mipbake.load(folder, load), baked)})
         return
+    results = []
     with tempfile.TemporaryDirectory() as scratch:
-        pairs = stacks_in_glb(stack, jobs([str(folder)], load, Path(scratch)))
-        session.dump({**told, "materials": [measured(texture_set, held) for texture_set, held in pairs]})
+        for job in jobs([str(folder)], load, Path(scratch)):
+            if isinstance(job, Failure):
+                raise job.error
+            texture_set = job.read(multiple_of_side).texture_set
+            results.append(measured(texture_set, stack_in_glb(stack, job, texture_set)))
+    session.dump({**told, "materials": results})
 
 
 def snr_table(measured: Validation, pairs: str) -> Table:

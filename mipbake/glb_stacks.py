@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.glb import multiple_of_side
-from mipbake.intake import Failure, Job
+from mipbake.intake import Job
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import srgb_to_linear
@@ -39,44 +37,35 @@ from mipbake.texture_set import TextureSet
 Levels = list[NDArray[np.float32]]
 
 
-def stacks_in_glb(path: Path, found: Sequence[Job | Failure]) -> Iterator[tuple[TextureSet, MipStack]]:
-    """Every texture set of a source with the stack that a GLB baked from it really holds, one after the other.
+def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
+    """The stack of a texture set that a GLB which was baked from its source really holds.
 
     Textures are decoded level by level, and factors of the material are applied: what comes is what an engine samples
     and shades with. The square of a texture set that came from no glTF is read too.
 
     Args:
         path: a GLB that `mipbake bake` wrote.
-        found: what the source holds, from `mipbake.intake.jobs`.
+        job: of the source, from `mipbake.intake.jobs`.
+        texture_set: of the job, with sides as `mipbake.glb.multiple_of_side` makes them.
 
     Raises:
-        InputError: the GLB is broken, was not made by mipbake or of another source; the source cannot be read.
+        InputError: the GLB is broken, was not made by mipbake, or was made of another source.
     """
     made = read_document(path)
     about = _about(made)
-    for job in found:
-        if isinstance(job, Failure):
-            raise job.error
-    jobs = [job for job in found if isinstance(job, Job)]
-    if jobs[0].document is None and len(jobs) > 1:
-        raise InputError(f"{path} is one file, and {jobs[0].source} holds {len(jobs)} sets: name one of them")
-    for job in jobs:
-        read = job.read(multiple_of_side)
-        if job.bake is None:
-            yield read.texture_set, _Reader(made, 0, BASE, None, {}).stack(read.texture_set, about)
-            continue
-        if job.bake.name not in about.get("materials", {}):
-            raise InputError(
-                f"{path} holds nothing that was baked for {job.bake.name} of {job.source}: expected what "
-                "`mipbake bake` made of it"
-            )
-        index = job.bake.materials[0]
-        before = job.document.all("materials")[index] if job.document else {}
-        told = about["materials"][job.bake.name]
-        yield (
-            read.texture_set,
-            _Reader(made, index, job.bake.lobe, job.bake.slots, before).stack(read.texture_set, told),
+    if job.bake is None or job.document is None:
+        if "materials" in about:
+            raise InputError(f"{path} was baked from a glTF file: expected that as its source, not {job.source}")
+        return _Reader(made, 0, BASE, None, {}).stack(texture_set, about)
+    index = job.bake.materials[0]
+    if job.bake.name not in about.get("materials", {}) or index >= len(made.all("materials")):
+        raise InputError(
+            f"{path} holds nothing that was baked for {job.bake.name} of {job.source}: expected what `mipbake bake` "
+            "made of it"
         )
+    before = job.document.all("materials")[index]
+    reader = _Reader(made, index, job.bake.lobe, job.bake.slots, before)
+    return reader.stack(texture_set, about["materials"][job.bake.name])
 
 
 def _about(made: Document) -> dict[str, Any]:
