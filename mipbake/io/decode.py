@@ -56,7 +56,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         return _normal(source, stored, normal_length)
     if source.role == "anisotropy":
         return _anisotropy(source, stored)
-    if source.role in COLOUR_ROLES:
+    if source.role in COLOUR_ROLES or source.converted:
         pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
     else:
         pixels = unit_range(stored)
