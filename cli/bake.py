@@ -18,18 +18,18 @@ from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
 from mipbake.compare.compression import LIMIT
-from mipbake.glb import GLB, output
+from mipbake.glb import output
 from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
-from mipbake.output import Output, check_outputs, outputs_from, split_formats
+from mipbake.output import GLB, check_outputs
 from mipbake.packing import PACKINGS, SOURCE, Normals
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
 from mipbake.prefilter.time_budget import BEST
-from mipbake.presets import PRESETS, Preset, preset_named
+from mipbake.presets import PRESETS, Preset, preset_named, wanted_outputs
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(
@@ -81,7 +81,7 @@ def bake(
             help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
             f"material. The first texels are the default; for ktx2 and dds alone they are the smallest that "
             f"cost no more than {LIMIT:g} dB.",
-            show_default=DEFAULT_FORMAT,
+            show_default=f"{GLB} of glTF sources, {DEFAULT_FORMAT} of others",
         ),
     ] = None,
     packing: Annotated[
@@ -158,7 +158,9 @@ def bake(
         target = chosen_preset.target if chosen_preset else AUTO_TARGET
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    outputs, glb = _outputs(chosen_preset, format, packing, write_normals)
+    outputs, glb = wanted_outputs(chosen_preset, format, packing, write_normals)
+    # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
+    as_maps = format or packing or write_normals or not (target == AUTO_TARGET or target.startswith("gltf"))
     asked = Asked(
         method,
         target,
@@ -168,7 +170,7 @@ def bake(
         chosen_preset,
         outputs,
         glb,
-        format is None and chosen_preset is not None and chosen_preset.documents,
+        not as_maps and (chosen_preset is None or chosen_preset.documents),
         Adjustments(keep_level0, strength, min_roughness),
         None if max_level is None else max_level + 1,
     )
@@ -180,6 +182,8 @@ def bake(
         check_encoder()
     with temporary_folder() as scratch:
         found = jobs(sources, load, scratch)
+        if any(isinstance(job, Job) and wants_glb(job, asked) for job in found):
+            check_encoder()
         if chosen_preset:
             session.print(*_preset_lines(chosen_preset, asked, [job for job in found if isinstance(job, Job)]))
         results = bake_all(session, found, out, asked)
@@ -187,35 +191,6 @@ def bake(
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
-
-
-def _outputs(
-    preset: Preset | None, format: str | None, packing: str | None, write_normals: str | None
-) -> tuple[tuple[Output, ...], bool]:
-    """Those of a preset with what the user wants otherwise, or those of the formats; and whether a GLB is wanted."""
-    if packing is not None and packing not in PACKINGS:
-        raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
-    if write_normals not in (None, SOURCE, *NORMAL_CONVENTIONS):
-        raise UsageError(
-            f"--write-normals is {write_normals!r}: expected one of {SOURCE}, {', '.join(NORMAL_CONVENTIONS)}"
-        )
-    outputs = preset.outputs if preset else ()
-    formats = split_formats(DEFAULT_FORMAT if format is None else format)
-    glb = GLB in formats
-    for name in formats:
-        if name.partition(":")[0] not in (*FORMATS, GLB):
-            raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
-    if format is not None and set(formats) == {GLB} and (packing or write_normals):
-        raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
-    if format is not None or not outputs:
-        model = outputs[0] if outputs else Output()
-        others = ",".join(each for each in formats if each != GLB)
-        outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
-    if packing is not None:
-        outputs = tuple(replace(each, packing=packing) for each in outputs)
-    if write_normals is not None:
-        outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
-    return outputs, glb
 
 
 def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:

@@ -17,14 +17,15 @@ from mipbake.cli.folders import file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost, part_of
-from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
+from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
 from mipbake.io.publish import published
 from mipbake.opacity import shown
-from mipbake.output import Output, check_outputs
+from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder, read_output
 from mipbake.texture_set import TextureSet
@@ -75,7 +76,7 @@ def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked:
             results.append({"source": job.source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
     for source, parts in made.items():
         try:
-            results.append(_write_document(session, found, source, parts, out))
+            results.append(_write_document(session, found, source, parts, out, asked))
         except MipbakeError as error:
             session.fail(str(error), error.exit_code)
             results.append({"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
@@ -217,7 +218,8 @@ def _write_one(
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None
-        textures = encoded(inside, slots, asked.levels, part_of(encoding, 0, 2))
+        lobe = job.bake.lobe if job.bake else BASE
+        textures = encoded(inside, slots, asked.levels, part_of(encoding, 0, 2), lobe)
         left_out = () if outputs else textures.left_out
         costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, part_of(encoding, 1, 2)))
         if job.document is None:
@@ -267,6 +269,7 @@ def _write_document(
     source: Path,
     parts: Sequence[tuple[Job, MipStack, Encoded]],
     out: Path,
+    asked: Asked,
 ) -> dict[str, Any]:
     """Writes the GLB of a document, all of whose materials were baked; returns what was done, for JSON."""
     first = next(job for job in found if isinstance(job, Job) and job.source == source)
@@ -278,7 +281,7 @@ def _write_document(
     if first.document is None:
         raise AssertionError("only documents are collected")
     results = [(job.bake, stack, textures) for job, stack, textures in parts if job.bake is not None]
-    save_document(path, first.document, results)
+    save_document(path, first.document, results, first.plain, asked.levels)
     size = path.stat().st_size
     session.print(f"wrote {path}: {source.stat().st_size / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
     files = [{"path": path, "bytes": size}]

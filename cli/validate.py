@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import mipbake
-from mipbake import UsageError, Validation
+from mipbake import TextureSet, UsageError, Validation
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, stages
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
+from mipbake.glb import multiple_of_side
+from mipbake.glb_stacks import stack_in_glb
 from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
-from mipbake.texture_set import TextureSet
+from mipbake.output import GLB
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -33,7 +35,8 @@ def validate(
         Path,
         typer.Argument(
             metavar="STACK",
-            help="What was baked from it: OUT/<set>; of several sets OUT, the folder that they were baked into.",
+            help="What was baked from it: OUT/<set>, or OUT/<file>.glb; of several sets OUT, the folder that they were "
+            "baked into.",
             show_default=False,
             readable=False,
         ),
@@ -50,18 +53,24 @@ def validate(
     """Measure stacks against their sources: SNR in dB, higher is better.
 
     The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
-    with. A set whose stack cannot be measured is reported, and the others are measured all the same.
+    with. Of a GLB every material is measured, from the textures that are in the file. A set whose stack cannot be
+    measured is reported, and the others are measured all the same.
     """
     chosen = parse_lods(lods)
     if seed < 0:
         raise UsageError(f"--seed is {seed}: expected 0 or more")
 
+    in_glb = stack.suffix.lower() == f".{GLB}"
+
     def measure(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
-        place = stack_of(stack, job, texture_set, alone)
-        baked = mipbake.open_stack(place)
+        place = stack if in_glb else stack_of(stack, job, texture_set, alone)
+        if in_glb:
+            texture_set = multiple_of_side(texture_set)
+        baked = stack_in_glb(stack, job, texture_set) if in_glb else mipbake.open_stack(place)
         with stages(session, texture_set.name) as progress:
             measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
-        session.print(f"{place}: {measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
+        name = f"{place}: " + (f"{measured.name}, " if in_glb else "")
+        session.print(f"{name}{measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
         for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
             session.print("", snr_table(measured, pairs))
         session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")

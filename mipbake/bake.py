@@ -119,6 +119,7 @@ def bake(
             source_hash=texture_set.source_hash,
             warnings=texture_set.warnings,
             promise=promise,
+            alpha_cutoff=texture_set.alpha_cutoff,
         ),
         source_files=source_files(texture_set),
     )

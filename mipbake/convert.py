@@ -105,6 +105,12 @@ class Material:
             if not np.isfinite(image).all():
                 raise UsageError(f"{what} holds values that are not finite: expected none")
 
+    def __repr__(self) -> str:
+        """In one line."""
+        height, width = self.stored.shape[:2]
+        beside = f", {', '.join(self.extra)} beside" if self.extra else ""
+        return f"Material({self.name!r}, {self.model}, {width} x {height}{beside})"
+
     def files(self, container: Container) -> list[MapFile]:
         """Every map as a file of one level."""
         maps = [(layout, self.stored[..., layout.channels]) for layout in LAYOUTS[self.model]]

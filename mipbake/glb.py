@@ -12,38 +12,41 @@ from typing import Any
 
 from mipbake import __version__
 from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.glb_plain import averaged_files
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.decode import resized
 from mipbake.io.gltf.container import unpacked
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.quad import QuadOptions, standalone
-from mipbake.io.gltf.slots import ANISOTROPIC, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
+from mipbake.io.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
 from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
-from mipbake.output import Output
+from mipbake.output import GLB, Output
 from mipbake.packing import Normals
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
-
-GLB = "glb"
-"""What users call the format. It is no container of single maps."""
 
 SIDE = 4
 """KHR_texture_basisu takes images whose sides are multiples of it."""
 
 _OUTPUT = Output("ktx2:uastc", "orm", Normals("opengl"))
-_SLOTS = {
-    "base_color": BASE_COLOUR,
-    "orm": METALLIC_ROUGHNESS,
-    "normal": NORMAL,
-    "anisotropy": ANISOTROPIC,
-    "emissive": "emissiveTexture",
-}
+
+
+def _slots(lobe: Lobe) -> dict[str, str]:
+    """File of a stack to the slot that it fills."""
+    return {
+        "base_color": BASE_COLOUR,
+        "orm": lobe.roughness,
+        "normal": lobe.normal,
+        "anisotropy": ANISOTROPIC,
+        "emissive": EMISSIVE,
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,7 @@ def encoded(
     slots: Sequence[str] | None = None,
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
+    lobe: Lobe = BASE,
 ) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
@@ -74,6 +78,7 @@ def encoded(
         slots: that may be filled; None for all.
         levels: how many of each; None for all.
         progress: told the finished share, from 0 to 1.
+        lobe: of the material, whose slots are filled.
 
     Raises:
         UsageError: another model, or other sides.
@@ -91,7 +96,7 @@ def encoded(
     wanted = {
         slot: file
         for file in stack.files(_OUTPUT, levels)
-        if (slot := _SLOTS.get(file.layout.name)) is not None
+        if (slot := _slots(lobe).get(file.layout.name)) is not None
         and (slots is None or slot in slots)
         and file.container.texels == "uastc"
     }
@@ -134,8 +139,17 @@ def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
     return standalone(stack.name, made.maps, options, json.loads(stack.about()))
 
 
-def save_document(path: Path, document: Document, results: Sequence[tuple[GltfBake, MipStack, Encoded]]) -> None:
+def save_document(
+    path: Path,
+    document: Document,
+    results: Sequence[tuple[GltfBake, MipStack, Encoded]],
+    plain: Sequence[PlainTexture] = (),
+    levels: int | None = None,
+) -> None:
     """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
+
+    Args:
+        plain: textures that are averaged. levels: how many they get; None for all.
 
     Raises:
         OutputError: the file is somebody else's, or cannot be written.
@@ -145,7 +159,8 @@ def save_document(path: Path, document: Document, results: Sequence[tuple[GltfBa
         "version": __version__,
         "materials": {bake.name: json.loads(stack.about()) for bake, stack, _ in results},
     }
-    data = rewritten(document, [GltfResult(bake, made.maps) for bake, _, made in results], about)
+    baked = [GltfResult(bake, made.maps) for bake, _, made in results]
+    data = rewritten(document, baked, about, averaged_files(document, plain, levels))
     replaced_file(path, data)
 
 

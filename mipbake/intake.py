@@ -14,6 +14,8 @@ from mipbake.io.candidates import is_map, is_textures, name_of
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
+from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.io.inputs import expand, kind
 from mipbake.io.messages import listed
 from mipbake.io.mtlx.materials import read_materialx
@@ -64,7 +66,7 @@ class Job:
         parts: tile number to what it is read from; a single one without a number (0) for sets that are no tiles.
         notes, warnings: what was found in the source, in sentences.
         place: folder of the result's folder, relative to that of all results.
-        document, bake: of a glTF source, and which of its bakes this is.
+        document, bake: of a glTF source, and which of its bakes this is. plain: all its textures that are averaged.
     """
 
     source: Path
@@ -74,6 +76,7 @@ class Job:
     place: str = ""
     document: Document | None = None
     bake: GltfBake | None = None
+    plain: tuple[PlainTexture, ...] = ()
 
     @property
     def tiled(self) -> bool:
@@ -366,15 +369,20 @@ def _unit(job: Job, index: int) -> object:
 
 
 def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
-    scratch.mkdir()
-    document = read_document(path)
-    found = read_materials(document, scratch)
+    (scratch / "converted").mkdir(parents=True)
+    converted = without_specular_glossiness(read_document(path), scratch / "converted")
+    document = converted.document
+    (scratch / "images").mkdir()
+    found = read_materials(document, scratch / "images")
+    place = safe_name(path.stem, "document")
     made = [
-        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, safe_name(path.stem, "document"), document, b)
+        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, place, document, b, found.plain)
         for b in found.bakes
     ]
-    made[0] = replace(made[0], notes=found.notes + made[0].notes, warnings=found.warnings + made[0].warnings)
-    return [*made, *(Failure(path, InputError(error)) for error in found.errors)]
+    notes = (*converted.notes, *found.notes, *made[0].notes)
+    warnings = (*converted.warnings, *found.warnings, *made[0].warnings)
+    made[0] = replace(made[0], notes=notes, warnings=warnings)
+    return [*made, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
 
 
 def _materialx(path: Path) -> list[Job | Failure]:

@@ -44,13 +44,17 @@ class Output:
         return format_named(self.format)
 
 
+GLB = "glb"
+"""What users call glTF files. They are no container of single maps."""
+
+
 def outputs_from(
-    formats: str,
+    format: str,
     packing: str = SOURCE,
     normals: Normals = Normals(),  # noqa: B008
 ) -> tuple[Output, ...]:
     """Outputs for formats separated by commas, such as "exr,ktx2:uastc". UsageError when one is unknown or twice."""
-    found = [Output(part, packing, normals) for part in split_formats(formats)]
+    found = [Output(part, packing, normals) for part in split_formats(format)]
     names = [output.container.name for output in found]
     for name in names:
         if names.count(name) > 1:
@@ -58,11 +62,11 @@ def outputs_from(
     return tuple(found)
 
 
-def split_formats(formats: str) -> list[str]:
+def split_formats(format: str) -> list[str]:
     """Formats that are separated by commas; UsageError where one is empty."""
-    parts = [part.strip() for part in formats.split(",")]
+    parts = [part.strip() for part in format.split(",")]
     if not all(parts):
-        raise UsageError(f"the formats {formats!r} have an empty place: expected names separated by commas")
+        raise UsageError(f"the formats {format!r} have an empty place: expected names separated by commas")
     return parts
 
 

@@ -101,10 +101,11 @@ def source_files(texture_set: TextureSet) -> tuple[PackedFile, ...]:
     names: dict[str, str] = {}
     for role, texture in texture_set.maps.items():
         source = texture.source
-        key = str(source.path) if source.path else role
-        names[key] = source.path.stem if source.path else role
+        path = None if source.converted else source.path
+        key = str(path) if path else role
+        names[key] = path.stem if path else role
         down = role == "normal" and texture_set.convention.name == "directx"
-        channels = source.channels if source.path else ""
+        channels = source.channels if path else ""
         slots = by_file.setdefault(key, {})
         count = 2 if role == "normal" and len(channels) == 2 else texture.pixels.shape[-1]
         letters = channels if len(channels) == count and channels != "Y" else "RGBA"[:count]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from mipbake.errors import UsageError
-from mipbake.output import Output
-from mipbake.packing import SEPARATE, Normals
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.options import NORMAL_CONVENTIONS
+from mipbake.output import GLB, Output, outputs_from, split_formats
+from mipbake.packing import PACKINGS, SEPARATE, SOURCE, Normals
 
 OPENGL = Normals("opengl")
 OPENGL_XY = Normals("opengl", 2)
@@ -150,3 +152,44 @@ def preset_named(name: str) -> Preset:
     if name not in PRESETS:
         raise UsageError(f"unknown preset {name!r}: expected one of {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+def wanted_outputs(
+    preset: Preset | None = None,
+    format: str | None = None,
+    packing: str | None = None,
+    write_normals: str | None = None,
+) -> tuple[tuple[Output, ...], bool]:
+    """The outputs of a preset with what the user wants otherwise, or those of formats; and whether a GLB is wanted.
+
+    Args:
+        preset: what is meant where nothing else is said.
+        format: formats by name, separated by commas, each with texels where they are not the default; `GLB` is one.
+        packing: a name in `mipbake.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
+
+    Raises:
+        UsageError: a name is unknown, or the choices contradict each other.
+    """
+    if packing is not None and packing not in PACKINGS:
+        raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
+    if write_normals not in (None, SOURCE, *NORMAL_CONVENTIONS):
+        raise UsageError(
+            f"--write-normals is {write_normals!r}: expected one of {SOURCE}, {', '.join(NORMAL_CONVENTIONS)}"
+        )
+    outputs = preset.outputs if preset else ()
+    formats = split_formats(DEFAULT_FORMAT if format is None else format)
+    glb = GLB in formats
+    for name in formats:
+        if name.partition(":")[0] not in (*FORMATS, GLB):
+            raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
+    if format is not None and set(formats) == {GLB} and (packing or write_normals):
+        raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
+    if format is not None or not outputs:
+        model = outputs[0] if outputs else Output()
+        others = ",".join(each for each in formats if each != GLB)
+        outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
+    if packing is not None:
+        outputs = tuple(replace(each, packing=packing) for each in outputs)
+    if write_normals is not None:
+        outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
+    return outputs, glb

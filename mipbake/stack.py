@@ -7,8 +7,9 @@ share one, each with a `stack.1001.json` of its own, so that engines find all ti
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
-from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.containers import FORMATS
 from mipbake.io.json_text import parsed
 from mipbake.io.layout import (
     LAYOUTS,
@@ -43,10 +44,11 @@ from mipbake.io.map_files import (
 )
 from mipbake.io.publish import check_target
 from mipbake.material import MODELS
-from mipbake.output import Output, check_outputs, outputs_from, planned
+from mipbake.output import GLB, Output, check_outputs, planned
 from mipbake.packing import PackedFile, unpacked
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
+from mipbake.presets import preset_named, wanted_outputs
 
 SCHEMA_VERSION = 2
 
@@ -66,6 +68,7 @@ class Provenance:
         warnings: what a user should know, in sentences.
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
         adjustments: what was changed after the bake, in sentences.
+        alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
     """
 
     method: str
@@ -79,6 +82,7 @@ class Provenance:
     warnings: tuple[str, ...] = ()
     promise: Promise | None = None
     adjustments: tuple[str, ...] = ()
+    alpha_cutoff: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +124,15 @@ class MipStack:
                 raise UsageError(f"the map {role} belongs to the model {self.model}: pass it in levels, not in extra")
             _check_chain(f"the map {role}", chain, None)
 
+    def __repr__(self) -> str:
+        """In one line."""
+        height, width = self.size
+        beside = f", {', '.join(self.extra)} beside" if self.extra else ""
+        return (
+            f"MipStack({self.name!r}, {self.model}, {width} x {height}, {len(self.levels)} levels, by "
+            f"{self.provenance.method}{beside})"
+        )
+
     @property
     def size(self) -> tuple[int, int]:
         """(height, width) of level 0."""
@@ -135,10 +148,11 @@ class MipStack:
     def save(
         self,
         path: str | Path,
-        format: str | Sequence[Output] = DEFAULT_FORMAT,
+        format: str | Sequence[Output] | None = None,
         progress: Callable[[float], None] = lambda _share: None,
         levels: int | None = None,
         beside: Mapping[str, bytes] | None = None,
+        preset: str | None = None,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -148,22 +162,32 @@ class MipStack:
         Args:
             path: the folder; its last part need not be the stack's name.
             format: formats by name, separated by commas, each with texels where they are not the default
-                ("exr,ktx2:uastc"); their files are packed as those of the source. Or outputs, which say more.
+                ("exr,ktx2:uastc"), as `mipbake bake --format` takes them; "glb" is a square with the material. Their
+                files are packed as those of the source, or as the preset says. Or outputs, which say more. None: those
+                of the preset, else "exr".
             progress: told the finished share, from 0 to 1.
             levels: how many are written; None for all.
             beside: name to content of other files of the stack, such as a GLB.
+            preset: a name in `mipbake.presets.PRESETS`: an engine, whose formats, packing, normals and names are
+                written. The first texels that it names are taken: to choose more precise ones takes the source, see
+                `mipbake.compare.compression.chosen_all`. Warns where the engine needs other sides than the stack's.
 
         Returns:
             The files, stack.json first.
 
         Raises:
-            UsageError: an unknown format, or one that cannot hold this stack.
+            UsageError: an unknown format or preset, or one that cannot hold this stack.
             OutputError: the folder cannot be written, or holds the stack of other source files.
         """
         target = Path(path)
-        outputs = outputs_from(format) if isinstance(format, str) else tuple(format)
+        outputs, glb = self._wanted(format, preset)
         check_outputs(outputs, self.model)
         check_output(target, self.provenance.sources)
+        if glb:
+            from mipbake.glb import encoded, square  # which stands on this module
+
+            textures = encoded(replace(self, tile=0), None, levels)
+            beside = {f"{self.name}.{GLB}": square(self, textures, self.provenance.alpha_cutoff), **(beside or {})}
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
         write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
 
@@ -177,6 +201,26 @@ class MipStack:
         saved = save_maps(target, manifest_name(self.tile), manifest, write, is_stack_folder)
         progress(1.0)
         return saved
+
+    def _wanted(self, format: str | Sequence[Output] | None, preset: str | None) -> tuple[tuple[Output, ...], bool]:
+        """What `save` writes, and whether a GLB is."""
+        engine = None if preset is None else preset_named(preset)
+        if engine is not None:
+            height, width = self.size
+            allowed = ("gltf", "gltf-anisotropic") if engine.anisotropic else ("gltf",)
+            if self.model not in allowed:
+                raise UsageError(
+                    f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {self.name!r} is of "
+                    f"{self.model}: bake it for the target gltf"
+                )
+            if not (format is None or isinstance(format, str)):
+                raise UsageError("outputs say all that a preset would: expected one of the two")
+            outputs, glb = wanted_outputs(engine, format)
+            blocks = any(output.container.texels in ("bc", "bc1", "uastc") for output in outputs)
+            for sentence in engine.check(width, height, blocks):
+                warnings.warn(sentence, stacklevel=3)
+            return outputs, glb
+        return wanted_outputs(None, format) if format is None or isinstance(format, str) else (tuple(format), False)
 
     def files(self, output: Output, levels: int | None = None, beside: bool = False) -> list[MapFile]:
         """What `save` writes for an output: every file with its container, its channels and so many levels.

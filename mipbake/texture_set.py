@@ -33,6 +33,7 @@ from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
+from mipbake.io.specular import as_metallic
 from mipbake.material import convert
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
@@ -68,6 +69,10 @@ class TextureSet:
     warnings: tuple[str, ...] = ()
     ignored: tuple[IgnoredFile, ...] = ()
     alpha_cutoff: float | None = None
+
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"TextureSet({self.name!r}, {self.width} x {self.height}: {', '.join(self.maps)})"
 
     @property
     def anisotropic(self) -> bool:
@@ -187,11 +192,13 @@ def load(
         if role in options.factors:
             texture = replace(texture, pixels=scaled(texture.pixels, role, options.factors[role]))
         maps[role] = resized(texture, found.width, found.height, options.wrap) if role in SHADING_ROLES else texture
+    converted, loss = as_metallic(maps)
+    warnings += loss
     lost = decoded["normal"].lost_variance
     if lost is not None:
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
-    notes = [*found.notes, *(n for m in maps.values() for n in m.source.notes)]
+    notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
         warnings.append("there is no opacity that the alpha cutoff could be of: it is left out")
     return TextureSet(

@@ -67,6 +67,12 @@ class Validation:
     samples: int
     seed: int
 
+    def __repr__(self) -> str:
+        """In one line: the figures of the stack under test at the finest level of detail."""
+        at = min(self.lods, default=0.0)
+        found = [f"{r.pair_set} {r.snr:.1f} dB" for r in self.rows if (r.method, r.lod) == (BAKED, at)]
+        return f"Validation({self.name!r}, {self.method}, {self.model}, at lod {at:g}: {', '.join(found)})"
+
     @property
     def methods(self) -> tuple[str, ...]:
         """Names of the measured methods, the stack under test first."""

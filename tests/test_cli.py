@@ -158,7 +158,8 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
         assert "|".join(names) in text
     for name, kinds in FORMATS.items():
         assert f"(texels {', '.join(kinds)})" in text and f" {name}: " in text
-    for default in (PIPELINE.DEFAULT_METHOD, PIPELINE.DEFAULT_FILTER, PIPELINE.AUTO_TARGET, DEFAULT_FORMAT):
+    formats = f"glb of glTF sources, {DEFAULT_FORMAT} of others"
+    for default in (PIPELINE.DEFAULT_METHOD, PIPELINE.DEFAULT_FILTER, PIPELINE.AUTO_TARGET, formats):
         assert f"[default: {default}]" in text or f"[default: ({default})]" in text
     assert "Exit codes" in text
     for command in ("validate", "inspect"):

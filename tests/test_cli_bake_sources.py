@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,17 @@ def test_every_material_of_a_document_is_baked(many) -> None:
     assert {Path(result["out"]).parent for result in sets} == {folder / "out" / "many"}
     names = {Path(result["out"]).name for result in sets}
     # Equal textures and factors once, names that differ by case only apart, nothing for what has no normal map.
-    assert {"Leather", "leather_2", "Fence", "Two_sets", "Shifted", "Foreign", "Brushed", "material_13"} == names
+    assert {
+        "Leather",
+        "leather_2",
+        "Fence",
+        "Two_sets",
+        "Shifted",
+        "Foreign",
+        "Glossy",
+        "Brushed",
+        "material_13",
+    } == names
     for result in sets:
         stack = mipbake.open_stack(result["out"])
         assert stack.size == ((8, 8) if stack.name in ("Two_sets", "Foreign") else (16, 16))
@@ -110,6 +121,37 @@ def test_glb_only(tmp_path, kind) -> None:
     first = (tmp_path / "out" / "bolt.glb").read_bytes()
     assert bake(source, "-o", tmp_path / "out", "--format", "glb")[0] == 0
     assert (tmp_path / "out" / "bolt.glb").read_bytes() == first
+
+
+def test_a_document_becomes_a_glb_unless_something_else_is_asked_for(tmp_path) -> None:
+    source, folder = small().write(tmp_path / "bolt"), write_set(tmp_path / "wood")
+    for index, (asked, written) in enumerate(
+        (
+            ((), ["bolt.glb"]),
+            (("--keep-level0",), ["bolt.glb"]),
+            (("--target", "gltf-anisotropic"), ["bolt.glb"]),
+            (("--preset", "three"), ["bolt.glb"]),
+            (("--preset", "unreal"), ["bolt"]),
+            (("--format", "png"), ["bolt"]),
+            (("--packing", "orm"), ["bolt"]),
+            (("--write-normals", "directx"), ["bolt"]),
+            (("--target", "ggx"), ["bolt"]),
+        )
+    ):
+        out = tmp_path / f"out{index}"
+        assert bake(source, "-o", out, *asked)[0] == 0
+        assert sorted(path.name for path in out.iterdir()) == written, asked
+    assert bake(source, folder, "-o", tmp_path / "both")[0] == 0
+    assert sorted(path.name for path in (tmp_path / "both").iterdir()) == ["bolt.glb", "wood"]
+    assert (tmp_path / "both" / "wood" / "normal.exr").is_file()
+
+
+def test_without_the_encoder_a_document_is_refused_before_it_is_read(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "alktx2", None)
+    source = small().write(tmp_path / "bolt")
+    said = fails(capsys, 2, "bake", source, "-o", tmp_path / "out", *LINEAR)
+    assert "alktx2" in said and "--format exr" in said
+    assert bake(source, "-o", tmp_path / "out", "--format", "exr")[0] == 0
 
 
 def test_a_glb_of_a_folder(tmp_path) -> None:

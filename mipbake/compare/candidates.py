@@ -51,6 +51,10 @@ class Candidate:
     method: Method
     levels: Sequence[NDArray[np.float32]]
 
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"Candidate({self.name!r}, {self.method.model}, {len(self.levels)} levels)"
+
     @property
     def name(self) -> str:
         """What tables and files call it."""

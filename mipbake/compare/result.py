@@ -118,6 +118,10 @@ class Rendered:
     interior: NDArray[np.bool_]
     flip: Mapping[str, NDArray[np.float32]]
 
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"Rendered({self.scene.name!r}, {', '.join(self.images)})"
+
 
 @dataclass(frozen=True, eq=False)
 class Plot:
@@ -134,6 +138,10 @@ class Plot:
     caption: str
     reference: Image
     images: Mapping[str, Image]
+
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"Plot({self.name!r}, {', '.join(self.images)})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +179,10 @@ class Comparison:
     foreign: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"Comparison({self.name!r}, {self.model}: {', '.join(method.name for method in self.methods)})"
 
     def figure(self, method: str, measure: str, view: str, scale: str) -> Figure:
         """The one figure of these names; KeyError where it was not measured."""

@@ -169,13 +169,14 @@ def choose(
         if role in options.maps:
             choice = options.maps[role]
             if isinstance(choice, (str, os.PathLike)):
-                chosen[role] = _explicit(role, choice, folder, _REASONS[options.origin])
+                chosen[role] = explicit(role, choice, folder, _REASONS[options.origin])
         elif role in candidates:
             chosen[role] = _preferred(role, candidates[role], options, log)
     return chosen
 
 
-def _explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Candidate:
+def explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Candidate:
+    """The file that a user or a document chose for a role."""
     text = os.fspath(choice)
     file, channels = _existing(text, folder), ""
     if file is None and (match := re.fullmatch(r"(.+):([RGBA]{1,4})", text, re.IGNORECASE)):

@@ -38,6 +38,12 @@ class TextureMap:
     pixels: Pixels
     source: MapSource
 
+    def __repr__(self) -> str:
+        """In one line."""
+        height, width, channels = self.pixels.shape
+        origin = self.source.path.name if self.source.path else self.source.reason
+        return f"TextureMap({self.source.role}, {width} x {height} x {channels}, {origin})"
+
 
 @dataclass(frozen=True)
 class DecodedMap:
@@ -56,7 +62,7 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         return _normal(source, stored, normal_length)
     if source.role == "anisotropy":
         return _anisotropy(source, stored)
-    if source.role in COLOUR_ROLES:
+    if source.role in COLOUR_ROLES or source.converted:
         pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
     else:
         pixels = unit_range(stored)

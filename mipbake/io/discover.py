@@ -35,6 +35,7 @@ from mipbake.io.normal import (
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
 from mipbake.io.read import Header, read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
+from mipbake.io.specular import take_specular
 
 _CONSTANTS: Mapping[str, tuple[float, ...]] = {
     "base_color": (0.5, 0.5, 0.5),
@@ -106,9 +107,12 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     log = Log()
     chosen = choose(candidates, folder, options, log)
     take_alpha_as_opacity(chosen, options, log)
+    specular = take_specular(chosen, ignored, folder, options)
     colour_space = None if options.colour_space is None else canonical_colour_space(options.colour_space)
     sources = {role: _source(c, colour_space, options, log) for role, c in chosen.items()}
     sources |= {r: _constant(r, (float(v),)) for r, v in options.maps.items() if isinstance(v, (int, float))}
+    if specular is not None:
+        sources |= {"metallic": specular, "base_color": replace(sources["base_color"], converted=True)}
     _check_complete(sources, options, folder, candidates, ignored)
     unread = [i for i in ignored if i.reason in (NO_ROLE, PREVIEW) and i.path not in {s.path for s in sources.values()}]
     _check_colour(sources, options, folder, unread)
@@ -198,6 +202,8 @@ def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], l
     """Channels that no role takes, beside others that are taken: of packed files, and the alpha of normal maps."""
     carried: dict[str, MapSource] = {}
     for path, header in headers.items():
+        if sources["metallic"].converted and path == sources["metallic"].path:
+            continue  # its colours have a role
         here = [s for s in sources.values() if s.path == path]
         colours = header.channels - (header.alpha >= 0)
         packed = colours >= 3 and all(s.channels_named for s in here)

@@ -40,6 +40,12 @@ class MapFile:
     layout: FileLayout
     levels: Levels
 
+    def __repr__(self) -> str:
+        """In one line."""
+        height, width, channels = self.levels[0].shape
+        kind = f"{self.container.name}:{self.container.texels}"
+        return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"
+
 
 def save_maps(
     target: Path,

@@ -22,6 +22,9 @@ ROLES = SHADING_ROLES + PLAIN_ROLES
 CARRIED = "carried_"
 """Names of maps that have no role begin so: channels beside others in a packed file, kept for the way out."""
 
+SPECULAR = "specular"
+"""Specular colours, F0, which are converted with the diffuse ones to base colour and metallic when they are read."""
+
 SCALAR_ROLES = ("roughness", "metallic", "occlusion", "height", "opacity")
 COLOUR_ROLES = ("base_color", "emissive")
 
@@ -44,7 +47,8 @@ class LoadOptions:
             (roughness, metallic and the maps that do not shade; a grey base colour); None leaves the role empty,
             whatever lies in the folder: a normal map left out is flat. `mipbake.load` and `load_all` also take
             `"*_FILE"`, where * stands for the name of a set in a folder of several. Roles: base_color, normal,
-            roughness, metallic, anisotropy, occlusion, height, emissive, opacity.
+            roughness, metallic, anisotropy, occlusion, height, emissive, opacity; and specular, of sets in diffuse and
+            specular colours.
         colour_space: RGB colour space of base colour and emissive, by its name in colour-science ("sRGB", "ACEScg",
             "Display P3", "ITU-R BT.2020"), with "linear " before it for its linear values ("linear Rec.709"). None:
             sRGB in integer files, linear Rec.709 in floating-point files.
@@ -98,8 +102,8 @@ def _check_member(option: str, value: object, allowed: tuple[object, ...]) -> No
 
 
 def _check_choice(role: str, choice: MapChoice) -> None:
-    if role not in ROLES:
-        raise UsageError(f"unknown map {role!r}: expected one of {', '.join(ROLES)}")
+    if role not in (*ROLES, SPECULAR):
+        raise UsageError(f"unknown map {role!r}: expected one of {', '.join((*ROLES, SPECULAR))}")
     if isinstance(choice, bool) or not (choice is None or isinstance(choice, (str, os.PathLike, float, int))):
         raise UsageError(f"map {role} is {choice!r}: expected a file, a number or None")
     if isinstance(choice, (float, int)):

@@ -32,6 +32,8 @@ class MapSource:
         constant: the value, in linear units, where there is no file.
         channels_named: whether the file's name or the user says which channels; else they follow from the role.
         convention: "opengl" or "directx" where a normal map's name says so.
+        converted: whether the values of the role are made of those of this file and of another. A metallic is made of
+            the specular colours, which are what is in this file. What is written has the role's name.
         sha256: of the file, in hexadecimal; empty until it has been read.
         notes: what was found while reading, in sentences.
     """
@@ -48,6 +50,7 @@ class MapSource:
     constant: tuple[float, ...] | None = None
     channels_named: bool = False
     convention: str | None = None
+    converted: bool = False
     sha256: str = ""
     notes: tuple[str, ...] = ()
 

@@ -82,7 +82,8 @@ def _library() -> ModuleType:
         import alktx2
     except ImportError:
         raise UsageError(
-            "UASTC and ETC1S need the library of Basis Universal, which is not installed: install mipbake[uastc], or "
-            "choose other texels, such as ktx2:bc"
+            "UASTC and ETC1S need the library of Basis Universal, alktx2, which is not installed: it has builds for "
+            "Python 3.11 and newer on x86-64 Linux and Windows; install mipbake there, or choose other files, such as "
+            "--format exr or ktx2:bc"
         ) from None
     return alktx2

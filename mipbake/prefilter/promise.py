@@ -55,6 +55,11 @@ class Promise:
     points: int
     left_out: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """In one line."""
+        figures = "; ".join(f"{name}: {self.summary(name)}" for name in self.levels[0].snr) if self.levels else "none"
+        return f"Promise({len(self.levels)} levels, {figures})"
+
     def summary(self, pair_set: str) -> str:
         """What the levels gain over the best closed forms, at least, at most and in the mean, and how sure that is."""
         gains = [each.gain(pair_set) for each in self.levels]

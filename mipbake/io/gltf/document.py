@@ -39,6 +39,10 @@ class Document:
     buffers: tuple[bytes | None, ...]
     chunks: tuple[tuple[bytes, bytes], ...] = ()
 
+    def __repr__(self) -> str:
+        """In one line."""
+        return f"Document({str(self.path)!r}, {len(self.all('materials'))} materials)"
+
     def all(self, kind: str) -> list[Json]:
         """The objects of a top-level array ("images"), empty where there is none."""
         found: list[Json] = self.json.get(kind, [])

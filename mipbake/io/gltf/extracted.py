@@ -16,7 +16,7 @@ from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import content_key, image_bytes, image_label
 from mipbake.io.layout import srgb_encode
 from mipbake.io.oiio_levels import write_png
-from mipbake.io.publish import temporary_files, write_temporary
+from mipbake.io.publish import temporary_files, temporary_folder, write_temporary
 from mipbake.io.read import Header, read_header, read_image
 from mipbake.io.safe_names import unique_name
 
@@ -59,11 +59,11 @@ class Extracted:
         """Of an image's file; InputError, which names the document and the image, where any of it is damaged."""
         key = self.key(image)
         if key not in self._headers:
-            self._pixels(image)
+            self.pixels(image)
             self._headers[key] = read_header(self.file(image))
         return self._headers[key]
 
-    def _pixels(self, image: int) -> NDArray[Any]:
+    def pixels(self, image: int) -> NDArray[Any]:
         """As they are stored; InputError, which names the document and the image, where they are damaged."""
         path = self.file(image)
         try:
@@ -102,7 +102,7 @@ class Extracted:
 
     def mean_colour(self, image: int) -> NDArray[np.float64]:
         """(3,) mean of an image's sRGB-encoded colours, linear."""
-        pixels = self._pixels(image)
+        pixels = self.pixels(image)
         colours = pixels[..., :3] if pixels.shape[-1] >= 3 else pixels[..., :1]
         linear = decode(np.broadcast_to(colours, (*colours.shape[:2], 3)), SRGB)
         return np.asarray(linear.mean((0, 1), np.float64))
@@ -116,7 +116,7 @@ class Extracted:
 
         Without an image it is one texel: KHR_materials_anisotropy takes (1, 0.5, 1) where there is no texture.
         """
-        stored = np.array([[[1.0, 0.5, 1.0]]]) if image is None else unit_range(self._pixels(image)).astype(np.float64)
+        stored = np.array([[[1.0, 0.5, 1.0]]]) if image is None else unit_range(self.pixels(image)).astype(np.float64)
         x, y = (stored[..., i] * 2 - 1 for i in (0, 1))
         length = np.maximum(np.hypot(x, y), 1e-6)
         c, s = math.cos(rotation), math.sin(rotation)
@@ -126,11 +126,17 @@ class Extracted:
 
     def _write(self, key: tuple[Any, ...], values: NDArray[np.float64]) -> Path:
         """(H, W, 3) in [0, 1] to a PNG of 16 bits; one file for one key."""
-        if key in self._written:
-            return self._written[key]
-        path = self.folder / f"{unique_name(f'made_{len(self._written)}', 'made', self._names)}.png"
-        texels = np.floor(np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
-        with temporary_files():
-            write_png(path, texels)
-        self._written[key] = path
-        return path
+        if key not in self._written:
+            path = self.folder / f"{unique_name(f'made_{len(self._written)}', 'made', self._names)}.png"
+            write_temporary(path, png_of(values))
+            self._written[key] = path
+        return self._written[key]
+
+
+def png_of(values: NDArray[np.floating]) -> bytes:
+    """(H, W, C) in [0, 1] as a PNG of 16 bits, alpha (a fourth channel) not multiplied into the colours."""
+    texels = np.floor(np.clip(values, 0, 1) * 65535 + 0.5).astype(np.uint16)
+    with temporary_folder() as folder, temporary_files():
+        path = folder / "texels.png"
+        write_png(path, texels)
+        return path.read_bytes()

@@ -23,19 +23,19 @@ class ImageKind:
     suffix: str
 
 
-_PNG = ImageKind("image/png", ".png")
+PNG = ImageKind("image/png", ".png")
 _JPEG = ImageKind("image/jpeg", ".jpg")
 _WEBP = ImageKind("image/webp", ".webp")
 KTX2 = ImageKind("image/ktx2", ".ktx2")
 _DDS = ImageKind("image/vnd-ms.dds", ".dds")
 _AVIF = ImageKind("image/avif", ".avif")
-_KINDS = {kind.mime: kind for kind in (_PNG, _JPEG, _WEBP, KTX2, _DDS, _AVIF)}
+_KINDS = {kind.mime: kind for kind in (PNG, _JPEG, _WEBP, KTX2, _DDS, _AVIF)}
 
 
 def kind_of(data: bytes) -> ImageKind | None:
     """The kind of an image file by its first bytes; None where they are of none that glTF knows."""
     starts = (
-        (b"\x89PNG\r\n\x1a\n", _PNG),
+        (b"\x89PNG\r\n\x1a\n", PNG),
         (b"\xff\xd8\xff", _JPEG),
         (b"\xabKTX 20\xbb\r\n\x1a\n", KTX2),
         (b"DDS ", _DDS),

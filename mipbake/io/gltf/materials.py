@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,8 +10,18 @@ from typing import Any
 import numpy as np
 
 from mipbake.errors import InputError
+from mipbake.io.gltf.bakes import (
+    GltfBake,
+    SkippedError,
+    add_factor,
+    animation_warning,
+    check_shared,
+    sampler_warnings,
+)
+from mipbake.io.gltf.clearcoat import coat_bakes
 from mipbake.io.gltf.document import Document, Json, member, number
 from mipbake.io.gltf.extracted import Extracted
+from mipbake.io.gltf.plain import PlainTexture, plain_textures
 from mipbake.io.gltf.references import animated_members
 from mipbake.io.gltf.slots import (
     ANISOTROPIC,
@@ -21,49 +30,29 @@ from mipbake.io.gltf.slots import (
     METALLIC_ROUGHNESS,
     NORMAL,
     OCCLUSION,
+    SPECULAR_GLOSSINESS,
+    UNLIT,
     Slot,
+    label_of,
     slot_of,
 )
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions, MapChoice
 from mipbake.io.safe_names import unique_name
 
-_UNLIT, _SPECULAR_GLOSSINESS = "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness"
-
-
-@dataclass(frozen=True)
-class GltfBake:
-    """One bake of a document: a texture set, and the materials that it is for.
-
-    Args:
-        name: safe as a folder name, and no other bake's of the document.
-        materials: indices of the materials that show these textures.
-        options: how `mipbake.load` reads the set out of `files`. An `occlusion` map in it is the red channel of the
-            metallicRoughness image, and has to be that of the baked one.
-        files: the images, each in its own file.
-        slots: the slots that baked maps may fill. baseColorTexture is not among them where the base colour has no
-            texture, or one that lies elsewhere on the surface: it stays as it is.
-        notes: what was found, in sentences.
-        warnings: what the user should look at, in sentences.
-    """
-
-    name: str
-    materials: tuple[int, ...]
-    options: LoadOptions
-    files: tuple[Path, ...]
-    slots: tuple[str, ...]
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+__all__ = ["GltfBake", "GltfMaterials", "read_materials"]
 
 
 @dataclass(frozen=True)
 class GltfMaterials:
     """The bakes of a document, and what is to be said of the materials that are in none.
 
-    `errors`: what is wrong with those that should be baked and cannot be read, a sentence each.
+    `plain`: the textures beside them that are averaged, level by level. `errors`: what is wrong with the materials that
+    should be baked and cannot be read, a sentence each.
     """
 
     bakes: tuple[GltfBake, ...]
+    plain: tuple[PlainTexture, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
@@ -94,18 +83,12 @@ class _Material:
         return self.slots.get(NORMAL) or self.slots[METALLIC_ROUGHNESS]
 
 
-class _SkippedError(Exception):
-    """A material is left as it is; the sentence says why, `loud` whether the user should look at it."""
-
-    def __init__(self, sentence: str, loud: bool = False) -> None:
-        super().__init__(sentence)
-        self.loud = loud
-
-
 def read_materials(document: Document, folder: Path) -> GltfMaterials:
     """The materials of a document that have a normal or a metallicRoughness texture, as texture sets.
 
     Materials whose textures and factors are the same are one set; where on the surface they show it does not matter.
+    A clearcoat with textures of its own is a set of its own, of a dielectric without a colour.
+
     roughnessFactor, metallicFactor, the scale of the normal map and the factors of KHR_materials_anisotropy are in the
     set (`mipbake.io.gltf.write` makes them 1), baseColorFactor and the strength of the occlusion stay in the material.
 
@@ -125,10 +108,10 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
         try:
             found = _material(document, index, material, images)
             groups.setdefault(_key(found, images), []).append(found)
-        except _SkippedError as skipped:
+        except SkippedError as skipped:
             (warnings if skipped.loud else notes).append(str(skipped))
         except InputError as error:
-            broken.setdefault(str(error), []).append(_label(index, material))
+            broken.setdefault(str(error), []).append(label_of(index, material))
     names: set[str] = set()
     bakes = []
     for materials in groups.values():
@@ -136,6 +119,7 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
             bakes.append(_bake(document, materials, images, names))
         except InputError as error:
             broken.setdefault(str(error), []).extend(material.name for material in materials)
+    bakes += coat_bakes(document, images, names, warnings, broken)
     errors = tuple(f"{reason} ({listed(labels)} cannot be baked)" for reason, labels in broken.items())
     if not bakes and errors:
         raise InputError(errors[0] + (f"; {len(errors) - 1} more are broken in other ways" if errors[1:] else ""))
@@ -146,36 +130,30 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
             f"{document.path} has no material to bake ({shown or 'it has none at all'}): expected one with a normal or "
             "a metallicRoughness texture"
         )
-    return GltfMaterials(tuple(bakes), tuple(notes), tuple(warnings), errors)
-
-
-def _label(index: int, material: Json) -> str:
-    name = material.get("name")
-    return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
+    plain, told = plain_textures(document, bakes, images)
+    return GltfMaterials(tuple(bakes), plain, (*notes, *told), tuple(warnings), errors)
 
 
 def _material(document: Document, index: int, material: Json, images: Extracted) -> _Material:
-    """A material's slots and factors; _SkippedError where it is left as it is."""
-    where, path = _label(index, material), document.path
+    """A material's slots and factors; SkippedError where it is left as it is."""
+    where, path = label_of(index, material), document.path
     extensions = member(material, "extensions", where, path)
-    if _UNLIT in extensions:
-        raise _SkippedError(f"{where} is unlit and is left as it is")
-    if _SPECULAR_GLOSSINESS in extensions and "pbrMetallicRoughness" not in material:
-        raise _SkippedError(
-            f"{where} is given in specular and glossiness ({_SPECULAR_GLOSSINESS}) and is left as it is: convert it to "
-            "metallic-roughness to have it baked",
-            loud=True,
-        )
+    if UNLIT in extensions:
+        raise SkippedError(f"{where} is unlit and is left as it is")
+    if SPECULAR_GLOSSINESS in extensions:  # why it was not converted is told by who did that
+        raise SkippedError(f"{where} is given in specular and glossiness and is left as it is")
     names = (NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
     slots = {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
     reference = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
     if reference is None:
-        raise _SkippedError(f"{where} has neither a normal nor a metallicRoughness texture and is left as it is")
+        raise SkippedError(
+            f"{where} has neither a normal nor a metallicRoughness texture: nothing in it is prefiltered"
+        )
     pbr = member(material, "pbrMetallicRoughness", where, path)
     anisotropy = extensions.get(ANISOTROPY, {})
     scale = number(material.get(NORMAL, {}).get("scale", 1.0), f"scale of normalTexture of {where}", path, -1e6, 1e6)
     if NORMAL in slots and scale < 0:
-        raise _SkippedError(
+        raise SkippedError(
             f"{where}: the scale of its normalTexture is {scale:g}, which inverts its bumps along x and y, and is left "
             "as it is: invert red and green of the normal map and make the scale positive to have it baked",
             loud=True,
@@ -183,13 +161,7 @@ def _material(document: Document, index: int, material: Json, images: Extracted)
     strength = number(anisotropy.get("anisotropyStrength", 0.0), f"anisotropyStrength of {where}", path, 0, 1)
     if strength == 0:
         slots.pop(ANISOTROPIC, None)
-    for name in (METALLIC_ROUGHNESS, ANISOTROPIC):
-        if name in slots and slots[name].mapping != reference.mapping:
-            raise _SkippedError(
-                f"{where}: its {name} and its {reference.name} lie on different texture coordinates or have different "
-                "transforms, so that they share no texels to be filtered together; the material is left as it is",
-                loud=True,
-            )
+    check_shared(where, reference, [slots[name] for name in (METALLIC_ROUGHNESS, ANISOTROPIC) if name in slots])
     base = slots.get(BASE_COLOUR)
     elsewhere = slots.pop(BASE_COLOUR) if base is not None and base.mapping != reference.mapping else None
     colour = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
@@ -254,7 +226,10 @@ def _key(found: _Material, images: Extracted) -> tuple[Any, ...]:
 
 def _bake(document: Document, materials: Sequence[_Material], images: Extracted, names: set[str]) -> GltfBake:
     first, notes = materials[0], [n for m in materials for n in m.notes]
-    warnings = [*_sampler_warnings(materials), *_animation_warnings(document, materials)]
+    warnings = [
+        *(text for m in materials for text in sampler_warnings(m.name, list(m.slots.values()), m.reference)),
+        *_animation_warnings(document, materials),
+    ]
     maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
     factors: dict[str, float] = {}
     files: list[Path] = []
@@ -274,12 +249,12 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
     maps["base_color"] = _base_colour(materials, images, channels, made, notes)
     if NORMAL in first.slots:
         maps["normal"] = channels(first.slots[NORMAL].image, "RGB")
-        _factor(factors, "normal", first.scale)
+        add_factor(factors, "normal", first.scale)
     packed = first.slots.get(METALLIC_ROUGHNESS)
     for role, letter, value in (("roughness", "G", first.roughness), ("metallic", "B", first.metallic)):
         maps[role] = value if packed is None else channels(packed.image, letter)
         if packed is not None:
-            _factor(factors, role, value)
+            add_factor(factors, role, value)
     if packed is not None and any(m.occluded for m in materials):
         maps["occlusion"] = channels(packed.image, "R")
         notes.append("the occlusion is the red channel of the metallicRoughness image and stays there")
@@ -334,11 +309,6 @@ def _base_colour(
     return file
 
 
-def _factor(factors: dict[str, float], role: str, value: float) -> None:
-    if not math.isclose(value, 1.0, abs_tol=1e-9):
-        factors[role] = value
-
-
 def _animation_warnings(document: Document, materials: Sequence[_Material]) -> list[str]:
     """What is baked in at the value that it has without the animation."""
     animated = animated_members(document.json)
@@ -356,32 +326,7 @@ def _animation_warnings(document: Document, materials: Sequence[_Material]) -> l
         if each.cutoff is not None:
             baked["alphaCutoff"] = each.cutoff * each.colour[3]
         found += [
-            f"{each.name}: an animation sets {member}, which is baked in as {baked[member]:g}, its value at rest: what "
-            "the animation sets comes on top of that, so look at it in the result"
+            animation_warning(each.name, member, baked[member])
             for member in sorted(animated.get(each.index, set()) & baked.keys())
         ]
-    return found
-
-
-def _sampler_warnings(materials: Sequence[_Material]) -> list[str]:
-    found = []
-    for material in materials:
-        slots = list(material.slots.values())
-        bare = [s.name for s in slots if s.without_levels]
-        if bare:
-            found.append(
-                f"{material.name}: the samplers of {', '.join(bare)} show level 0 alone (minFilter NEAREST or LINEAR), "
-                "so that the other levels will not be seen: set LINEAR_MIPMAP_LINEAR"
-            )
-        other = [s.name for s in slots if s.wrap != material.reference.wrap]
-        if other:
-            found.append(
-                f"{material.name}: {', '.join(other)} repeat otherwise at the borders than {material.reference.name}, "
-                "which all are filtered by"
-            )
-        mirrored = [s.name for s in slots if s.mirrored]
-        if mirrored:
-            found.append(
-                f"{material.name}: {', '.join(mirrored)} are mirrored at the borders, and are filtered as if clamped"
-            )
     return found

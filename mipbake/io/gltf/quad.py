@@ -12,11 +12,10 @@ from mipbake.errors import UsageError
 from mipbake.io.gltf.buffers import Binary
 from mipbake.io.gltf.document import Json
 from mipbake.io.gltf.images import BASISU, KTX2
-from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION
+from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, METALLIC_ROUGHNESS, NORMAL, OCCLUSION
 from mipbake.io.gltf.write import check_map, finished
 from mipbake.io.options import WRAP_MODES
 
-EMISSIVE = "emissiveTexture"
 SLOTS = (BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL, ANISOTROPIC, EMISSIVE)
 ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 

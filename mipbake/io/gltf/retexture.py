@@ -6,19 +6,12 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from mipbake.io.gltf.bakes import GltfBake
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, SOURCE_EXTENSIONS, content_key, source_of
-from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.references import texture_uses
-from mipbake.io.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    BASE_COLOUR,
-    METALLIC_ROUGHNESS,
-    NORMAL,
-    OCCLUSION,
-    surface_mapping,
-)
+from mipbake.io.gltf.slots import ANISOTROPIC, PLACES, info_of, made_holder, surface_mapping
 
 
 @dataclass(frozen=True)
@@ -52,13 +45,17 @@ class _Want:
 
 
 def replace_textures(
-    document: Document, made: Json, results: Sequence[tuple[GltfBake, Mapping[str, bytes]]]
+    document: Document,
+    made: Json,
+    results: Sequence[tuple[GltfBake, Mapping[str, bytes]]],
+    plain: Sequence[tuple[PlainTexture, bytes]] = (),
 ) -> Replaced:
-    """Lets the materials of the bakes show their maps.
+    """Lets the materials of the bakes show their maps, and others their averaged textures.
 
     Args:
         document: as it was read. made: a copy of its JSON, which is changed.
         results: each bake with its maps: slot to KTX 2 file.
+        plain: each averaged texture with its KTX 2 file.
     """
     replaced = Replaced()
     wants: list[_Want] = []
@@ -68,6 +65,15 @@ def replace_textures(
                 content = hashlib.sha256(data).hexdigest()
                 replaced.contents.setdefault(content, data)
                 wants += _wants(document, bake, index, made["materials"][index], slot, content)
+    for texture, data in plain:
+        content = hashlib.sha256(data).hexdigest()
+        replaced.contents.setdefault(content, data)
+        for index, slot in texture.uses:
+            info = info_of(made["materials"][index], slot)
+            if info is None:
+                raise AssertionError(f"{slot} of material {index} has been read")
+            sampler = document.all("textures")[info["index"]].get("sampler")
+            wants.append(_Want(info, info["index"], sampler, content))
     for want in wants:
         if want.texture is not None:
             before = replaced.images.setdefault(want.content, [])
@@ -79,24 +85,22 @@ def replace_textures(
 def _wants(document: Document, bake: GltfBake, index: int, material: Json, slot: str, content: str) -> list[_Want]:
     """The textureInfos of a material that a slot's map is for; those that it lacked are made."""
     textures = document.all("textures")
-    before = document.all("materials")[index]
-    reference = before.get(NORMAL) or before["pbrMetallicRoughness"][METALLIC_ROUGHNESS]
-    holder = material
-    if slot in (BASE_COLOUR, METALLIC_ROUGHNESS):
-        holder = material.setdefault("pbrMetallicRoughness", {})
-    elif slot == ANISOTROPIC:
-        holder = material["extensions"][ANISOTROPY]
-    info = holder.get(slot) or None  # an object without an index is no texture
+    before, lobe = document.all("materials")[index], bake.lobe
+    reference = info_of(before, lobe.normal) or info_of(before, lobe.roughness)
+    if reference is None:
+        raise AssertionError(f"material {index} has something to bake")
+    holder = made_holder(material, PLACES[slot].keys)
+    info = info_of(material, slot)
     shown = None if info is None else info["index"]
     sampler = textures[reference["index"] if shown is None else shown].get("sampler")
     if info is None or slot == ANISOTROPIC:
         holder[slot] = info = {"index": shown, **surface_mapping(reference)}
     wants = [_Want(info, shown, sampler, content)]
-    occlusion = material.get(OCCLUSION)
-    if slot == METALLIC_ROUGHNESS and shown is not None and occlusion and bake.options.maps.get("occlusion"):
-        keys = {content_key(document, source_of(document, t, slot), slot) for t in (shown, occlusion["index"])}
+    red = info_of(material, lobe.red)
+    if slot == lobe.roughness and shown is not None and red and bake.options.maps.get("occlusion"):
+        keys = {content_key(document, source_of(document, t, slot), slot) for t in (shown, red["index"])}
         if len(keys) == 1:
-            wants.append(_Want(occlusion, occlusion["index"], textures[occlusion["index"]].get("sampler"), content))
+            wants.append(_Want(red, red["index"], textures[red["index"]].get("sampler"), content))
     return wants
 
 

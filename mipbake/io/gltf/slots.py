@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,98 @@ from mipbake.io.gltf.images import source_of
 
 TRANSFORM = "KHR_texture_transform"
 ANISOTROPY = "KHR_materials_anisotropy"
+UNLIT = "KHR_materials_unlit"
 
 BASE_COLOUR = "baseColorTexture"
 METALLIC_ROUGHNESS = "metallicRoughnessTexture"
 NORMAL = "normalTexture"
 ANISOTROPIC = "anisotropyTexture"
 OCCLUSION = "occlusionTexture"
+EMISSIVE = "emissiveTexture"
+
+CLEARCOAT = "KHR_materials_clearcoat"
+COAT = "clearcoatTexture"
+COAT_ROUGHNESS = "clearcoatRoughnessTexture"
+COAT_NORMAL = "clearcoatNormalTexture"
+
+SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+DIFFUSE = "diffuseTexture"
+SPECULAR_AND_GLOSS = "specularGlossinessTexture"
+
+COLOUR, DATA, VECTORS, ALPHA = "colour", "data", "vectors", "alpha"
+"""What a slot reads of its texture: sRGB-encoded colours, numbers or directions in red, green and blue; or alpha
+alone, which is never encoded."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a material a slot is, and what its texture holds.
+
+    Args:
+        keys: of the objects that lead to the one that holds the textureInfo.
+        holds: `COLOUR`, `DATA`, `VECTORS` or `ALPHA`.
+    """
+
+    keys: tuple[str, ...]
+    holds: str
+
+
+def _of(extension: str, **slots: str) -> dict[str, Place]:
+    return {name: Place(("extensions", extension), holds) for name, holds in slots.items()}
+
+
+PLACES: Mapping[str, Place] = {
+    BASE_COLOUR: Place(("pbrMetallicRoughness",), COLOUR),
+    METALLIC_ROUGHNESS: Place(("pbrMetallicRoughness",), DATA),
+    NORMAL: Place((), VECTORS),
+    OCCLUSION: Place((), DATA),
+    EMISSIVE: Place((), COLOUR),
+    **_of(ANISOTROPY, anisotropyTexture=VECTORS),
+    **_of(CLEARCOAT, clearcoatTexture=DATA, clearcoatRoughnessTexture=DATA, clearcoatNormalTexture=VECTORS),
+    **_of(SPECULAR_GLOSSINESS, diffuseTexture=COLOUR, specularGlossinessTexture=COLOUR),
+    **_of("KHR_materials_sheen", sheenColorTexture=COLOUR, sheenRoughnessTexture=ALPHA),
+    **_of("KHR_materials_specular", specularTexture=ALPHA, specularColorTexture=COLOUR),
+    **_of("KHR_materials_transmission", transmissionTexture=DATA),
+    **_of("KHR_materials_volume", thicknessTexture=DATA),
+    **_of("KHR_materials_iridescence", iridescenceTexture=DATA, iridescenceThicknessTexture=DATA),
+    **_of(
+        "KHR_materials_diffuse_transmission",
+        diffuseTransmissionTexture=ALPHA,
+        diffuseTransmissionColorTexture=COLOUR,
+    ),
+}
+"""Every slot of glTF 2.0 and of the extensions that Khronos ratified, by its name."""
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """The slots of a microfacet lobe, whose normals and roughness are filtered together.
+
+    Args:
+        normal: slot of its normals.
+        roughness: slot whose green channel is the roughness.
+        red: slot that may show the red channel of the same image.
+        keys: as those of a `Place`: where the factors are.
+        factors: members that the texture is multiplied with, that of the roughness first, and what each is where it is
+            not given.
+    """
+
+    normal: str
+    roughness: str
+    red: str
+    keys: tuple[str, ...]
+    factors: tuple[tuple[str, float], ...]
+
+
+BASE = Lobe(
+    NORMAL,
+    METALLIC_ROUGHNESS,
+    OCCLUSION,
+    ("pbrMetallicRoughness",),
+    (("roughnessFactor", 1.0), ("metallicFactor", 1.0)),
+)
+COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, ("extensions", CLEARCOAT), (("clearcoatRoughnessFactor", 0.0),))
+"""KHR_materials_clearcoat: a second lobe, of a dielectric, on top of the material."""
 
 _CLAMPED, _MIRRORED, _REPEATED = 33071, 33648, 10497
 _WITHOUT_LEVELS = (9728, 9729)  # NEAREST, LINEAR
@@ -48,13 +135,35 @@ class Slot:
     without_levels: bool
 
 
+def label_of(index: int, material: Json) -> str:
+    """How messages call a material."""
+    name = material.get("name")
+    return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
+
+
 def holder_of(material: Json, slot: str, where: str, document: Document) -> Json:
     """The object of a material that holds a slot's textureInfo; empty where the material lacks it."""
-    if slot in (BASE_COLOUR, METALLIC_ROUGHNESS):
-        return member(material, "pbrMetallicRoughness", where, document.path)
-    if slot == ANISOTROPIC:
-        extensions = member(material, "extensions", where, document.path)
-        return member(extensions, ANISOTROPY, where, document.path)
+    holder = material
+    for key in PLACES[slot].keys:
+        holder = member(holder, key, where, document.path)
+    return holder
+
+
+def info_of(material: Json, slot: str) -> Json | None:
+    """A slot's textureInfo in a material that has been checked; None where there is no texture."""
+    holder: Any = material
+    for key in PLACES[slot].keys:
+        holder = holder.get(key)
+        if not isinstance(holder, dict):
+            return None
+    info = holder.get(slot)
+    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is no texture
+
+
+def made_holder(material: Json, keys: tuple[str, ...]) -> Json:
+    """The object that keys lead to, which is made where it is not there."""
+    for key in keys:
+        material = material.setdefault(key, {})
     return material
 
 

@@ -11,19 +11,20 @@ from typing import Any
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.gltf import container, uris
+from mipbake.io.gltf.bakes import GltfBake
 from mipbake.io.gltf.buffers import Binary, merged
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, KTX2, stored_image
-from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.references import extensions_of, image_uses, view_uses
 from mipbake.io.gltf.retexture import Replaced, replace_textures
-from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
+from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, info_of, made_holder
 from mipbake.io.ktx2 import IDENTIFIER
 
 SIDE = 4
 """KHR_texture_basisu takes textures whose sides are multiples of this."""
 
-COLOUR_SLOTS = (BASE_COLOUR, "emissiveTexture")
+COLOUR_SLOTS = (BASE_COLOUR, EMISSIVE)
 """Slots whose maps are sRGB-encoded."""
 
 _DESCRIPTOR_AT = 48
@@ -44,18 +45,25 @@ class GltfResult:
     maps: Mapping[str, bytes]
 
 
-def rewritten(document: Document, results: Sequence[GltfResult], provenance: Mapping[str, Any]) -> bytes:
-    """A GLB of the document in which the materials of the results show the baked maps.
+def rewritten(
+    document: Document,
+    results: Sequence[GltfResult],
+    provenance: Mapping[str, Any],
+    plain: Sequence[tuple[PlainTexture, bytes]] = (),
+) -> bytes:
+    """A GLB of the document in which the materials of the results show the baked maps, and others averaged textures.
 
-    Factors that the bake took in become 1. An occlusion that lay in the metallicRoughness image follows it. A result
-    without an anisotropyTexture makes a material isotropic whose anisotropy the bake took in. Images that nothing else
-    uses give their place to the new ones; all indices stay what they were. Buffers, external files and data URIs
-    go into the BIN chunk. Unknown extensions, extras and compressed geometry are kept.
+    Factors that the bake took in become 1. An occlusion that lay in the metallicRoughness image follows it, as the
+    amount of a clearcoat follows its roughness. A result without an anisotropyTexture makes a material isotropic whose
+    anisotropy the bake took in. Images that nothing else uses give their place to the new ones; all indices stay what
+    they were. Buffers, external files and data URIs go into the BIN chunk. Unknown extensions, extras and compressed
+    geometry are kept.
 
     Args:
         document: as it was read.
         results: bakes of `read_materials` of the same document, none twice.
         provenance: JSON values that say how the maps were made: `asset.extras.mipbake`.
+        plain: textures of `read_materials` with complete KTX 2 files as those of the maps.
 
     Raises:
         UsageError: a map for a slot that the bake does not fill, a material in two results, or a map that
@@ -67,7 +75,7 @@ def rewritten(document: Document, results: Sequence[GltfResult], provenance: Map
     for result in results:
         for index in result.bake.materials:
             _settle_factors(made["materials"][index], result)
-    replaced = replace_textures(document, made, [(r.bake, r.maps) for r in results])
+    replaced = replace_textures(document, made, [(r.bake, r.maps) for r in results], plain)
     views = _settle_images(made, replaced)
     binary = merged(made, document.buffers, [view for view in views if view < len(document.all("bufferViews"))])
     _embed_images(document, made, binary)
@@ -130,7 +138,7 @@ def check_map(name: str, slot: str, data: bytes) -> None:
 
 
 def _check(document: Document, results: Sequence[GltfResult]) -> None:
-    seen: dict[int, str] = {}
+    seen: dict[tuple[int, str], str] = {}
     for result in results:
         name = result.bake.name
         for slot, data in result.maps.items():
@@ -141,21 +149,23 @@ def _check(document: Document, results: Sequence[GltfResult]) -> None:
             check_map(name, slot, data)
         for index in result.bake.materials:
             document.one("materials", index, f"the bake {name}")
-            if index in seen:
-                raise UsageError(f"material {index} is in the bakes {seen[index]} and {name}: expected one")
-            seen[index] = name
+            lobe = (index, result.bake.lobe.roughness)
+            if lobe in seen:
+                raise UsageError(f"material {index} is in the bakes {seen[lobe]} and {name}: expected one")
+            seen[lobe] = name
 
 
 def _settle_factors(material: Json, result: GltfResult) -> None:
     """Makes 1 of what the maps hold already. A factor that is not there is 1 by itself."""
-    maps = result.maps
-    pbr = material.get("pbrMetallicRoughness", {})
-    if METALLIC_ROUGHNESS in maps:
-        for key in ("roughnessFactor", "metallicFactor"):
-            if pbr.get(key, 1) != 1:
-                pbr[key] = 1
-    if NORMAL in maps and material.get(NORMAL, {}).get("scale", 1) != 1:
-        material[NORMAL]["scale"] = 1
+    maps, lobe = result.maps, result.bake.lobe
+    if lobe.roughness in maps:
+        holder = made_holder(material, lobe.keys)
+        for key, default in lobe.factors:
+            if holder.get(key, default) != 1:
+                holder[key] = 1
+    normal = info_of(material, lobe.normal)
+    if lobe.normal in maps and normal is not None and normal.get("scale", 1) != 1:
+        normal["scale"] = 1
     if ANISOTROPIC in maps:
         anisotropy = material.setdefault("extensions", {}).setdefault(ANISOTROPY, {})
         anisotropy |= {"anisotropyStrength": 1, "anisotropyRotation": 0}

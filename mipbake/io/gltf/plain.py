@@ -1,0 +1,152 @@
+"""The textures of a glTF document that nothing is prefiltered with: colours and amounts, averaged level by level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mipbake.errors import InputError
+from mipbake.io.gltf.bakes import GltfBake
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.extracted import Extracted
+from mipbake.io.gltf.references import texture_uses
+from mipbake.io.gltf.slots import (
+    ALPHA,
+    ANISOTROPIC,
+    BASE_COLOUR,
+    COAT_NORMAL,
+    COAT_ROUGHNESS,
+    COLOUR,
+    DATA,
+    DIFFUSE,
+    METALLIC_ROUGHNESS,
+    NORMAL,
+    PLACES,
+    SPECULAR_AND_GLOSS,
+    Slot,
+    info_of,
+    label_of,
+    slot_of,
+)
+from mipbake.io.messages import listed, one_line
+
+Use: TypeAlias = tuple[int, str]
+"""A material's index, and the name of a slot."""
+
+PREFILTERED = (
+    *(NORMAL, METALLIC_ROUGHNESS, ANISOTROPIC, COAT_NORMAL, COAT_ROUGHNESS),
+    *(DIFFUSE, SPECULAR_AND_GLOSS),  # of materials that were not converted, and are left as they are
+)
+"""Slots whose averages say something else than their texels: they are baked, or left as they are."""
+
+
+@dataclass(frozen=True)
+class PlainTexture:
+    """A texture that is averaged.
+
+    Args:
+        image: index of its image.
+        holds: `COLOUR`, of sRGB-encoded colours, or `DATA`.
+        wrap: addressing along u and v, each "wrap" or "clamp".
+        alpha: whether the alpha channel is read.
+        opacity: whether that is opacity, which the colours count by. cutoff: what it is tested against; None: blended.
+        uses: what shows it.
+    """
+
+    image: int
+    holds: str
+    wrap: tuple[str, str]
+    alpha: bool
+    opacity: bool
+    cutoff: float | None
+    uses: tuple[Use, ...]
+
+
+def plain_textures(
+    document: Document, bakes: Sequence[GltfBake], images: Extracted
+) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
+    """The textures of materials that no bake fills and that averages are right for, and what is to be said of all
+    textures beside those of the bakes."""
+    found: dict[tuple[str, tuple[str, str]], dict[Use, Slot]] = {}
+    names: dict[Use, str] = {}
+    kept: dict[str, list[str]] = {}
+    filled = _filled(bakes)
+    untouched = _untouched(document, filled)
+    for index, material in enumerate(document.all("materials")):
+        for name in PLACES:
+            use = (index, name)
+            if name in PREFILTERED or use in filled or info_of(material, name) is None:
+                continue
+            where = label_of(index, material)
+            names[use] = f"{name} of {where}"
+            try:
+                slot = slot_of(document, material, name, where)
+                if slot is None:
+                    continue
+                images.header(slot.image)
+                if slot.texture in untouched:
+                    kept.setdefault("something else shows the same texture", []).append(names[use])
+                else:
+                    found.setdefault((images.key(slot.image), slot.wrap), {})[use] = slot
+            except InputError as error:
+                kept.setdefault(one_line(str(error)), []).append(names[use])
+    made = [texture for uses in found.values() for texture in _split(document, uses, images)]
+    notes = [f"{listed(uses)} stay as they are in a GLB: {reason}" for reason, uses in kept.items()]
+    shown = [names[use] for texture in made for use in texture.uses]
+    if shown:
+        notes.insert(0, f"not prefiltered, and given plain antialiased levels in a GLB: {listed(shown)}")
+    return tuple(made), tuple(notes)
+
+
+def _filled(bakes: Sequence[GltfBake]) -> set[Use]:
+    """What shows baked maps, with what follows in the red channel."""
+    filled = set()
+    for bake in bakes:
+        red = (bake.lobe.red,) if bake.options.maps.get("occlusion") else ()
+        filled |= {(index, slot) for index in bake.materials for slot in (*bake.slots, *red)}
+    return filled
+
+
+def _untouched(document: Document, filled: set[Use]) -> set[int]:
+    """Textures that stay as they are because of something else that shows them."""
+    known = {}
+    for index, material in enumerate(document.all("materials")):
+        for name in PLACES:
+            info = info_of(material, name)
+            if info is not None and (name not in PREFILTERED or (index, name) in filled):
+                known[id(info)] = info
+    return {use.index for use in texture_uses(document.json) if id(use.parent) not in known}
+
+
+def _split(document: Document, uses: dict[Use, Slot], images: Extracted) -> list[PlainTexture]:
+    """What one image becomes: a texture of colours, one of numbers, or both; alpha alone goes with either."""
+    holds = {use: PLACES[use[1]].holds for use in uses}
+    kinds = [kind for kind in (COLOUR, DATA) if kind in holds.values()] or [DATA]
+    made = []
+    for kind in kinds:
+        here = {use: s for use, s in uses.items() if holds[use] == kind or (holds[use] == ALPHA and kind == kinds[0])}
+        first = next(iter(here.values()))
+        apart: dict[tuple[bool, float | None], list[Use]] = {}
+        for use in here:
+            apart.setdefault(_opacity(document, use, first, images), []).append(use)
+        for (opacity, cutoff), several in apart.items():
+            read = opacity or any(holds[use] == ALPHA for use in several)
+            alpha = read and images.header(first.image).alpha >= 0
+            made.append(PlainTexture(first.image, kind, first.wrap, alpha, opacity, cutoff, tuple(several)))
+    return made
+
+
+def _opacity(document: Document, use: Use, slot: Slot, images: Extracted) -> tuple[bool, float | None]:
+    """Whether alpha is seen as opacity, and what the texture's alpha is tested against."""
+    material = document.all("materials")[use[0]]
+    mode = material.get("alphaMode", "OPAQUE")
+    if use[1] != BASE_COLOUR or mode == "OPAQUE" or images.header(slot.image).alpha < 0:
+        return False, None
+    factors = material["pbrMetallicRoughness"].get("baseColorFactor", (1, 1, 1, 1))
+    cutoff = material.get("alphaCutoff", 0.5)
+    try:
+        tested = cutoff / factors[3]  # the material tests the product
+    except (TypeError, IndexError, ZeroDivisionError):
+        return True, None
+    return True, tested if mode == "MASK" and 0 < tested <= 1 else None

@@ -1,0 +1,107 @@
+"""`mipbake validate` measures what the textures of a GLB really hold, material by material."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.cli.main import main
+from mipbake.glb import multiple_of_side
+from mipbake.glb_stacks import stack_in_glb
+from mipbake.intake import Job, jobs
+from mipbake.io.options import LoadOptions
+from mipbake.texture_set import TextureSet
+
+from .command_line import fails, write_set
+from .gltf_files import GltfFile, many_materials, png
+from .gltf_results import two_textures
+from .test_presets import run
+
+FEW = ("--lods", "0,1", "--points", "32", "--samples", "8", "--json")
+
+
+def held_by(source: Path, glb: Path, scratch: Path) -> dict[str, tuple[TextureSet, mipbake.MipStack]]:
+    """What a GLB holds of every set of a source."""
+    scratch.mkdir()
+    found = {}
+    for job in jobs([str(source)], LoadOptions(), scratch):
+        assert isinstance(job, Job)
+        texture_set = job.read(multiple_of_side).texture_set
+        found[texture_set.name] = texture_set, stack_in_glb(glb, job, texture_set)
+    return found
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`many.glb`, and `out/` with what it was baked to: files of maps, and a GLB."""
+    folder = tmp_path_factory.mktemp("many")
+    source = many_materials().write(folder / "many")
+    code, said = run("bake", source, "-o", folder / "out", "--format", "exr,glb", "--method", "lean")
+    assert code == 0, said
+    return folder
+
+
+def test_textures_are_read_as_they_were_baked(many: Path) -> None:
+    """Every channel of every level of every material is that of the stack, to within what UASTC loses of noise."""
+    found = held_by(many / "many.glb", many / "out" / "many.glb", many / "scratch")
+    assert {path.name for path in (many / "out" / "many").iterdir()} == set(found)
+    for name, (_, held) in found.items():
+        baked = mipbake.open_stack(many / "out" / "many" / name)
+        assert (held.model, held.size, len(held.levels)) == (baked.model, baked.size, len(baked.levels))
+        assert (held.provenance.method, held.provenance.source_hash) == ("lean", baked.provenance.source_hash)
+        coarse = [level for level in range(len(baked.levels)) if max(baked.levels[level].shape[:2]) <= 4]
+        for level in coarse:
+            difference = np.abs(held.levels[level] - baked.levels[level])[..., :8].mean((0, 1))
+            assert (difference < 0.12).all(), (name, level, difference)
+
+
+def test_every_material_is_measured(many: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["validate", str(many / "many.glb"), str(many / "out" / "many.glb"), *FEW]) == 0
+    measured = json.loads(capsys.readouterr().out)["materials"]
+    assert {"Leather", "Fence", "Two_sets", "Brushed", "Glossy"} <= {each["name"] for each in measured}
+    for each in measured:
+        assert (each["method"] == "lean" and each["notes"] == []) or "source hashes" not in str(each["notes"])
+        assert {row["method"] for row in each["rows"]} >= {"baked", "linear (box)"}
+
+
+def test_damage_to_a_texture_is_measured(tmp_path: Path) -> None:
+    """What counts is the textures, not what the file says of itself: here those of another document."""
+    figures = []
+    for shown in ("normal a", "normal other"):
+        folder = tmp_path / shown
+        folder.mkdir()
+        source = two_textures(png(shown), png("mr")).write(folder / "bolt")
+        assert run("bake", source, "-o", folder / "out", "--method", "linear")[0] == 0
+        code, said = run("validate", tmp_path / "normal a" / "bolt.glb", folder / "out" / "bolt.glb", *FEW)
+        assert code == 0
+        rows = json.loads(said)["materials"][0]["rows"]
+        figures.append(next(r["snr"] for r in rows if (r["method"], r["lod"]) == ("baked", 0.0)))
+    assert figures[1] < figures[0] - 3
+
+
+def test_the_square_of_a_folder_is_read(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "wood")
+    assert run("bake", folder, "-o", tmp_path / "out", "--format", "glb", "--method", "linear")[0] == 0
+    ((_, held),) = held_by(folder, tmp_path / "out" / "wood" / "wood.glb", tmp_path / "scratch").values()
+    baked = mipbake.bake(mipbake.load(folder), "linear")
+    assert np.abs(held.levels[-1] - baked.levels[-1]).max() < 0.05
+    code, said = run("validate", folder, tmp_path / "out" / "wood" / "wood.glb", *FEW)
+    assert code == 0 and len(json.loads(said)["materials"]) == 1
+
+
+def test_other_files_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = two_textures(png("normal a"), png("mr")).write(tmp_path / "bolt")
+    assert "was not made by mipbake" in fails(capsys, 3, "validate", source, source)
+    assert run("bake", source, "-o", tmp_path / "out", "--method", "linear")[0] == 0
+    other = GltfFile()
+    other.texture(other.image(png("normal a"), "n"))
+    other.material("Other", normalTexture={"index": 0})
+    glb = tmp_path / "out" / "bolt.glb"
+    said = fails(capsys, 3, "validate", other.write(tmp_path / "other"), glb)
+    assert "holds nothing that was baked for Other" in said
+    assert "was baked from a glTF file" in fails(capsys, 3, "validate", write_set(tmp_path / "wood"), glb)
