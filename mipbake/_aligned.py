@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["aligned", "contiguous"]
 
 
-def contiguous(array: Any, dtype: DTypeLike = None) -> NDArray[Any]:
-    """The array itself where it is C-contiguous, aligned and of that dtype, else a copy that is."""
+def contiguous(array: Any, dtype: DTypeLike | None = None) -> NDArray[Any]:
+    """The array itself where it is C-contiguous, aligned and of that dtype (None: any), else a copy that is."""
     return np.require(array, dtype, ["C", "A"])
 
 
