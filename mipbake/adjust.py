@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.bake import bake
+from mipbake.directions import led
 from mipbake.errors import UsageError
 from mipbake.io.colour import unit_range
 from mipbake.io.decode import unit_directions
@@ -89,6 +90,8 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
         for layout in LAYOUTS[stack.model]:
             if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
                 levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
+    if asked.keep_level0 and stack.model == "gltf-anisotropic":
+        levels = led(levels)
     if asked.min_roughness:
         roughness = channels_of(stack.model, "roughness")
         for index, level in enumerate(levels):

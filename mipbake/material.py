@@ -290,25 +290,6 @@ def beckmann_to_ggx(stored: Array) -> Array:
     return np.concatenate([stored[..., :8], *scaled], -1, dtype=stored.dtype)
 
 
-def align_directions(levels: list[Array]) -> list[Array]:
-    """Gives anisotropy directions d and -d, which shade alike, one sign across a stack of `gltf-anisotropic` levels.
-
-    Lookups average stored directions between texels and between levels: opposite signs would cancel. Each direction
-    takes the sign nearer to its level's dominant axis, and each axis the sign nearer to that of the level before.
-    """
-    aligned, before = [], np.array([1.0, 0.0])
-    for level in levels:
-        direction, strength = level[..., 8:10].astype(np.float64), level[..., 10:11]
-        x, y = np.moveaxis(direction * strength, -1, 0)
-        angle = np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum()) / 2
-        axis = np.array([np.cos(angle), np.sin(angle)])
-        before = axis if axis @ before >= 0 else -axis
-        out = level.copy()
-        out[..., 8:10] = np.where((direction @ before)[..., None] < 0, -level[..., 8:10], level[..., 8:10])
-        aligned.append(out)
-    return aligned
-
-
 def convert(stored: Array, source: str, target: str) -> Array:
     """Stored channels of one model to those of another; `ggx` is the common ground of every pair."""
     source, target = model_named(source).name, model_named(target).name

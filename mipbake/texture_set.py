@@ -8,12 +8,14 @@ import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import (
@@ -83,10 +85,16 @@ class TextureSet:
         """The material model that the source is given in: "gltf-anisotropic" with an anisotropy map, else "gltf"."""
         return "gltf-anisotropic" if self.anisotropic else "gltf"
 
+    @cached_property
+    def _lines(self) -> NDArray[np.float32]:
+        """The anisotropy map with signs that agree: what lies between its texels does not depend on who drew it."""
+        return untangled(self.maps["anisotropy"].pixels, self.wrap)
+
     def material(self, model: str) -> NDArray[np.float32]:
         """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""
-        order = ("base_color", "metallic", "roughness", "normal", "anisotropy")
-        stored = np.concatenate([self.maps[role].pixels for role in order if role in self.maps], -1)
+        order = ("base_color", "metallic", "roughness", "normal")
+        maps = [*(self.maps[role].pixels for role in order), *([self._lines] if self.anisotropic else [])]
+        stored = np.concatenate(maps, -1)
         converted = convert(stored, self.source_model, model)
         return np.ascontiguousarray(converted, np.float32)
 

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
@@ -40,8 +40,8 @@ def bake(
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
     if made != target:
-        levels = _aligned([material.convert(level, made, target) for level in levels], target)
-    return [material.regularise(level, target) for level in levels]
+        levels = [material.convert(level, made, target) for level in levels]
+    return directions.settled([material.regularise(level, target) for level in levels], target, wrap)
 
 
 def bake_levels(
@@ -64,7 +64,7 @@ def bake_levels(
         source, target: the encoder and the decoder, where the network has several.
 
     Returns:
-        (H_L, W_L, C) float32 stored channels of the target, of every level.
+        (H_L, W_L, C) float32 stored channels of the target, of every level; directions of either sign.
     """
     sizes = level_sizes(*stored.shape[:2])
     texels = sum(height * width for height, width in sizes)
@@ -92,11 +92,7 @@ def bake_levels(
             assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return _aligned(levels, target or network.config.decoders[0])
-
-
-def _aligned(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float32]]:
-    return material.align_directions(levels) if model == "gltf-anisotropic" else levels
+    return levels
 
 
 def _encode_tile(

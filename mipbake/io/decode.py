@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.directions import untangled
 from mipbake.errors import InputError
 from mipbake.io.colour import decode, unit_range
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
@@ -89,10 +90,11 @@ def resized(texture: TextureMap, width: int, height: int, wrap: tuple[str, str])
     """A map at a size no smaller than its own; vectors are made unit again."""
     if texture.pixels.shape[:2] == (height, width):
         return texture
-    pixels = upsample(texture.pixels, width, height, wrap)
+    lines = texture.source.role == "anisotropy"
+    pixels = upsample(untangled(texture.pixels, wrap) if lines else texture.pixels, width, height, wrap)
     if texture.source.role == "normal":
         pixels = normalised(pixels)
-    elif texture.source.role == "anisotropy":
+    elif lines:
         pixels[..., :2] = unit_directions(pixels[..., :2])
     return replace(texture, pixels=pixels)
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
@@ -289,7 +289,7 @@ class Bench:
                 if name in mixture:
                     out[level] += levels[level] * mixture[name].astype(np.float32)
         out = [material.regularise(level, target) for level in out]
-        return material.align_directions(out) if target == "gltf-anisotropic" else out
+        return directions.aligned(out, target, self.problem.wrap)
 
 
 def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], model: str) -> Image:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.closed_form import (
     Array,
@@ -66,7 +66,7 @@ class Lean:
         levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
         for index, level in enumerate(levels):
             levels[index] = by_rows(write, level)
-        return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
+        return PrefilterResult(directions.settled(levels, target, wrap))
 
 
 def _slopes(stored: Array, model: str) -> Array:

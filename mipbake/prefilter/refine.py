@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import PrefilterResult, Progress, say
@@ -212,8 +212,7 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
         done += step.share
     shares = _kept(problem, start, levels, before)
     kept = [_between(*each, problem.target) for each in zip(start.levels, levels, shares, strict=True)]
-    if problem.target == "gltf-anisotropic":
-        kept = material.align_directions(kept)
+    kept = directions.aligned(kept, problem.target, problem.wrap)
     return _Refined(kept, shares, _witnessed(start, kept))
 
 
