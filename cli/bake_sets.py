@@ -345,7 +345,7 @@ def _promise(provenance: Provenance) -> list[str]:
     if promise is None:
         return []
     lines = [
-        f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
+        f"measured at levels and between them, beside the best closed form there, {name}: {promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
     if promise.left_out:

@@ -83,7 +83,7 @@ def _with_less(level: NDArray[np.float32], share: NDArray[np.float32]) -> NDArra
     across, along = np.exp(middle - half), np.exp(middle + half)
     texels[:, ROUGHNESS] = np.maximum(np.sqrt(across), roughness)
     texels[:, STRENGTH] = np.sqrt(np.clip((along - across) / np.maximum(1 - across, 1e-6), 0, 1))
-    out = level.copy()
+    out = np.array(level, np.float32)
     out[less] = texels
     return out
 
@@ -130,7 +130,7 @@ def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
     levels = [image]
     while max(levels[-1].shape[1:3]) > 1:
         levels.append(_halved(levels[-1]))
-    out = lines.copy()
+    out = np.array(lines, np.float32)
     out[..., :2] *= signs([level[0] for level in levels], wrap)[0][..., None]
     return out
 
@@ -189,7 +189,7 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
         double = _mean_of_two(double, axis)
     x, y = double[..., 0], double[..., 1]
     angle = np.arctan2(y, x) / 2
-    return np.stack([np.cos(angle), np.sin(angle), np.hypot(x, y)], -1)
+    return np.asarray(np.stack([np.cos(angle), np.sin(angle), np.hypot(x, y)], -1), np.float32)
 
 
 def _mean_of_two(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
@@ -198,41 +198,43 @@ def _mean_of_two(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
     if size == 1:
         return image
     even, odd = (np.take(image, np.arange(i, size - size % 2, 2), axis) for i in (0, 1))
-    return (even + odd) / np.float32(2)
+    return np.asarray((even + odd) / 2, np.float32)
 
 
 def _cut(images: NDArray[np.float32], wrap: Wrap, cosine: float = _CUT) -> NDArray[np.bool_]:
     """(N, H, W) whether one of the four neighbours of a texel has the opposite sign."""
     out, images = np.zeros(images.shape[:3], np.bool_), images[..., :2]
-    for dy, dx in ((0, 1), (1, 0)):
-        for one, other in _pairs(images.shape[1], images.shape[2], dy, dx, wrap):
-            against = np.einsum("nhwc,nhwc->nhw", images[(slice(None), *one)], images[(slice(None), *other)]) < cosine
-            if against.any():
-                out[(slice(None), *one)] |= against
-                out[(slice(None), *other)] |= against
+    for one, other in _neighbours(images.shape, wrap):
+        against = np.einsum("nhwc,nhwc->nhw", images[one], images[other]) < cosine
+        if against.any():
+            out[one] |= against
+            out[other] |= against
     return out
 
 
-def _pairs(height: int, width: int, dy: int, dx: int, wrap: Wrap) -> list[tuple[tuple[slice, slice], ...]]:
-    """Slices of texels and of their neighbours at (dy, dx), each 0 or 1, over the borders where they wrap."""
-
-    def along(size: int, step: int, mode: str) -> list[tuple[slice, slice]]:
-        if step == 0:
-            return [(slice(0, size), slice(0, size))]
-        inside = [(slice(0, size - 1), slice(1, size))] if size > 1 else []
-        over = [(slice(size - 1, size), slice(0, 1))] if mode == "wrap" and size > 2 else []
-        return [*inside, *over]
-
-    return [
-        ((rows[0], columns[0]), (rows[1], columns[1]))
-        for rows in along(height, dy, wrap[1])
-        for columns in along(width, dx, wrap[0])
-    ]
+_Part = tuple[slice, slice, slice]
 
 
-def _agreement(images: NDArray[np.float32], place: tuple[NDArray[Any], ...], wrap: Wrap) -> NDArray[np.float32]:
+def _neighbours(shape: Sequence[int], wrap: Wrap) -> list[tuple[_Part, _Part]]:
+    """Parts of (N, H, W) images that lie beside each other: texels, and those to the right of them or below."""
+
+    def part(axis: int, first: int, last: int) -> _Part:
+        rows, columns = (slice(first, last) if a == axis else slice(None) for a in (1, 2))
+        return slice(None), rows, columns
+
+    out = []
+    for axis in (1, 2):
+        size = shape[axis]
+        if size > 1:
+            out.append((part(axis, 0, size - 1), part(axis, 1, size)))
+        if size > 2 and wrap[2 - axis] == "wrap":
+            out.append((part(axis, size - 1, size), part(axis, 0, 1)))
+    return out
+
+
+def _agreement(images: NDArray[np.float32], place: Sequence[NDArray[Any]], wrap: Wrap) -> NDArray[np.float32]:
     """(M,) share of the anisotropy of texels that lookups around them leave."""
-    image, rows, columns = place
+    image, rows, columns = place[0], place[1], place[2]
     height, width = images.shape[1:3]
     near = np.empty((9, len(rows), 2), np.float32)
     for index, (dy, dx) in enumerate((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)):
@@ -289,15 +291,15 @@ def _tied(images: Sequence[NDArray[np.float32]], wrap: Wrap) -> list[NDArray[np.
         weight.append(factor * np.einsum("...c,...c->...", v, w).ravel().astype(np.float64))
 
     for level, (own, v) in enumerate(zip(number, vectors, strict=True)):
-        for dy, dx in ((0, 1), (1, 0)):
-            for one, other in _pairs(own.shape[1], own.shape[2], dy, dx, wrap):
-                a, b = (slice(None), *one), (slice(None), *other)
-                tie(own[a], own[b], v[a], v[b], 1.0)
+        for one, other in _neighbours(own.shape, wrap):
+            tie(own[one], own[other], v[one], v[other], 1.0)
         if level + 1 < len(images):
-            coarse = number[level + 1].shape[1:]
-            y, x = (((np.arange(n) + 0.5) * m / n).astype(np.intp) for n, m in zip(own.shape[1:], coarse, strict=True))
-            under = (slice(None), y[:, None], x[None, :])
-            tie(own, number[level + 1][under], v, vectors[level + 1][under], _BETWEEN)
+            under, vector = number[level + 1], vectors[level + 1]
+            for axis in (1, 2):
+                texels = int(own.shape[axis])
+                index = ((np.arange(texels) + 0.5) * int(under.shape[axis]) / texels).astype(np.intp)
+                under, vector = np.take(under, index, axis), np.take(vector, index, axis)
+            tie(own, under, v, vector, _BETWEEN)
     if not weight:
         return [np.ones(n.shape, np.int8) for n in number]
     sign = _agreeing(int(starts[-1]), np.concatenate(first), np.concatenate(second), np.concatenate(weight))

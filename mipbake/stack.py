@@ -171,8 +171,9 @@ class MipStack:
 
         def write(folder: Path) -> None:
             write_all(folder)
-            for index, entry in enumerate(manifest["outputs"][: len(plans)] if measured else ()):
-                entry["measured"] = measured(index, _read_back(folder, entry))
+            if measured is not None:
+                for index, entry in enumerate(manifest["outputs"][: len(plans)]):
+                    entry["measured"] = measured(index, _read_back(folder, entry))
             for name, data in (beside or {}).items():
                 (folder / name).write_bytes(data)
 

@@ -172,7 +172,7 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
     exact = _exact_levels(stack.size[0] // mosaic.rows, stack.size[1] // mosaic.columns)
     promise = stack.provenance.promise
     if promise is not None:
-        promise = replace(promise, levels=promise.levels[:exact])
+        promise = promise.first(exact)
     stacks = {}
     for number, tile in mosaic.tiles.items():
         cell = (tile.row, tile.column)

@@ -57,7 +57,7 @@ def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
     promise = provenance.promise
     assert provenance.budget == "0.01s"
     for name in ("near-mirror", "hemisphere"):
-        assert f"beside the best closed form of each level, {name}: {promise.summary(name)}" in out
+        assert f"beside the best closed form there, {name}: {promise.summary(name)}" in out
     assert main([*arguments, "--json"]) == 0
     levels = json.loads(capsys.readouterr().out)["results"][0]["stack"]["provenance"]["promise"]["levels"]
     assert [each["level"] for each in levels] == list(range(len(promise.levels)))
