@@ -16,6 +16,7 @@ from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.normal import normalised
 from mipbake.io.read import read_image
 from mipbake.io.sources import taken
+from mipbake.io.steep import holes
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -117,6 +118,9 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
         if texture_set.convention.name == "directx":
             vectors[..., 1] *= -1
         again = normalised(vectors)
+        # What was no normal has been filled from around it.
+        filled = holes(again, np.linalg.norm(vectors, axis=-1))
+        vectors[filled], again[filled] = unit[filled], unit[filled]
     else:
         again[..., :2] = unit_directions(vectors[..., :2])
     return vectors if np.abs(again - unit).max() < _SAME else unit

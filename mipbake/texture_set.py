@@ -34,6 +34,7 @@ from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
+from mipbake.io.steep import held, warning
 from mipbake.material import convert
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
@@ -145,6 +146,9 @@ class TextureSet:
             "opacity": opacity,
         }
         arrays = {role: _checked_array(role, value) for role, value in given.items() if value is not None}
+        arrays["normal"], broken = held(arrays["normal"])
+        texels = arrays["normal"].shape[0] * arrays["normal"].shape[1]
+        warnings = (warning("normal", broken, texels),) if broken else ()
         shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
         rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
         maps, digest = {}, hashlib.sha256(repr(wrap).encode())
@@ -155,7 +159,7 @@ class TextureSet:
             texture = TextureMap(array, _array_source(role, array))
             maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
         convention = NormalConvention("opengl", "option", 1.0)
-        return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest())
+        return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest(), warnings=warnings)
 
 
 def load(

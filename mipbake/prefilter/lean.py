@@ -26,9 +26,6 @@ from mipbake.prefilter.closed_form import (
 )
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
 
-_MIN_NORMAL_Z = 0.02
-"""Slopes are cut at 50, where a normal is 89 degrees off: at the horizon they are infinite, averages must not be."""
-
 
 class Lean:
     """Slope moments: anisotropic for anisotropic targets, their mean eigenvalue for isotropic ones."""
@@ -71,4 +68,4 @@ class Lean:
 
 def _slopes(stored: Array, model: str) -> Array:
     normal = unit_normals(stored, model)
-    return normal[..., 0:2] / np.maximum(normal[..., 2:3], _MIN_NORMAL_Z)
+    return normal[..., 0:2] / np.maximum(normal[..., 2:3], material.MIN_NORMAL_Z)
