@@ -40,8 +40,8 @@ def bake(
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
     if made != target:
-        levels = [material.convert(level, made, target) for level in levels]
-    return directions.settled([material.regularise(level, target) for level in levels], target, wrap)
+        levels = directions.settled([material.convert(level, made, target) for level in levels], target, wrap)
+    return [material.regularise(level, target) for level in levels]
 
 
 def bake_levels(
@@ -64,7 +64,7 @@ def bake_levels(
         source, target: the encoder and the decoder, where the network has several.
 
     Returns:
-        (H_L, W_L, C) float32 stored channels of the target, of every level; directions of either sign.
+        (H_L, W_L, C) float32 stored channels of the target, of every level.
     """
     sizes = level_sizes(*stored.shape[:2])
     texels = sum(height * width for height, width in sizes)
@@ -92,7 +92,7 @@ def bake_levels(
             assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return levels
+    return directions.settled(levels, target or network.config.decoders[0], wrap)
 
 
 def _encode_tile(

@@ -44,6 +44,15 @@ def material_of(model: str, height: int, width: int, seed: int = 0) -> NDArray[n
     return convert(ggx, "ggx", model)
 
 
+def combed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
+    """A level whose directions all lie within 45 degrees of +x: no signs break, and nothing is eased."""
+    out = level.copy()
+    if model == ANISOTROPIC:
+        out[..., 8:10] = np.stack([1 + np.abs(level[..., 8]), level[..., 9]], -1)
+        out[..., 8:10] /= np.linalg.norm(out[..., 8:10], axis=-1, keepdims=True)
+    return out
+
+
 def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
     """A level with its directions in one half plane: those of a decoder have either sign."""
     if model != ANISOTROPIC:
@@ -145,7 +154,7 @@ def test_untrained_network_reproduces_a_constant_material_at_every_level(model: 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_untrained_network_is_linear_prefiltering(model: str) -> None:
-    stored = material_of(model, 16, 16)
+    stored = combed(material_of(model, 16, 16), model)
     levels = bake_levels(untrained(model, latent_filter="box"), stored, ("wrap", "wrap"))
     np.testing.assert_allclose(signed(levels[0], model), signed(stored, model), atol=2e-5)
     parameters = to_parameters(torch.from_numpy(stored), model).reshape(8, 2, 8, 2, -1).mean((1, 3))
@@ -196,7 +205,7 @@ def test_trained_residual_network_leaves_a_constant_material_alone(model: str) -
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_untrained_residual_network_averages_its_parameters_under_the_pixel_filter(model: str) -> None:
-    stored = material_of(model, 16, 16)
+    stored = combed(material_of(model, 16, 16), model)
     network = untrained(model, residual=True)
     parameters = to_parameters(torch.from_numpy(stored), model).numpy()
     averaged = torch.from_numpy(resample(parameters, (16, 16), "gaussian", ("wrap", "wrap")))
