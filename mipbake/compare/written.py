@@ -25,6 +25,10 @@ from mipbake.texture_set import TextureSet
 WORST_DIP = 2.0
 """dB by which a lookup between two levels may be worse than at both of them: more is a defect of what made them."""
 
+LEAST_SNR = 3.0
+"""dB that both levels have where a dip counts. Where the error is as great as what is to be seen, as that of plain
+averages of bumpy gloss is, a lookup between levels may well be worse than at both."""
+
 SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets, in a sentence."""
 
@@ -36,7 +40,7 @@ _GROUP = 64  # pairs: means over groups of decibels do not hang on the few brigh
 
 @dataclass(frozen=True)
 class Dip:
-    """Two levels between which lookups are worse than at both, by more than WORST_DIP.
+    """Two levels of LEAST_SNR and more between which lookups are worse than at both, by more than WORST_DIP.
 
     Args:
         pair_set: that shows it. lod: halfway between the levels. snr: there, in dB. at_levels: at both.
@@ -133,10 +137,10 @@ _Figure = Callable[[TextureSpace, str, float], float]
 
 
 def _dip(found: TextureSpace, view: str, around: tuple[float, float, float], figure: _Figure) -> float:
-    """dB by which the middle is below the lower end; nan, which is below nothing, where nothing is lit."""
+    """dB by which the middle is below the lower end; -inf where that has less than LEAST_SNR, or nothing is lit."""
     low, middle, high = (figure(found, view, lod) for lod in around)
-    fall = min(low, high) - middle
-    return -math.inf if math.isnan(fall) else fall
+    ends = min(low, high)
+    return ends - middle if ends >= LEAST_SNR and not math.isnan(middle) else -math.inf
 
 
 def _of_all(found: TextureSpace, view: str, lod: float) -> float:
