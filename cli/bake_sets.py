@@ -23,12 +23,16 @@ from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
+from mipbake.io.map_files import MapFile
 from mipbake.io.publish import published
 from mipbake.opacity import shown
 from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset
-from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder, read_output
+from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder
 from mipbake.texture_set import TextureSet
+
+DEFECT = 1
+"""Exit code where what was written shows a defect of mipbake: that of any other defect."""
 
 
 @dataclass(frozen=True)
@@ -227,11 +231,17 @@ def _write_one(
         else:
             made.setdefault(job.source, []).append((job, stack, textures))
     files: list[Path] = []
-    if outputs or beside:
-        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside)
-    for index, each in enumerate(outputs):
+
+    def checked(index: int, read: Sequence[MapFile]) -> dict[str, Any]:
+        """What an output costs, and what stack.json says of it."""
+        if index == 0:
+            baking("write", 1.0)
         here = part_of(partial(baking, "check"), index, len(outputs))
-        costs.append(cost(seen, stack, each, read_output(place, index), asked.levels, progress=here))
+        costs.append(found := cost(seen, stack, outputs[index], read, asked.levels, progress=here))
+        return found.written.to_dict() if found.written else {}
+
+    if outputs or beside:
+        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside, measured=checked)
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
     learned = f" with {provenance.weights}" if provenance.weights else ""
@@ -248,10 +258,14 @@ def _write_one(
         f"time: {baking.summary()}",
         *([f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB"] if files and not job.tiled else []),
     )
+    defects = [cost.defect for cost in costs if cost.defect]
+    for line in defects:
+        session.fail(f"{place}: {line}", DEFECT)
     return {
         "source": job.source,
-        "ok": True,
-        "exit_code": 0,
+        "ok": not defects,
+        "exit_code": DEFECT if defects else 0,
+        **({"error": " ".join(defects)} if defects else {}),
         "out": place,
         "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
         "bytes": size,
@@ -311,7 +325,7 @@ def _promise(provenance: Provenance) -> list[str]:
     if promise is None:
         return []
     lines = [
-        f"measured beside the best closed form of each level, {name}: {promise.summary(name)}"
+        f"measured at levels and between them, beside the best closed form there, {name}: {promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
     if promise.left_out:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.bake import bake
+from mipbake.directions import led
 from mipbake.errors import UsageError
 from mipbake.io.colour import unit_range
 from mipbake.io.decode import unit_directions
@@ -15,6 +16,7 @@ from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.normal import normalised
 from mipbake.io.read import read_image
 from mipbake.io.sources import taken
+from mipbake.io.steep import holes
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -89,6 +91,8 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
         for layout in LAYOUTS[stack.model]:
             if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
                 levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
+    if asked.keep_level0 and stack.model == "gltf-anisotropic":
+        levels = led(levels)
     if asked.min_roughness:
         roughness = channels_of(stack.model, "roughness")
         for index, level in enumerate(levels):
@@ -114,6 +118,9 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
         if texture_set.convention.name == "directx":
             vectors[..., 1] *= -1
         again = normalised(vectors)
+        # What was no normal has been filled from around it.
+        filled = holes(again, np.linalg.norm(vectors, axis=-1))
+        vectors[filled], again[filled] = unit[filled], unit[filled]
     else:
         again[..., :2] = unit_directions(vectors[..., :2])
     return vectors if np.abs(again - unit).max() < _SAME else unit

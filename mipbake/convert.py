@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mipbake import __version__, material
 from mipbake.bake import bake
+from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
@@ -215,6 +216,8 @@ def _converted(
     converted = material.convert(stored, made.source_model, target)
     if target != made.source_model:
         converted = material.regularise(converted, target)
+    if target == "gltf-anisotropic":
+        converted[..., 8:11] = untangled(converted[..., 8:11], wrap)
     return Material(name, target, np.ascontiguousarray(converted, np.float32), extra, wrap, made)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.directions import untangled
 from mipbake.io.decode import unit_directions, upsample
 from mipbake.io.normal import normalised
 from mipbake.io.options import SHADING_ROLES
@@ -44,7 +45,8 @@ def shown(texture_set: TextureSet) -> TextureSet:
     for role, each in texture_set.maps.items():
         if role not in SHADING_ROLES:
             continue
-        filled = fill(each.pixels, weights, texture_set.wrap)
+        pixels = untangled(each.pixels, texture_set.wrap) if role == "anisotropy" else each.pixels
+        filled = fill(pixels, weights, texture_set.wrap)
         if role == "normal":
             filled = normalised(filled)
         elif role == "anisotropy":

@@ -153,6 +153,7 @@ class MipStack:
         levels: int | None = None,
         beside: Mapping[str, bytes] | None = None,
         preset: str | None = None,
+        measured: Callable[[int, Sequence[MapFile]], Mapping[str, Any]] | None = None,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -171,6 +172,9 @@ class MipStack:
             preset: a name in `mipbake.presets.PRESETS`: an engine, whose formats, packing, normals and names are
                 written. The first texels that it names are taken: to choose more precise ones takes the source, see
                 `mipbake.compare.compression.chosen_all`. Warns where the engine needs other sides than the stack's.
+            measured: told the index of an output and its files as they were read back, before the folder appears; what
+                it gives, plain types for JSON, becomes `measured` of the output in stack.json. Figures that are not
+                finite must be None.
 
         Returns:
             The files, stack.json first.
@@ -193,6 +197,9 @@ class MipStack:
 
         def write(folder: Path) -> None:
             write_all(folder)
+            if measured is not None:
+                for index, entry in enumerate(manifest["outputs"][: len(plans)]):
+                    entry["measured"] = measured(index, _read_back(folder, entry))
             for name, data in (beside or {}).items():
                 (folder / name).write_bytes(data)
 
@@ -282,7 +289,7 @@ def open_stack(path: str | Path) -> MipStack:
             raise InputError(f"{file} names the model {model!r}: expected one of {', '.join(MODELS)}")
         wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
         output = best_output(manifest)
-        found = read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
+        found = _read_back(folder, output)
         chains = unpacked([(file.layout, file.levels) for file in found], model)
         names = [layout.name for layout in LAYOUTS[model]]
         provenance = _read_provenance(manifest["provenance"])
@@ -301,7 +308,12 @@ def read_output(path: str | Path, index: int) -> list[MapFile]:
     """
     file = manifest_path(path)
     output = read_manifest(file)["outputs"][index]
-    return read_files(FORMATS[output["format"]].__getitem__, file.parent, output["maps"])
+    return _read_back(file.parent, output)
+
+
+def _read_back(folder: Path, output: Mapping[str, Any]) -> list[MapFile]:
+    """The files of an output of a manifest."""
+    return read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
 
 
 def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -8,12 +8,14 @@ import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
 from mipbake.io.candidates import BASE_ALPHA, alpha_note
 from mipbake.io.colour import LINEAR
@@ -34,6 +36,7 @@ from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP
 from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
 from mipbake.io.specular import as_metallic
+from mipbake.io.steep import held, warning
 from mipbake.material import convert
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
@@ -89,10 +92,16 @@ class TextureSet:
         """The material model that the source is given in: "gltf-anisotropic" with an anisotropy map, else "gltf"."""
         return "gltf-anisotropic" if self.anisotropic else "gltf"
 
+    @cached_property
+    def _lines(self) -> NDArray[np.float32]:
+        """The anisotropy map with signs that agree: what lies between its texels does not depend on who drew it."""
+        return untangled(self.maps["anisotropy"].pixels, self.wrap)
+
     def material(self, model: str) -> NDArray[np.float32]:
         """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""
-        order = ("base_color", "metallic", "roughness", "normal", "anisotropy")
-        stored = np.concatenate([self.maps[role].pixels for role in order if role in self.maps], -1)
+        order = ("base_color", "metallic", "roughness", "normal")
+        maps = [*(self.maps[role].pixels for role in order), *([self._lines] if self.anisotropic else [])]
+        stored = np.concatenate(maps, -1)
         converted = convert(stored, self.source_model, model)
         return np.ascontiguousarray(converted, np.float32)
 
@@ -143,6 +152,9 @@ class TextureSet:
             "opacity": opacity,
         }
         arrays = {role: _checked_array(role, value) for role, value in given.items() if value is not None}
+        arrays["normal"], broken = held(arrays["normal"])
+        texels = arrays["normal"].shape[0] * arrays["normal"].shape[1]
+        warnings = (warning("normal", broken, texels),) if broken else ()
         shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
         rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
         maps, digest = {}, hashlib.sha256(repr(wrap).encode())
@@ -153,7 +165,7 @@ class TextureSet:
             texture = TextureMap(array, _array_source(role, array))
             maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
         convention = NormalConvention("opengl", "option", 1.0)
-        return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest())
+        return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest(), warnings=warnings)
 
 
 def load(

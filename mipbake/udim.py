@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
+from mipbake.directions import untangled
 from mipbake.errors import UsageError
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import TextureMap, resized, unit_directions
@@ -171,7 +172,7 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
     exact = _exact_levels(stack.size[0] // mosaic.rows, stack.size[1] // mosaic.columns)
     promise = stack.provenance.promise
     if promise is not None:
-        promise = replace(promise, levels=promise.levels[:exact])
+        promise = promise.first(exact)
     stacks = {}
     for number, tile in mosaic.tiles.items():
         cell = (tile.row, tile.column)
@@ -228,6 +229,8 @@ def _mosaic_map(
             pixels[here] = constant
         known[here] = texture is not None or _constant(role) is not None
     if not known.all():
+        if role == "anisotropy":
+            pixels = untangled(pixels, CLAMPED)
         filled = fill(pixels, known.astype(np.float32))
         if role == "normal":
             filled = normalised(filled)

@@ -55,17 +55,3 @@ def stretched(found: Statistics, roughness: Tensor, out: Tensor) -> tuple[Tensor
     flat = wider <= _LEAST
     strength = torch.where(flat, torch.zeros_like(wider), torch.where(flat, torch.ones_like(wider), wider).sqrt())
     return narrow, torch.cat([angle.cos(), angle.sin(), strength.clamp(max=1)], -1)
-
-
-def aligned(levels: list[Tensor]) -> list[Tensor]:
-    """(B, S_L, S_L, 11) levels of `gltf-anisotropic` with directions d and -d, which shade alike, of one sign.
-
-    As mipbake.material.align_directions does it, with one axis for all levels of an image: that of the coarsest.
-    """
-    axis = levels[-1][..., 8:10].detach().mean((1, 2), keepdim=True)
-    out = []
-    for level in levels:
-        direction = level[..., 8:10]
-        sign = torch.where((direction * axis).sum(-1, keepdim=True) < 0, -1.0, 1.0)
-        out.append(torch.cat([level[..., :8], sign * direction, level[..., 10:]], -1))
-    return out

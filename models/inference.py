@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
@@ -40,7 +40,7 @@ def bake(
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
     if made != target:
-        levels = _aligned([material.convert(level, made, target) for level in levels], target)
+        levels = directions.settled([material.convert(level, made, target) for level in levels], target, wrap)
     return [material.regularise(level, target) for level in levels]
 
 
@@ -92,11 +92,7 @@ def bake_levels(
             assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return _aligned(levels, target or network.config.decoders[0])
-
-
-def _aligned(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float32]]:
-    return material.align_directions(levels) if model == "gltf-anisotropic" else levels
+    return directions.settled(levels, target or network.config.decoders[0], wrap)
 
 
 def _encode_tile(

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.models.config import takes
 from mipbake.models.lookup_kernel import sharpened, sharpening
@@ -58,7 +58,7 @@ def bake(
             levels.append(_decoded(network, latent, level, kernel, wrap))
     progress(1.0)
     levels = [material.regularise(level, made) for level in levels]
-    return material.align_directions(levels) if network.anisotropic else levels
+    return directions.settled(levels, made, wrap)
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,10 @@ from torch.nn import functional
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.config import MomentConfig
 from mipbake.models.dense import SLOPE, dense
-from mipbake.models.direction import OUTPUTS, aligned, stretched
+from mipbake.models.direction import OUTPUTS, stretched
 from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
+from mipbake.models.parameters import settled
 from mipbake.prefilter.pixel_filter import FILTERS, Wrap, level_sizes
 
 _INPUTS = 10
@@ -161,7 +162,7 @@ class MomentNetwork(nn.Module):
         """
         latents, index = self._latents(stored, pixel_filter)
         levels = _split(self.decode(latents, index, pixel_filter), stored)
-        return aligned(levels) if self.anisotropic else levels
+        return settled(levels, ("wrap", "wrap")) if self.anisotropic else levels
 
     def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""

@@ -29,7 +29,7 @@ from mipbake.errors import UsageError
 from mipbake.models.config import PARAMETERS, NetworkConfig
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent import downsample, pixel_taps
-from mipbake.models.parameters import align_directions, to_parameters, to_stored
+from mipbake.models.parameters import settled, to_parameters, to_stored
 from mipbake.prefilter.pixel_filter import Wrap, level_sizes
 
 _GATE = 0.01
@@ -274,7 +274,7 @@ class Network(nn.Module):
         for target in self.config.decoders:
             decoded = torch.split(self.decode(texels, target), counts, 1)
             levels = [d.reshape(*z.shape[:3], -1) for d, z in zip(decoded, latents, strict=True)]
-            stacks[target] = align_directions(levels) if target == "gltf-anisotropic" else levels
+            stacks[target] = settled(levels, wrap) if target == "gltf-anisotropic" else levels
         return stacks
 
     def bake(

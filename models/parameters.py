@@ -21,9 +21,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake import directions
+from mipbake.directions import Wrap
 from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2
 
 MIN_HEIGHT = 0.01
@@ -103,18 +107,32 @@ def _gltf_anisotropic(parameters: Tensor) -> Tensor:
     return torch.cat([clamp(parameters[..., :4], 0, 1), (narrow / 4).exp()[..., None], xy, z, lobe], -1)
 
 
-def align_directions(levels: list[Tensor]) -> list[Tensor]:
-    """`material.align_directions` of (B, H_L, W_L, 11) levels of `gltf-anisotropic`; differentiable, signs constant."""
-    aligned, before = [], levels[0].new_tensor([1.0, 0.0])
-    for level in levels:
-        direction = level[..., 8:10].detach()
-        x, y = (direction * level[..., 10:].detach()).flatten(1, 2).unbind(-1)
-        angle = torch.atan2(2 * (x * y).sum(1), (x * x - y * y).sum(1)) / 2
-        axis = torch.stack([angle.cos(), angle.sin()], -1)
-        before = torch.where((axis * before).sum(-1, keepdim=True) >= 0, axis, -axis)
-        sign = torch.where((direction * before[:, None, None]).sum(-1, keepdim=True) < 0, -1.0, 1.0)
-        aligned.append(torch.cat([level[..., :8], level[..., 8:10] * sign, level[..., 10:]], -1))
-    return aligned
+def settled(levels: list[Tensor], wrap: Wrap) -> list[Tensor]:
+    """`mipbake.directions.settled` of (B, H_L, W_L, 11) levels of `gltf-anisotropic`; signs and shares are constants.
+
+    Differentiable: the gradients of roughness and strength meet along cuts, and are their own elsewhere.
+    """
+    found = [level[..., 8:11].detach().cpu().numpy() for level in levels]
+    sign = directions.signs(found, wrap)
+    share = directions.shares([each[..., :2] * s[..., None] for each, s in zip(found, sign, strict=True)], wrap)
+    return [_eased(*each) for each in zip(levels, sign, share, strict=True)]
+
+
+def _eased(level: Tensor, sign: NDArray[np.float32], share: NDArray[np.float32]) -> Tensor:
+    """(B, H, W, 11) with other signs, and a share of the anisotropy where it is below 1."""
+    direction = level[..., 8:10] * level.new_tensor(sign)[..., None]
+    if (share == 1).all():
+        return torch.cat([level[..., :8], direction, level[..., 10:]], -1)
+    kept, roughness, strength = level.new_tensor(share)[..., None], level[..., 4:5], level[..., 10:]
+    across = roughness.clamp(min=MIN_ROUGHNESS).square()
+    along = across + (1 - across) * strength.square()
+    middle, half = (along * across).log() / 2, (along / across).log() / 2 * kept
+    narrow, wide = (middle - half).exp(), (middle + half).exp()
+    # A root has no derivative at zero, where a round lobe is.
+    less = ((wide - narrow) / (1 - narrow).clamp(min=1e-3)).clamp(min=1e-8).sqrt().clamp(max=1)
+    roughness = torch.where(kept < 1, narrow.sqrt(), roughness)
+    strength = torch.where(kept < 1, less, strength)
+    return torch.cat([level[..., :4], roughness, level[..., 5:8], direction, strength], -1)
 
 
 def _ggx(parameters: Tensor, least: float = MIN_LOG_ALPHA2) -> Tensor:

@@ -109,6 +109,11 @@ def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterRe
         assert abs(each.snr[name] - found) < 4 * error + 0.3, (each.level, name)
         assert each.gain(name) > -2 * each.gain_error[name] - 0.1
         assert each.best_closed_form[name].split(" ")[0] in METHODS
+    assert [each.lod for each in promise.between] == [level + 0.5 for level in range(5)]
+    for between, name in itertools.product(promise.between, PAIR_SETS):
+        found = measured({"auto": solved.levels}, two, between.lod, name, 12)["auto"]
+        error = between.standard_error[name] * math.sqrt(1 + promise.pairs / 64 / 12)
+        assert abs(between.snr[name] - found) < 4 * error + 0.3, (between.lod, name)
 
 
 @pytest.mark.parametrize("model", material.MODELS)
@@ -135,7 +140,7 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray, monkeypatch: pytes
     monkeypatch.setattr(blending, "_fitted", spoilt)
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     made = blending.blend(task, list(bench.closed_forms(task)), SMALL)
-    for index, score in enumerate(refine.scored(made, made.levels)):
+    for index, score in enumerate(refine.scored(made.judge, made.levels)):
         lost = [(row - rival.log_errors).mean() for row, rival in zip(score.rows, made.rivals[index], strict=True)]
         assert max(lost[: len(PAIR_SETS)]) < 0.25, index
 
@@ -342,12 +347,14 @@ def test_promises_of_other_shapes_are_refused() -> None:
     assert found is not None and found.levels[0].snr == figures
     for wrong, sentence in (
         ([], "the promise is a list: expected an object"),
-        ({}, "the promise has : expected left_out, levels, pairs, points"),
+        ({}, "the promise has between: expected between, left_out, levels, pairs, points"),
         ({**right, "levels": []}, "levels of the promise is a list: expected a list of levels"),
         ({**right, "levels": [{"level": 0}]}, "level 0 of the promise has level: expected best_closed_form, "),
         ({**right, "pairs": "64"}, "pairs of the promise is '64': expected a whole number from 0 up"),
         ({**right, "levels": [{**level, "sources": "neural"}]}, "sources of level 0 .* expected a list of names"),
         ({**right, "levels": [{**level, "snr": {"hemisphere": "2"}}]}, "snr of level 0 .* pair sets with numbers"),
+        ({**right, "between": {}}, "between of the promise is a dict: expected a list of lookups"),
+        ({**right, "between": [{"lod": 0.5}]}, "lookup 0 of the promise has lod: expected best_closed_form, "),
         ({**right, "levels": [{**level, "snr": {"hemisphere": 2.0}}]}, "level 0 .* different pair sets"),
     ):
         with pytest.raises(ValueError, match=sentence):

@@ -57,7 +57,7 @@ def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
     promise = provenance.promise
     assert provenance.budget == "0.01s"
     for name in ("near-mirror", "hemisphere"):
-        assert f"beside the best closed form of each level, {name}: {promise.summary(name)}" in out
+        assert f"beside the best closed form there, {name}: {promise.summary(name)}" in out
     assert main([*arguments, "--json"]) == 0
     levels = json.loads(capsys.readouterr().out)["results"][0]["stack"]["provenance"]["promise"]["levels"]
     assert [each["level"] for each in levels] == list(range(len(promise.levels)))
@@ -79,7 +79,11 @@ def test_bake_equals_the_library(folder, tmp_path, capsys):
     expected = mipbake.bake(mipbake.load(folder, options), "linear", "ggx", "mitchell")
     expected.save(tmp_path / "library")
     for name in tree(tmp_path / "library"):
-        assert (tmp_path / "library" / name).read_bytes() == (tmp_path / "out" / "metal" / name).read_bytes(), name
+        mine, theirs = ((folder / name).read_bytes() for folder in (tmp_path / "library", tmp_path / "out" / "metal"))
+        if name == "stack.json":  # the command measures what it has written besides
+            mine, theirs = json.loads(mine), json.loads(theirs)
+            assert all(output.pop("measured")["dips"] == [] for output in theirs["outputs"])
+        assert mine == theirs, name
 
 
 def test_bake_json(folder, tmp_path, capsys):

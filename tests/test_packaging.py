@@ -13,7 +13,7 @@ ROOMS = {
     "mipbake/models/": "models",
     "mipbake/training/": "training",
     "mipbake/cli/": "cli",
-    "mipbake_start/": "start",
+    "mipbake_start/": "cli/start",
 }
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.texture_space import measure
+from mipbake.compare.written import SPOKEN, Written, measure_written
 from mipbake.errors import InputError
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.layout import LAYOUTS, to_file
@@ -41,7 +42,6 @@ COVERAGE_LIMIT = 0.02
 _COVERAGE_SIDE = 8
 """Texels along a side of a level; of smaller ones every texel is a great share."""
 
-_SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 _POINTS, _SAMPLES, _SEED = 1024, 64, 11
 _LADDER = ("bc", "rgba8", "rgba16f")
 """Texels of ktx2 and dds from the smallest to the most precise."""
@@ -86,6 +86,7 @@ class Cost:
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
         coverage: of the opacity; None where none is tested.
+        written: what the files give back, at every level and between them; None where that was not measured.
     """
 
     format: str
@@ -93,6 +94,21 @@ class Cost:
     loss: Mapping[str, float]
     texels: Mapping[str, str]
     coverage: Coverage | None = None
+    written: Written | None = None
+
+    @property
+    def defect(self) -> str | None:
+        """A sentence where levels do not belong together, which is no fault of the set; None where they do."""
+        dips = self.written.dips if self.written else ()
+        if not dips:
+            return None
+        worst = max(dips, key=lambda dip: min(dip.at_levels) - dip.snr)
+        others = f", and {len(dips) - 1} more like it" if len(dips) > 1 else ""
+        return (
+            f"levels of {self.format} do not fit together: lookups between them are worse than at both, "
+            f"{worst}{others}; this is a defect of mipbake, not of the set: the files were written, but do not use "
+            "them; bake with another --method, and please report it"
+        )
 
     @property
     def worst(self) -> float:
@@ -114,7 +130,7 @@ class Cost:
             advice = "a glTF file holds no other texels; plain --format ktx2 beside it chooses more precise ones"
         else:
             advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
-        where = _SPOKEN[max(self.loss, key=self.loss.__getitem__)]
+        where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]
         return (
             f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR, which is more than "
             f"{LIMIT:g}: {advice}"
@@ -242,12 +258,14 @@ def cost(
     del planned  # as large as the stack
     found = {"written": _stack_of(written, stack)}
     stack = replace(stack, levels=stack.levels[:levels])
+    between = measure_written(texture_set, stack, found["written"], part_of(progress, 2, 4))
     return Cost(
         format=spoken or _spoken(written),
         psnr=psnr,
-        loss=_losses(texture_set, stack, found, part_of(progress, 1, 2))["written"],
+        loss=_losses(texture_set, stack, found, part_of(progress, 3, 4))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
         coverage=covered,
+        written=between,
     )
 
 

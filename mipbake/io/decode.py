@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.directions import untangled
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR, SRGB, decode, unit_range
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
 from mipbake.io.options import COLOUR_ROLES, SCALAR_ROLES
 from mipbake.io.read import Image
 from mipbake.io.sources import MapSource, spoken, taken
+from mipbake.io.steep import held, holes, warning
 
 Pixels = NDArray[np.float32]
 
@@ -105,10 +107,11 @@ def resized(texture: TextureMap, width: int, height: int, wrap: tuple[str, str])
     """A map at a size no smaller than its own; vectors are made unit again."""
     if texture.pixels.shape[:2] == (height, width):
         return texture
-    pixels = upsample(texture.pixels, width, height, wrap)
+    lines = texture.source.role == "anisotropy"
+    pixels = upsample(untangled(texture.pixels, wrap) if lines else texture.pixels, width, height, wrap)
     if texture.source.role == "normal":
         pixels = normalised(pixels)
-    elif texture.source.role == "anisotropy":
+    elif lines:
         pixels[..., :2] = unit_directions(pixels[..., :2])
     return replace(texture, pixels=pixels)
 
@@ -143,11 +146,15 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     if source.path is None:
         raise InputError("a normal map from a file needs its path")
     decoded = decode_normals(stored, source.path)
+    vectors, count = held(decoded.vectors, decoded.length)
+    broken = () if count == 0 else (warning(source.path.name, count, vectors.shape[0] * vectors.shape[1]),)
     notes = [f"{source.path.name}: {n}" for n in decoded.notes]
     variance: Pixels | None = None
     warnings: tuple[str, ...] = ()
     if decoded.length is not None and normal_length == "roughness":
-        variance = lost_variance(decoded.length, length_resolution(source.depth))
+        # What is no normal tells nothing of how normals spread.
+        length = np.where(holes(decoded.vectors, decoded.length), np.float32(1), decoded.length)
+        variance = lost_variance(length, length_resolution(source.depth))
         mean = float(variance.mean(dtype=np.float64))
         notes.append(
             f"{source.path.name}: its mean length {decoded.mean_length:.3f} adds {mean:.3g} to the squared "
@@ -159,7 +166,7 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
             "averaging leaves them; they are renormalised; --normal-length roughness (normal_length in Python) would "
             "count what is missing as roughness",
         )
-    return DecodedMap(TextureMap(decoded.vectors, replace(source, notes=tuple(notes))), warnings, variance)
+    return DecodedMap(TextureMap(vectors, replace(source, notes=tuple(notes))), (*broken, *warnings), variance)
 
 
 def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
@@ -129,8 +129,7 @@ class Bench:
             for which, each in enumerate(scores):
                 self._look_up(name, levels, which, each)
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
-            for level in range(problem.last + 1):
-                self._looked_up[name, len(scores), level, level] = witness.looked_up(levels[level], level)
+            self._look_up(name, levels, len(scores), witness)
             return True
 
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
@@ -223,10 +222,13 @@ class Bench:
     def _plain(self) -> list[str]:
         return [name for name, each in self._candidates.items() if each.closed_form and name.split(" ")[0] in PLAIN]
 
-    def witnessed(self, level: int, rivals: Sequence[Rival]) -> list[Rival]:
-        """What closed forms have at a level as the witness sees it."""
-        which = len(self._scores)
-        rows = {each.name: self._witness.of(self.seen(each.name, which, level, level), level) for each in rivals}
+    def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
+        """What closed forms have at a level of detail as the witness sees it."""
+        which, levels = len(self._scores), self._witness.probes[index].levels
+        rows = {
+            each.name: self._witness.of(mean([self.seen(each.name, which, index, level) for level in levels]), index)
+            for each in rivals
+        }
         return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
     def asked(self, which: int, index: int) -> Score:
@@ -289,7 +291,7 @@ class Bench:
                 if name in mixture:
                     out[level] += levels[level] * mixture[name].astype(np.float32)
         out = [material.regularise(level, target) for level in out]
-        return material.align_directions(out) if target == "gltf-anisotropic" else out
+        return directions.aligned(out, target, self.problem.wrap)
 
 
 def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], model: str) -> Image:

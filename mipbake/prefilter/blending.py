@@ -42,7 +42,7 @@ class Blend:
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
         rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_log of any.
         plain: there, the least log_errors of PLAIN in every group.
-        witness: renders that decided nothing, at every level. witnessed: what these rivals have there.
+        witness: renders that decided nothing, at the same levels of detail. witnessed: what these rivals have there.
         left_out: closed forms that there was no time to bake, in none of the above.
     """
 
@@ -83,10 +83,7 @@ def blend(
     third = replace(effort, groups=max(2, effort.groups // 2), lit_points=1)
     with ThreadPoolExecutor(2) as pool:
         drawn = [
-            pool.submit(Scores, problem, each, 3 * seed + index, lods)
-            for index, (each, lods) in enumerate(
-                ((fewer, None), (effort, None), (third, [float(level) for level in range(problem.last + 1)]))
-            )
+            pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate((fewer, effort, third))
         ]
         train, judge, witness = (each.result() for each in drawn)
     bench = Bench(problem, candidates, (train, judge), witness, progress, deadline)
@@ -99,7 +96,7 @@ def blend(
     shares = _settled(bench, judge, weights, safe, rivals, lit, plain)
     mixtures = [bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)]
     levels = bench.mixed(mixtures)
-    witnessed = [bench.witnessed(level, rivals[2 * level][: len(PAIR_SETS)]) for level in range(problem.last + 1)]
+    witnessed = [bench.witnessed(index, each[: len(PAIR_SETS)]) for index, each in enumerate(rivals)]
     progress(1.0)
     sources = [tuple(mixture) for mixture in mixtures]
     return Blend(levels, sources, judge, rivals, lit, plain, witness, witnessed, bench.left_out)

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels, resample
 
@@ -97,7 +97,7 @@ class RoughnessRule:
         for index, level in enumerate(levels):
             images = (level, blurred) if index == 0 and blurred is not None else (level,)
             levels[index] = by_rows(write, *images)
-        return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
+        return PrefilterResult(directions.settled(levels, target, wrap))
 
     def _spread(self, moments: Array) -> tuple[Array, Array]:
         """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from their averaged moments."""

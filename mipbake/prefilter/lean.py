@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.closed_form import (
     Array,
@@ -25,9 +25,6 @@ from mipbake.prefilter.closed_form import (
     unit_normals,
 )
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
-
-_MIN_NORMAL_Z = 0.02
-"""Slopes are cut at 50, where a normal is 89 degrees off: at the horizon they are infinite, averages must not be."""
 
 
 class Lean:
@@ -66,9 +63,9 @@ class Lean:
         levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
         for index, level in enumerate(levels):
             levels[index] = by_rows(write, level)
-        return PrefilterResult(material.align_directions(levels) if target == "gltf-anisotropic" else levels)
+        return PrefilterResult(directions.settled(levels, target, wrap))
 
 
 def _slopes(stored: Array, model: str) -> Array:
     normal = unit_normals(stored, model)
-    return normal[..., 0:2] / np.maximum(normal[..., 2:3], _MIN_NORMAL_Z)
+    return normal[..., 0:2] / np.maximum(normal[..., 2:3], material.MIN_NORMAL_Z)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.closed_form import by_rows
 from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
@@ -30,4 +30,4 @@ class Linear:
         del channels
         for index, level in enumerate(levels):
             levels[index] = by_rows(lambda texels: material.regularise(texels, target), level)
-        return PrefilterResult(levels)
+        return PrefilterResult(directions.settled(levels, target, wrap))

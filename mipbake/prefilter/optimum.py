@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.material import model_named
 from mipbake.prefilter.base import PrefilterResult, Progress
@@ -134,8 +134,7 @@ def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: in
             for level in range(len(levels)):
                 if score[level] < scores[level] - 1e-3:  # no mixture of methods that measure the same
                     best[level], scores[level] = levels[level], score[level]
-    if problem.target == "gltf-anisotropic":
-        best = material.align_directions(best)
+    best = directions.aligned(best, problem.target, problem.wrap)
     return Start(best, np.maximum(held_out.typical(best) - np.min(every, 0), 0))
 
 

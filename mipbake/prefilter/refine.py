@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mipbake import material
+from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import PrefilterResult, Progress, say
@@ -31,8 +31,8 @@ from mipbake.prefilter.blending import standard_error as error_of_mean
 from mipbake.prefilter.held_out import SET_SIZE, Budget, Image, Problem, Region
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.pixel_filter import Wrap, filter_named
-from mipbake.prefilter.promise import LevelPromise, Promise
-from mipbake.prefilter.scores import DECIBEL, Array, Effort, Score
+from mipbake.prefilter.promise import BetweenPromise, LevelPromise, Promise
+from mipbake.prefilter.scores import DECIBEL, Array, Effort, Score, Scores
 from mipbake.prefilter.time_budget import seconds_of
 
 DEFAULT_EFFORT = Effort()
@@ -157,7 +157,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Refined:
-    """What became of a blend: levels, how much of their changes was kept, and how the witness scores each level."""
+    """What became of a blend: levels, how much of their changes was kept, and the scores that the witness gives."""
 
     levels: list[Image]
     shares: list[float]
@@ -171,13 +171,13 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
     from mipbake.prefilter.texel_descent import descend
 
     judge, last = start.judge, problem.last
-    before = scored(start, start.levels)
+    before = scored(judge, start.levels)
     worst = np.array([score.decibels.min() for score in before])
     moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
     levels = [level.copy() for level in start.levels]
     steps = [step for step in _steps(problem, everything) if any(moving[i] for i in step.region.levels)]
     if not steps:
-        return _Refined(start.levels, [0.0] * (last + 1), _witnessed(start, start.levels))
+        return _Refined(start.levels, [0.0] * (last + 1), scored(start.witness, start.levels))
     lobes = [Lobes(each) for each in lobes_under(problem)]
     ahead = np.zeros((len(PAIR_SETS), len(judge.lods)))
     timed = not math.isinf(deadline)
@@ -212,9 +212,8 @@ def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, 
         done += step.share
     shares = _kept(problem, start, levels, before)
     kept = [_between(*each, problem.target) for each in zip(start.levels, levels, shares, strict=True)]
-    if problem.target == "gltf-anisotropic":
-        kept = material.align_directions(kept)
-    return _Refined(kept, shares, _witnessed(start, kept))
+    kept = directions.aligned(kept, problem.target, problem.wrap)
+    return _Refined(kept, shares, scored(start.witness, kept))
 
 
 def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
@@ -250,18 +249,12 @@ def _between(first: Image, second: Image, share: float, model: str) -> Image:
     return material.regularise(first + np.float32(share) * (second - first), model)
 
 
-def scored(start: Blend, levels: Sequence[Image]) -> list[Score]:
-    """Scores of a stack as the judge of a blend sees it, at all of its levels of detail."""
-    judge = start.judge
+def scored(scores: Scores, levels: Sequence[Image]) -> list[Score]:
+    """Scores of a stack at all levels of detail of the probes of a judge or a witness."""
     return [
-        judge.of(mean([judge.looked_up(levels[level], index) for level in probe.levels]), index)
-        for index, probe in enumerate(judge.probes)
+        scores.of(mean([scores.looked_up(levels[level], index) for level in probe.levels]), index)
+        for index, probe in enumerate(scores.probes)
     ]
-
-
-def _witnessed(start: Blend, levels: Sequence[Image]) -> list[Score]:
-    """Scores of every level as the witness sees it."""
-    return [start.witness.of(start.witness.looked_up(each, level), level) for level, each in enumerate(levels)]
 
 
 def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Sequence[Score]) -> list[float]:
@@ -284,30 +277,33 @@ def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Seque
 
 
 def promised(start: Blend, refined: _Refined) -> Promise:
-    """What the witness found of every level."""
+    """What the witness found of every level, and halfway between levels."""
     sets = list(PAIR_SETS)
-    levels = []
-    for level, (sources, share) in enumerate(zip(start.sources, refined.shares, strict=True)):
-        rows, rivals = refined.witnessed[level].log_errors, start.witnessed[level]
-        others = np.stack([rival.log_errors for rival in rivals])
+    levels, between = [], []
+    for lod, score, rivals in zip(start.witness.lods, refined.witnessed, start.witnessed, strict=True):
+        rows, others = score.log_errors, np.stack([rival.log_errors for rival in rivals])
 
         def by_set(values: Array) -> dict[str, float]:
             return {name: round(float(value), 4) for name, value in zip(sets, values, strict=True)}
 
-        levels.append(
-            LevelPromise(
-                level,
-                sources,
-                share,
-                snr=by_set(-DECIBEL * rows.mean(1)),
-                standard_error=by_set(DECIBEL * error_of_mean(rows)),
-                best_closed_form={name: rival.name for name, rival in zip(sets, rivals, strict=True)},
-                best_closed_form_snr=by_set(-DECIBEL * others.mean(1)),
-                gain_error=by_set(DECIBEL * error_of_mean(rows - others)),
+        found = {
+            "snr": by_set(-DECIBEL * rows.mean(1)),
+            "standard_error": by_set(DECIBEL * error_of_mean(rows)),
+            "best_closed_form_snr": by_set(-DECIBEL * others.mean(1)),
+            "gain_error": by_set(DECIBEL * error_of_mean(rows - others)),
+        }
+        best = {name: rival.name for name, rival in zip(sets, rivals, strict=True)}
+        if lod == int(lod):
+            level = int(lod)
+            share = refined.shares[level]
+            levels.append(
+                LevelPromise(best_closed_form=best, level=level, sources=start.sources[level], refined=share, **found)
             )
-        )
+        else:
+            between.append(BetweenPromise(best_closed_form=best, lod=lod, **found))
     effort = start.witness.effort
-    return Promise(tuple(levels), effort.groups * SET_SIZE, effort.groups * effort.points, start.left_out)
+    pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
+    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between))
 
 
 def spoken_snr(snr: Array) -> str:
