@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -246,6 +247,20 @@ def test_measuring_keeps_what_a_command_writes(
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a.png"]
 
 
+def test_an_older_native_core_is_not_measured(
+    module: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    measuring = module("records.measuring")
+    monkeypatch.setattr(measuring, "ROOT", tmp_path)
+    measuring.check_built()  # no sources, nothing newer
+    (tmp_path / "csrc").mkdir()
+    source = tmp_path / "csrc" / "a.cpp"
+    source.touch()
+    os.utime(source, (4e9, 4e9))
+    with pytest.raises(SystemExit, match=r"a\.cpp is newer than the native core .*: build it"):
+        measuring.check_built()
+
+
 # Confirming by a sample
 
 
@@ -305,6 +320,7 @@ def test_a_sample_keeps_a_record_or_does_not(
         return results.pack([sample])
 
     monkeypatch.setattr(measuring, "_run", run)
+    monkeypatch.setattr(measuring, "check_built", lambda: None)
     stamped, lines = measuring.confirm(old, known.KNOWN["results-whole"], Path(), "now")
     assert asked[0] == "--plans" and asked[1] in data["sets"] and len(asked) == 2
     assert (stamped is not None) == agrees

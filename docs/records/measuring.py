@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import resource
 import shutil
@@ -24,6 +25,7 @@ DIGITS = 6
 
 def measure(name: str, known: Known, materials: Path | None, on: str) -> Record:
     """A new record. What a stopped run has measured with the same code stays in build/records."""
+    check_built()
     now = hashes(known.entry) if known.entry else {}
     work = ROOT / "build" / "records" / f"{name}-{together(now)}"
     work.mkdir(parents=True, exist_ok=True)
@@ -40,6 +42,7 @@ def measure(name: str, known: Known, materials: Path | None, on: str) -> Record:
 
 def confirm(record: Record, known: Known, materials: Path, on: str) -> tuple[Record | None, list[str]]:
     """The record with the code of today, where a sample agrees with it, and lines about the sample."""
+    check_built()
     now = hashes(known.entry) if known.entry else {}
     names = drawn(list(record.data["sets"]), known.sample, now)
     with tempfile.TemporaryDirectory() as scratch:
@@ -52,6 +55,19 @@ def confirm(record: Record, known: Known, materials: Path, on: str) -> tuple[Rec
         return None, [*lines, f"{len(wrong)} figures disagree: the record is stale until it is measured again"]
     stamped = confirmed(record, now, on, f"{', '.join(names)}, all figures", found)
     return stamped, [*lines, f"all agree, the farthest with {_share(stamped.confirmed)} of what is tolerated"]
+
+
+def check_built() -> None:
+    """A record of an older native core would be stamped with sources that it never saw.
+
+    Raises:
+        SystemExit: a C++ source is newer than the native core that is installed.
+    """
+    found = importlib.util.find_spec("mipbake._native")
+    built = Path(found.origin).resolve() if found and found.origin else None
+    newest = max((ROOT / "csrc").rglob("*.*"), key=lambda path: path.stat().st_mtime, default=None)
+    if built is None or (newest is not None and newest.stat().st_mtime > built.stat().st_mtime):
+        raise SystemExit(f"{newest} is newer than the native core {built}: build it, then measure")
 
 
 def spent(seconds: float) -> str:
