@@ -1,6 +1,6 @@
 """Every command of `mipbake`, on every texture set of a folder: does it work, how long, how large, what do files cost.
 
-    python benchmarks/commands.py SETS --results build/commands.json --page benchmarks/RESULTS-commands.md
+    python benchmarks/commands.py SETS --results build/commands.json
 
 Each command is a process of its own, as a user runs it. What stands in the results file is not run again; the page is
 written after every set. Sources other than folders (MaterialX, UDIM tiles) are made of each set's own files.
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -201,12 +201,13 @@ def measured(source: Path, done: set[tuple[str, str]], fast: str) -> Iterator[Ru
                 yield found
 
 
-def page_of(runs: Sequence[Run], fast: str) -> str:
-    """The Markdown page."""
+def page_of(data: Mapping[str, Any]) -> str:
+    """The Markdown page of what `main` writes."""
+    runs, fast = [Run(**each) for each in data["runs"]], data["fast"]
     failed = [f"- {each.set}, {each.command}: exit code {each.code}, {each.message}" for each in runs if each.code]
     return f"""# Every command on every set
 
-`python benchmarks/commands.py` on {cpu_name()}, Python {platform.python_version()}: {len({r.set for r in runs})} sets,
+`python benchmarks/commands.py` on {data["machine"]}, Python {data["python"]}: {len({r.set for r in runs})} sets,
 {len(runs)} processes, {len(failed)} failed. All formats are baked by the default method, the rest by `{fast}`. Times
 are of whole processes on a machine that had other work, too; memory is that of the largest process.
 
@@ -287,22 +288,22 @@ def _presets(runs: Sequence[Run]) -> list[list[str]]:
 
 
 def main() -> None:
-    """Runs what is missing and writes the page."""
+    """Runs what is missing; docs/remake.py makes the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sets", type=Path, help="a folder of texture sets")
     parser.add_argument("--results", type=Path, required=True, help="a .json file of what has been run")
-    parser.add_argument("--page", type=Path, required=True, help="where the tables go")
     parser.add_argument("--fast", default="linear", help="method of bakes whose subject is files (default linear)")
     options = parser.parse_args()
-    runs = [Run(**each) for each in json.loads(options.results.read_text())] if options.results.exists() else []
+    done = json.loads(options.results.read_text())["runs"] if options.results.exists() else []
+    runs = [Run(**each) for each in done]
+    about = {"machine": cpu_name(), "python": platform.python_version(), "fast": options.fast}
     for source in sorted(each for each in options.sets.resolve().iterdir() if each.is_dir()):
         for found in measured(source, {(each.set, each.command) for each in runs}, options.fast):
             runs.append(found)
             options.results.parent.mkdir(parents=True, exist_ok=True)
-            options.results.write_text(json.dumps([dataclasses.asdict(each) for each in runs], indent=1))
-            options.page.write_text(page_of(runs, options.fast))
+            written = about | {"runs": [dataclasses.asdict(each) for each in runs]}
+            options.results.write_text(json.dumps(written, indent=1))
             print(f"{found.set}, {found.command}: {found.code} {found.message} {found.seconds:.1f} s", flush=True)
-    options.page.write_text(page_of(runs, options.fast))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Measures methods on every texture set of a folder, a JSON file a set: what docs/make_results_page.py tabulates.
+"""Measures methods on every texture set of a folder, a JSON file a set.
 
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER
-    python docs/make_results_page.py RESULTS_FOLDER
+
+`python docs/remake.py results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record, of which
+docs/results.md and other pages are made.
 
 Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, each in a folder of its own:
 
@@ -12,8 +14,8 @@ Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, 
     correlated   generated materials whose channels depend on each other, and twins where they do not
 
 Sets whose file says that it was measured with the same methods, weights and settings are left alone, so a run that was
-stopped goes on, and new weights are measured. New code is not noticed: it wants a new RESULTS_FOLDER. A set that fails
-is named at the end, and the others are measured.
+stopped goes on, and new weights are measured. New code is not noticed: it wants a new RESULTS_FOLDER, which
+docs/remake.py gives it. A set that fails is named at the end, and the others are measured.
 """
 
 from __future__ import annotations
@@ -67,6 +69,7 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
     parser.add_argument("--only", nargs="+", help="names of sets")
+    parser.add_argument("--plans", nargs="+", help="names of files, which may be of generated sets; default all")
     for field in dataclasses.fields(Effort):
         parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
     options = parser.parse_args()
@@ -79,7 +82,7 @@ def main() -> int:
     for kind in options.kinds:
         folder = options.results / kind
         folder.mkdir(parents=True, exist_ok=True)
-        for plan in KINDS[kind](asked):
+        for plan in (each for each in KINDS[kind](asked) if not options.plans or each.name in options.plans):
             file = folder / f"{plan.name}.json"
             key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}
             if up_to_date(file, key):

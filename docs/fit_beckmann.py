@@ -1,6 +1,6 @@
-"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py`, a minute on one core.
+"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [OUT]`, a minute on one core.
 
-It prints
+`python docs/remake.py beckmann` keeps what it writes to OUT. It prints
 
 1. the polynomials of csrc/shading/beckmann_masking.h, and how far they are from erfc;
 2. for each alpha, the `beckmann` mirror that is nearest to a GGX mirror, beside what `mipbake.material.ggx_to_beckmann`
@@ -10,10 +10,17 @@ It prints
 
 Near is meant in the mean square of the specular radiance of an upright isotropic mirror, relative to that of the lobe
 to be replaced: in 2. the mean of the decibels of the two pair sets of docs/conventions.md, in 3. over all half vectors.
+
+The fit of 2. sees twelve views, the lowest with a cosine of 0.2. What both keep is measured with those and with as
+many as it takes to see views that graze, which the pair sets hold, too: there both lobes are brightest and differ
+most. The fit is left as it is, because weights were trained with its conversions.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +36,8 @@ from mipbake.shading import shade
 Array = NDArray[np.float64]
 
 ALPHAS = (0.002, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
+VIEWS = {"fitted": 12, "all": 768}
+"""Heights of views, in equal parts of the pair sets: the lowest have cosines of 0.204 and 0.026."""
 LOG_GAMMAS = np.linspace(-material.MAX_LOG_GAMMA, material.MAX_LOG_GAMMA, 13)
 
 
@@ -51,7 +60,7 @@ def masking_polynomial(reach: float, degree: int) -> tuple[Array, float]:
 class Mirrors:
     """Light-view pairs dense where a GGX mirror of that alpha is bright, and what the pair sets weigh them by."""
 
-    def __init__(self, alpha: float, rings: int = 96, spokes: int = 32, views: int = 12) -> None:
+    def __init__(self, alpha: float, views: int, rings: int = 96, spokes: int = 32) -> None:
         nodes, weights = np.polynomial.legendre.leggauss(rings)
         angle, azimuth = (nodes + 1) * np.pi / 4, (np.arange(spokes) + 0.5) * 2 * np.pi / spokes
         radius = np.tan(angle)
@@ -116,32 +125,52 @@ def nearest_narrow_ggx(g: float) -> tuple[float, float]:
     return float(found.x), -10 * np.log10(found.fun)
 
 
+def kept_by_rule(alpha: float) -> dict[str, list[float]]:
+    """Decibels that `ggx_to_beckmann` keeps near the mirror direction and over the hemisphere, by the views seen."""
+    tensor = np.array([2 * np.log(alpha)] * 2 + [0])
+    rule = material.ggx_to_beckmann(np.concatenate([np.zeros(8), tensor]))[8:]
+    found = {}
+    for name, views in VIEWS.items():
+        mirrors = Mirrors(alpha, views)
+        found[name] = mirrors.decibels(mirrors.radiance("beckmann", rule), mirrors.radiance("ggx", tensor)).tolist()
+    return found
+
+
 def main() -> None:
-    """Prints everything."""
+    """Prints everything, and writes what conversions keep."""
+    parser = argparse.ArgumentParser(description="the numbers of the beckmann model")
+    parser.add_argument("out", type=Path, nargs="?", help="a .json file of what conversions keep")
+    options = parser.parse_args()
     for reach, degree in ((4, 9), (6, 16)):
         powers, error = masking_polynomial(reach, degree)
         print(f"masking, a to {reach}, error of erfc {error:.1e}: " + ", ".join(f"{c:.17g}" for c in powers))
 
-    print("\nalpha: nearest ln(alpha_b / alpha), g (dB near-mirror, hemisphere); the rule's")
+    print("\nalpha: nearest ln(alpha_b / alpha), g (dB near-mirror, hemisphere); what the rule keeps, by views")
     start = np.array([-0.391, -0.612])
+    by_rule, nearest = {}, {}
     for alpha in ALPHAS:
-        mirrors = Mirrors(alpha)
-        start, best = nearest_beckmann(mirrors, alpha, start)
-        tensor = np.array([2 * np.log(alpha)] * 2 + [0])
-        rule = material.ggx_to_beckmann(np.concatenate([np.zeros(8), tensor]))[8:]
-        kept = mirrors.decibels(mirrors.radiance("beckmann", rule), mirrors.radiance("ggx", tensor))
-        print(
-            f"{alpha}: {start[0]:.3f}, {start[1]:.3f} ({best[0]:.1f}, {best[1]:.1f}); "
-            f"{rule[0] / 2 - np.log(alpha):.3f}, {rule[3]:.3f} ({kept[0]:.1f}, {kept[1]:.1f})"
-        )
+        start, best = nearest_beckmann(Mirrors(alpha, VIEWS["fitted"]), alpha, start)
+        nearest[f"{alpha:g}"], by_rule[f"{alpha:g}"] = [*start.tolist(), *best.tolist()], kept_by_rule(alpha)
+        kept = ", ".join(f"{name} {near:.1f} {over:.1f}" for name, (near, over) in by_rule[f"{alpha:g}"].items())
+        print(f"{alpha}: {start[0]:.3f}, {start[1]:.3f} ({best[0]:.1f}, {best[1]:.1f}); {kept}", flush=True)
 
     found = [nearest_narrow_ggx(g) for g in LOG_GAMMAS]
     shifts = np.array([shift for shift, _ in found])
     fitted = Polynomial.fit(LOG_GAMMAS, shifts, 5).convert()
     print("\nnarrow lobes, g: ln(alpha_b / alpha) (dB)")
     print(", ".join(f"{g:.2f}: {shift:.3f} ({kept:.1f})" for g, (shift, kept) in zip(LOG_GAMMAS, found, strict=True)))
-    off = np.abs(fitted(LOG_GAMMAS) - shifts).max()
+    off = float(np.abs(fitted(LOG_GAMMAS) - shifts).max())
     print(f"polynomial: {np.round(fitted.coef, 4).tolist()}, off by {off:.4f} at most")
+    if options.out:
+        narrow = {f"{g:g}": [shift, kept] for g, (shift, kept) in zip(LOG_GAMMAS, found, strict=True)}
+        written = {
+            "rule": by_rule,
+            "nearest": nearest,
+            "narrow": narrow,
+            "polynomial": fitted.coef.tolist(),
+            "off": off,
+        }
+        options.out.write_text(json.dumps(written), encoding="utf-8")
 
 
 if __name__ == "__main__":

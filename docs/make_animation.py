@@ -1,15 +1,17 @@
 """Makes docs/shimmer.webp: a slowly turning sphere, with plain MIP maps, mipbake's, and supersampled, in a loop.
 
-    python docs/make_animation.py [--set FOLDER] [--side 236] [--frames 64] [--passes 256] [OUT]
+    python docs/make_animation.py [--set FOLDER] [--side 236] [--frames 64] [--passes 256] [--figures FILE] [OUT]
 
 The texture lies around the sphere a whole number of times and turns by one of its repeats, so the last frame runs into
 the first. Prints each candidate's flicker (its mean squared change from frame to frame over the reference's) and SNR,
-over all frames; they stand in the caption. Radiance is shown as x / (1 + x), then sRGB.
+over all frames, and writes them to a file, from which the caption is made (`python docs/remake.py animation` does
+both). Radiance is shown as x / (1 + x), then sRGB.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +42,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=20, help="frames a second")
     parser.add_argument("--passes", type=int, default=256, help="samples a pixel of the reference")
     parser.add_argument("--quality", type=float, default=80, help="of the lossy compression, up to 100")
+    parser.add_argument("--figures", type=Path, help="a .json file of what was measured")
     options = parser.parse_args()
 
     at_rest = pictures.spheres(options.set, lamp_in_a_studio(), options.side)["near"]
@@ -62,9 +65,14 @@ def main() -> None:
     texture_set, _ = pictures.load(options.set)
     lod = median_lod(view.mesh, view.camera, view.resolution, (texture_set.height, texture_set.width))
     print(f"\nmedian lod {lod:.2f}")
+    found: dict[str, dict[str, float]] = {}
     for name, candidate in radiance.items():
         p = np.stack(candidate)[:, inside]
-        print(f"{name}: flicker {flicker_ratio(p, first, second):.2f}, SNR {snr_db(p, first, second):.1f} dB")
+        found[name] = {"flicker": flicker_ratio(p, first, second), "snr": snr_db(p, first, second)}
+        print(f"{name}: flicker {found[name]['flicker']:.2f}, SNR {found[name]['snr']:.1f} dB")
+    if options.figures:
+        about = {"set": options.set.name, "frames": options.frames, "passes": options.passes, "lod": lod}
+        options.figures.write_text(json.dumps(about | {"methods": found}), encoding="utf-8")
     images[0].save(
         options.out,
         save_all=True,

@@ -1,7 +1,9 @@
-"""Makes docs/figure-7.md with its pictures: one material read and made in every material model, after figure 7 of
-Kemppinen et al. 2023.
+"""Makes the pictures and figures of docs/figure-7.md: one material read and made in every material model, after
+figure 7 of Kemppinen et al. 2023.
 
-    python docs/make_figure_7.py [PAGE] [--set FOLDER] [--side 112] [--passes 512] [--methods linear lean auto]
+    python docs/make_figure_7.py --figures FILE [PAGE] [--set FOLDER] [--side 112] [--passes 512] [--methods ...]
+
+`python docs/remake.py figure-7` runs it and writes the page from its figures; pictures are written beside the page.
 
 The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
 render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert
@@ -12,9 +14,11 @@ texel by texel, and by the networks among the released weights that make the mod
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pictures
@@ -160,45 +164,53 @@ def composed(
     return image
 
 
-def table(found: Shown) -> str:
-    """SNR and FLIP of all methods, outputs and scales of an input."""
-    lines = [f"| output | method | {' | '.join(SCALES)} |", "|---" * (len(SCALES) + 2) + "|"]
-    for output in MODELS:
-        for method in dict.fromkeys(method for method, model, _ in found if model == output):
-            row = [found[method, output, scale] for scale in SCALES]
-            cells = (f"{sphere.snr:.1f} dB / {sphere.flip:.3f}" for sphere in row)
-            lines.append(f"| `{output}` | {method} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+def tabulated(found: Shown) -> dict[str, dict[str, list[list[float]]]]:
+    """Output model to method to SNR and FLIP of every scale."""
+    rows: dict[str, dict[str, list[list[float]]]] = {}
+    for method, output in dict.fromkeys((method, output) for method, output, _ in found):
+        spheres_of = [found[method, output, scale] for scale in SCALES]
+        rows.setdefault(output, {})[method] = [[each.snr, each.flip] for each in spheres_of]
+    return rows
+
+
+def page_of(data: Mapping[str, Any], stem: str) -> str:
+    """The Markdown page of what was measured; `stem` is what the names of its pictures begin with."""
+    trained = data["networks"]
+    listed = ", ".join(f"`{name}`" for name in trained)
+    words = f"Networks ({listed}) make the models of their training" if trained else "None of them is a network"
+    parts = [_TEXT.format(name=data["set"], shown=f"`{data['shown']}`", networks=words)]
+    for source, outputs in data["inputs"].items():
+        picture = f"![Spheres of every output model beside the reference]({stem}-{source}.webp)\n"
+        parts += [f"## Input: `{source}`\n", picture]
+        lines = [f"| output | method | {' | '.join(data['scales'])} |", "|---" * (len(data["scales"]) + 2) + "|"]
+        for output, methods in outputs.items():
+            for method, row in methods.items():
+                cells = (f"{snr:.1f} dB / {flip:.3f}" for snr, flip in row)
+                lines.append(f"| `{output}` | {method} | {' | '.join(cells)} |")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="the page of figure 7")
+    parser = argparse.ArgumentParser(description="the pictures and figures of figure 7")
     parser.add_argument("page", type=Path, nargs="?", default=PAGE)
+    parser.add_argument("--figures", type=Path, required=True, help="a .json file of what was measured")
     parser.add_argument("--set", type=Path, default=SET, help="a texture set")
     parser.add_argument("--side", type=int, default=112, help="pixels of a sphere's picture")
     parser.add_argument("--passes", type=int, default=512, help="samples a pixel of a reference, at most")
     parser.add_argument("--methods", nargs="+", default=["linear", "lean", "auto"], choices=METHODS)
     options = parser.parse_args()
     texture_set = mipbake.load(options.set)
-    trained = dict.fromkeys(name for source in MODELS for model in MODELS for name in networks(source, model))
+    trained = list(dict.fromkeys(name for source in MODELS for model in MODELS for name in networks(source, model)))
     method = CROSS if CROSS in trained else options.methods[-1]
-    parts = [
-        _TEXT.format(
-            name=texture_set.name,
-            shown=f"`{method}`",
-            networks=f"Networks ({', '.join(f'`{name}`' for name in trained)}) make the models of their training"
-            if trained
-            else "There are no networks among the weights",
-        )
-    ]
+    inputs = {}
     for source in MODELS:
         found, references = spheres(texture_set, source, options.methods, options.side, options.passes)
-        file = f"{options.page.stem}-{source}.webp"
         picture = composed(source, method, found, references, options.side)
-        picture.save(options.page.parent / file, quality=92, method=6)
-        parts += [f"## Input: `{source}`\n", f"![Spheres of every output model beside the reference]({file})\n"]
-        parts.append(table(found))
-    options.page.write_text("\n".join(parts), encoding="utf-8")
+        picture.save(options.page.parent / f"{options.page.stem}-{source}.webp", quality=92, method=6)
+        inputs[source] = tabulated(found)
+    about = {"set": texture_set.name, "shown": method, "networks": trained, "scales": SCALES, "inputs": inputs}
+    options.figures.write_text(json.dumps(about), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,17 @@
 """Makes docs/scales.png, which opens the README: spheres at four scales, plain MIP maps, mipbake, and reference.
 
-    python docs/make_picture.py [--set FOLDER] [--side 192] [--passes 4096] [OUT]
+    python docs/make_picture.py [--set FOLDER] [--side 192] [--passes 4096] [--figures FILE] [OUT]
 
-Prints the SNR of every sphere against the reference, which also stands below it. The views are those that
-`mipbake compare` measures; radiance is shown as x / (1 + x), then sRGB.
+Prints the SNR of every sphere against the reference, which also stands below it, and writes it to a file, from which
+the caption is made (`python docs/remake.py picture` does both). The views are those that `mipbake compare` measures;
+radiance is shown as x / (1 + x), then sRGB.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +25,14 @@ from mipbake.render import environment
 GAP, HEAD, NAME, FIGURE = 10, 44, 27, 21  # pixels: between spheres, and of the lines of words
 
 
-def figures(folder: Path, side: int, passes: int) -> dict[str, dict[str, tuple[pictures.Picture, float]]]:
-    """Scale to name to the sphere and its SNR in dB, nan for the reference's."""
-    made: dict[str, dict[str, tuple[pictures.Picture, float]]] = {}
+Spheres = dict[str, dict[str, tuple[pictures.Picture, float]]]
+"""Scale to name to the sphere and its SNR in dB, nan for the reference's."""
+
+
+def figures(folder: Path, side: int, passes: int) -> tuple[Spheres, dict[str, Mapping[str, object]]]:
+    """The spheres, and what was measured, by scale."""
+    made: Spheres = {}
+    found: dict[str, Mapping[str, object]] = {}
     for scale, view in pictures.spheres(folder, environment.studio(), side).items():
         frames, reference = pictures.render(folder, view, passes)
         inside = reference.interior
@@ -39,7 +47,12 @@ def figures(folder: Path, side: int, passes: int) -> dict[str, dict[str, tuple[p
             flush=True,
         )
         made[scale] = row | {pictures.REFERENCE: (pictures.shown(reference.image), float("nan"))}
-    return made
+        found[scale] = {
+            "snr": {name: snr for name, (_, snr) in row.items()},
+            "passes": reference.passes,
+            "noise": reference.standard_error / reference.candidate_error,
+        }
+    return made, found
 
 
 def texels(scale: str) -> str:
@@ -48,7 +61,7 @@ def texels(scale: str) -> str:
     return "1 texel a pixel" if count == 1 else f"{count:.3g} texels a pixel"
 
 
-def composed(made: dict[str, dict[str, tuple[pictures.Picture, float]]], side: int) -> Image.Image:
+def composed(made: Spheres, side: int) -> Image.Image:
     names = list(next(iter(made.values())))
     row = NAME + side + FIGURE
     width, height = len(made) * (side + GAP) + GAP, HEAD + len(names) * row - FIGURE + GAP
@@ -80,9 +93,13 @@ def main() -> None:
     parser.add_argument("--set", type=Path, default=pictures.SET, help="a texture set")
     parser.add_argument("--side", type=int, default=192, help="pixels of a sphere's picture")
     parser.add_argument("--passes", type=int, default=4096, help="samples a pixel of the reference, at most")
+    parser.add_argument("--figures", type=Path, help="a .json file of what was measured")
     options = parser.parse_args()
-    made = figures(options.set, options.side, options.passes)
+    made, found = figures(options.set, options.side, options.passes)
     composed(made, options.side).save(options.out, optimize=True)
+    if options.figures:
+        about = {"set": options.set.name, "side": options.side, "most": options.passes, "scales": found}
+        options.figures.write_text(json.dumps(about), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
-"""Writes docs/results.md, and its charts beside it, from the JSON files of benchmarks/results.py.
+"""Makes docs/results.md, and its charts beside it, from the records of benchmarks/results.py.
 
-    python docs/make_results_page.py RESULTS_FOLDER [PAGE]
-
-Every sentence with a figure in it is made from the files too. Kinds of measurements that are not there have no section.
+`python docs/remake.py` writes it. Every sentence with a figure in it is made from the records too. Kinds of
+measurements that are not there have no section.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from records.record import FOLDER
 from results_page import charts, models, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 
@@ -122,9 +122,9 @@ def _limit(crop: Results | None) -> list[str]:
 
 def text(folder: Path, page: Path) -> str:
     """The page; its charts are written beside it."""
-    whole, crop, directed = (read(folder / kind) for kind in ("whole", "crop", "directional"))
+    whole, crop, directed = (read(folder, kind) for kind in ("whole", "crop", "directional"))
     if whole is None:
-        raise SystemExit(f"{folder / 'whole'} holds no results: run benchmarks/results.py first")
+        raise SystemExit(f"{folder} holds no results: run python docs/remake.py results-whole first")
     effort, threads = whole.files[0]["key"]["effort"], whole.files[0]["threads"]
     gain = models.anisotropy_gain(directed) if directed and models.targets(directed) else None
     for old in page.parent.glob("results-figure-5-*.svg"):  # of methods that may not be measured any more
@@ -165,10 +165,10 @@ def text(folder: Path, page: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="the page of results")
-    parser.add_argument("results", type=Path)
+    parser.add_argument("records", type=Path, nargs="?", default=FOLDER)
     parser.add_argument("page", type=Path, nargs="?", default=PAGE)
     options = parser.parse_args()
-    options.page.write_text(text(options.results, options.page), encoding="utf-8")
+    options.page.write_text(text(options.records, options.page), encoding="utf-8")
 
 
 if __name__ == "__main__":

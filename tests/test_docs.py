@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import subprocess
 import sys
@@ -138,17 +139,29 @@ def script(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 
 
 def test_the_picture_of_the_readme(script: Script, tmp_path: Path) -> None:
-    said = script("make_picture", tmp_path / "scales.png", "--side", 24, "--passes", 16)
+    figures = ("--figures", tmp_path / "figures.json")
+    said = script("make_picture", tmp_path / "scales.png", "--side", 24, "--passes", 16, *figures)
     assert len(re.findall(r"linear -?\d+\.\d dB, mipbake -?\d+\.\d dB", said)) == 4
     picture = np.asarray(Image.open(tmp_path / "scales.png"))
     assert picture.shape[1] == 4 * 24 + 5 * 10 and picture.std() > 10
+    data = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    told = re.findall(r"linear (-?\d+\.\d) dB", said)
+    assert [f"{each['snr']['linear']:.1f}" for each in data["scales"].values()] == told
+    caption = importlib.import_module("records.views").scales_caption({"picture": data})
+    mean = sum(each["snr"]["linear"] for each in data["scales"].values()) / 4
+    assert f"{mean:.1f} dB with plain maps" in caption.replace("\n", " ")
 
 
 def test_the_animation_of_the_readme(script: Script, tmp_path: Path) -> None:
-    said = script("make_animation", tmp_path / "shimmer.webp", "--side", 24, "--passes", 4, "--frames", 3)
+    figures = ("--figures", tmp_path / "figures.json")
+    said = script("make_animation", tmp_path / "shimmer.webp", "--side", 24, "--passes", 4, "--frames", 3, *figures)
     assert re.search(r"linear: flicker \S+, SNR .* dB\nmipbake: flicker", said)
     animation = Image.open(tmp_path / "shimmer.webp")
     assert animation.n_frames == 3 and animation.info["loop"] == 0
+    data = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    flicker = re.findall(r"flicker (\S+),", said)
+    assert flicker == [f"{each['flicker']:.2f}" for each in data["methods"].values()]
+    assert f"change {flicker[1]} times" in importlib.import_module("records.views").shimmer_caption({"animation": data})
 
 
 def test_the_animation_has_no_seam(script: Script) -> None:
@@ -168,15 +181,16 @@ def test_the_animation_has_no_seam(script: Script) -> None:
 
 
 def test_the_table_of_the_set_that_no_method_can_show(script: Script, tmp_path: Path) -> None:
-    page, plate = tmp_path / "page.md", tmp_path / "plate"
+    out, plate = tmp_path / "failure.json", tmp_path / "plate"
     plate.mkdir()
     for name, value in (("normal", (128, 128, 255)), ("base_color", (120,) * 3), ("roughness", (90,) * 3)):
         Image.fromarray(np.full((16, 16, 3), value, np.uint8)).save(plate / f"{name}.png")
-    page.write_text("before\n<!-- failure -->\nold\n<!-- end failure -->\nafter\n", encoding="utf-8")
-    script("make_failure_table", page, "--set", plate, "--points", 16, "--samples", 2)
-    text = page.read_text(encoding="utf-8")
-    assert "old" not in text and text.startswith("before") and text.endswith("after\n")
-    assert len(re.findall(r"^\| (neural|linear \(box\)) (\| -?\d+\.\d ){8}\|$", text, re.MULTILINE)) == 2
-    page.write_text("nothing", encoding="utf-8")
-    with pytest.raises(SystemExit):
-        script("make_failure_table", page, "--set", plate, "--points", 16, "--samples", 2)
+    script("make_failure_table", out, "--set", plate, "--points", 16, "--samples", 2)
+    data = json.loads(out.read_text(encoding="utf-8"))
+    views = importlib.import_module("records.views")
+    table = views.failure_table({"failure": data})
+    assert len(re.findall(r"^\| (neural|linear \(box\)) (\| -?\d+\.\d ){8}\|$", table, re.MULTILINE)) == 2
+    neural = data["methods"]["neural"]["near-mirror"]
+    assert f"| neural | {neural['near']:.1f} | {neural['1:1']:.1f} |" in table
+    best = max(row["hemisphere"]["far"] for row in data["methods"].values())
+    assert f"or {best:.1f} dB over the" in views.failure_words({"failure": data}).replace("\n", " ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import sys
 from pathlib import Path
@@ -27,10 +28,11 @@ def test_the_page_of_figure_7(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     for name, value in values.items():
         Image.fromarray(np.full((16, 16, 3), value, np.uint8)).save(plate / f"{name}.png")
     page = tmp_path / "figure.md"
-    arguments = [page, "--set", plate, "--side", 24, "--passes", 32, "--methods", "linear", "lean"]
+    arguments = [page, "--figures", tmp_path / "f.json", "--set", plate, "--side", 24, "--passes", 32]
+    arguments += ["--methods", "linear", "lean"]
     monkeypatch.setattr(sys, "argv", ["make_figure_7", *map(str, arguments)])
     figure.main()
-    text = page.read_text(encoding="utf-8")
+    text = figure.page_of(json.loads((tmp_path / "f.json").read_text(encoding="utf-8")), "figure")
     assert re.findall(r"\((figure-[\w-]+\.webp)\)", text) == [f"figure-{model}.webp" for model in MODELS[:2]]
     rows = re.findall(r"^\| `([\w-]+)` \| (\w+) (?:\| (-?[\d.]+) dB / [\d.]+ )", text, re.MULTILINE)
     assert [(output, method) for output, method, _ in rows] == [

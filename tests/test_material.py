@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -137,6 +140,35 @@ def test_converted_mirrors_shade_alike() -> None:
     assert decibels("beckmann", ggx, "ggx") > 20.8
     for g, promised in ((-1.0, 15), (-0.5, 21), (0.0, 13.6), (1.0, 8), (1.5, 7)):
         assert decibels("ggx", np.append(ggx, g), "beckmann") > promised - 1
+
+
+def twins_that_were_fitted() -> dict[str, list[float]]:
+    """alpha to ln(alpha_b / alpha), g and the decibels kept of the lobes that docs/fit_beckmann.py found."""
+    record = Path(__file__).parents[1] / "benchmarks" / "records" / "beckmann.json"
+    found: dict[str, list[float]] = json.loads(record.read_text(encoding="utf-8"))["data"]["nearest"]
+    return found
+
+
+@pytest.mark.parametrize("alpha", twins_that_were_fitted())
+def test_the_rule_follows_the_lobes_that_were_fitted(alpha: str) -> None:
+    """Narrow ones, rough ones, and those between, where the rule is a simple curve and is off by more."""
+    shift, g, *_ = twins_that_were_fitted()[alpha]
+    log_alpha2 = 2 * np.log(float(alpha))
+    there = material.ggx_to_beckmann(np.array([0] * 8 + [log_alpha2, log_alpha2, 0.0]))
+    between = alpha == "0.2"
+    assert (there[8] - log_alpha2) / 2 == pytest.approx(shift, abs=0.035 if between else 0.0065)
+    assert there[11] == pytest.approx(g, abs=0.021 if between else 0.0105)
+
+
+def test_conversion_is_the_one_that_weights_were_trained_with() -> None:
+    """`paper-cross` learned to shade as this conversion does: its six constants cannot move without a new training."""
+    alpha = np.array([0.01, 0.1, 0.2, 0.35, 0.5, 0.8, 1.0])
+    zero = np.zeros_like(alpha)
+    stored = np.stack([zero] * 8 + [2 * np.log(alpha), 2 * np.log(alpha), zero], -1)
+    there = material.ggx_to_beckmann(stored)
+    shift = -0.391 + 0.55 / (1 + (0.35 / alpha) ** 2.5)
+    assert there[:, 8] == pytest.approx(2 * (np.log(alpha) + shift), abs=1e-12)
+    assert there[:, 11] == pytest.approx(-0.612 + 0.5 / (1 + (0.5 / alpha) ** 3), abs=1e-12)
 
 
 def test_conversions_of_beckmann_are_finite_over_its_whole_range() -> None:

@@ -26,6 +26,7 @@ from mipbake.training.config import (
     plain,
     read_config,
 )
+from mipbake.training.optimiser import FlatAdam
 from mipbake.training.procedural import procedural_set
 
 from .small_training import tiny
@@ -78,6 +79,23 @@ def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) 
         assert f"[{name}]" in text
         for field in section:
             assert f"\n{field} = " in text
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("paper-*.toml")), ids=lambda p: p.stem)
+def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
+    """Kemppinen et al. 2023: Adam with rate 5e-5, betas (0.95, 0.95) and epsilon 1e-6; 310k iterations of 64 lights,
+    crops of 32 x 32 and 5 levels; the rate ramped up over 100 iterations and halved every 50 thousand; one sample a
+    pixel; no weight decay or other additions."""
+    config = read_config(path)
+    optimiser, made, run = config.optimiser, config.loss, config.run
+    assert (optimiser.learning_rate, optimiser.beta1, optimiser.beta2, optimiser.epsilon) == (5e-5, 0.95, 0.95, 1e-6)
+    assert (optimiser.ramp, optimiser.halve_every, run.steps) == (100, 50_000, 310_000)
+    assert (optimiser.clip, optimiser.ema_decay, optimiser.fall_until, run.uses) == (0, 0, 0, 1)
+    assert (made.pairs, made.crop_size, made.crops, made.lods) == (64, 32, 1, 5)
+    assert (made.target_samples, made.near_mirror_fraction, made.weighting) == (1, 0, "prediction")
+    network = torch.nn.ModuleDict({"decoders": torch.nn.ModuleDict({"ggx": torch.nn.Linear(2, 2)})})
+    adam = FlatAdam(network, None, optimiser)._adam.defaults
+    assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
 
 @pytest.mark.parametrize(

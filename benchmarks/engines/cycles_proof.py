@@ -3,7 +3,7 @@
     python benchmarks/engines/cycles_proof.py SETS --count 5 --python PYTHON
 
 SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. PYTHON is
-an interpreter that has the package `bpy`; the default is this one. RESULTS-cycles.md is written after every set.
+an interpreter that has the package `bpy`; the default is this one. `python docs/remake.py` makes RESULTS-cycles.md.
 Cycles knows no levels: level 0 is what a render from near reads, one texel a pixel here.
 """
 
@@ -15,7 +15,7 @@ import math
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def main() -> int:
     parser.add_argument("sets", type=Path, help="a folder of texture sets")
     parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
     parser.add_argument("--python", default=sys.executable, help="an interpreter that has bpy")
-    parser.add_argument("--page", type=Path, default=HERE / "RESULTS-cycles.md", help="where the table goes")
+    parser.add_argument("--results", type=Path, required=True, help="a .json file of what was measured")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         sigma, version = _measured_sigma(options.python, Path(scratch))
@@ -69,32 +69,35 @@ def main() -> int:
     if not abs(sigma - 0.5) <= 0.02:
         print("error: expected 0.5", file=sys.stderr)
         return 1
-    rows: list[str] = []
+    rows: dict[str, list[float]] = {}
+    about = {"machine": processor(), "version": version, "sigma": sigma}
+    sizes = {"pixels": PIXELS, "texels": TEXELS, "suns": len(DIRECTIONS), "samples": 2 * SAMPLES}
     for texture_set in first_sets(options.sets, options.count, TEXELS):
         with tempfile.TemporaryDirectory() as scratch:
-            figures = _measured(texture_set, options.python, Path(scratch))
-        rows.append(f"| {texture_set.name} | {' | '.join(f'{figure:.1f}' for figure in figures)} |")
-        print(rows[-1], flush=True)
-        options.page.write_text(_page(rows, sigma, version), encoding="utf-8")
+            rows[texture_set.name] = _measured(texture_set, options.python, Path(scratch))
+        print(texture_set.name, *(f"{figure:.1f}" for figure in rows[texture_set.name]), flush=True)
+        columns = [*METHODS, "reference"]
+        options.results.write_text(json.dumps(about | sizes | {"columns": columns, "rows": rows}), encoding="utf-8")
     return 0
 
 
-def _page(rows: Sequence[str], sigma: float, version: str) -> str:
-    """The Markdown page."""
+def page_of(data: Mapping[str, Any]) -> str:
+    """The Markdown page of what `main` writes."""
+    rows = [f"| {name} | {' | '.join(f'{figure:.1f}' for figure in row)} |" for name, row in data["rows"].items()]
     return f"""# Results in Cycles
 
-Blender {version}'s Cycles on {processor()}. A plane seen straight on, one texel a pixel, {PIXELS} x {PIXELS}
-pixels of the middle {TEXELS} x {TEXELS} texels of each set, under {len(DIRECTIONS)} suns of no extent, one after the
-other. SNR in dB over all of them, higher is better, of one sample in the middle of each pixel against {2 * SAMPLES}
-samples of the source under a Gaussian (its sigma, measured, is {sigma:.3f} pixels). `reference` is the SNR of the
-reference itself, from two independent halves.
+Blender {data["version"]}'s Cycles on {data["machine"]}. A plane seen straight on, one texel a pixel,
+{data["pixels"]} x {data["pixels"]} pixels of the middle {data["texels"]} x {data["texels"]} texels of each set, under
+{data["suns"]} suns of no extent, one after the other. SNR in dB over all of them, higher is better, of one sample in
+the middle of each pixel against {data["samples"]} samples of the source under a Gaussian (its sigma, measured, is
+{data["sigma"]:.3f} pixels). `reference` is the SNR of the reference itself, from two independent halves.
 
 Texels are seen at their centres here, where bilinear lookups do not soften them. The network's levels are sharpened for
 lookups anywhere between texels, and overshoot at the centres: on rough sets plain filtered averages are ahead.
 `python benchmarks/engines/cycles_proof.py` makes this page.
 
-| set | {" | ".join(METHODS)} | reference |
-|---|{"---:|" * (len(METHODS) + 1)}
+| set | {" | ".join(data["columns"])} |
+|---|{"---:|" * len(data["columns"])}
 {chr(10).join(rows)}
 """
 

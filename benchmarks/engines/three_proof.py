@@ -3,7 +3,7 @@
     python benchmarks/engines/three_proof.py SETS --count 5 --results build/three.json
 
 SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. What has
-been measured already stands in the results file and is not measured again; RESULTS.md is written after every view.
+been measured already stands in the results file and is not measured again. `python docs/remake.py` makes RESULTS.md.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from engine_views import EngineView, engine_views
 from numpy.typing import NDArray
 from scipy.stats import qmc
 from three_levels import check_levels
-from three_table import MARGIN_DB, Cell, page_of
+from three_table import MARGIN_DB, Cell, processor
 
 import mipbake
 from mipbake import TextureSet
@@ -92,14 +92,11 @@ class Reference:
 
 
 def main() -> None:
-    """Measures what is missing and writes the table."""
+    """Measures what is missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sets", type=Path, help="a folder of texture sets")
     parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
     parser.add_argument("--results", type=Path, required=True, help="a .json file of what has been measured")
-    parser.add_argument(
-        "--page", type=Path, default=HERE / "RESULTS.md", help="where the tables go (default RESULTS.md)"
-    )
     options = parser.parse_args()
     cells = (
         [Cell(**each) for each in json.loads(options.results.read_text())["cells"]] if options.results.exists() else []
@@ -107,6 +104,7 @@ def main() -> None:
     notes: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
         notes = {"engine": page.evaluate("() => proof.describe()"), "levels": check_levels(page, Path(scratch))}
+        notes |= {"machine": processor(), "sizes": [SIDE, TEXELS, MOST]}
         print("\n".join(notes["levels"]), flush=True)
     for texture_set in first_sets(options.sets, options.count, TEXELS):
         done = {(c.view, c.candidate, c.container) for c in cells if c.set == texture_set.name}
@@ -115,9 +113,7 @@ def main() -> None:
             options.results.parent.mkdir(parents=True, exist_ok=True)
             written = {"notes": notes, "cells": [dataclasses.asdict(cell) for cell in cells]}
             options.results.write_text(json.dumps(written, indent=1))
-            options.page.write_text(page_of(cells, notes, (SIDE, TEXELS, MOST)))
             print(*found, sep="\n", flush=True)
-    options.page.write_text(page_of(cells, notes, (SIDE, TEXELS, MOST)))
 
 
 def measured(texture_set: TextureSet, done: set[tuple[str, str, str]]) -> Iterator[list[Cell]]:

@@ -40,17 +40,18 @@ class Cell:
     reference_snr: float
 
 
-def page_of(cells: Sequence[Cell], notes: Mapping[str, Any], sizes: tuple[int, int, int]) -> str:
-    """The Markdown page.
+def page_of(data: Mapping[str, Any]) -> str:
+    """The Markdown page of what three_proof.py writes.
 
-    Args:
-        sizes: pixels a side of pictures, texels a side of textures, most samples a pixel in each half of the reference.
+    `sizes` of its notes are pixels a side of pictures, texels a side of textures, and most samples a pixel in each
+    half of the reference.
     """
-    side, texels, most = sizes
+    cells, notes = [Cell(**each) for each in data["cells"]], data["notes"]
+    side, texels, most = notes["sizes"]
     engine = notes["engine"]
     return f"""# Results in three.js
 
-three.js r{engine["three"]} in headless Chromium on {processor()}; renderer: {engine["renderer"]}. Pictures of
+three.js r{engine["three"]} in headless Chromium on {notes["machine"]}; renderer: {engine["renderer"]}. Pictures of
 {side} x {side} pixels, the middle {texels} x {texels} texels of each set. `python benchmarks/engines/three_proof.py`
 makes this page; [README.md](README.md) says how it measures.
 
@@ -121,7 +122,7 @@ def _gains(rows: Sequence[Mapping[str, Cell]], names: Sequence[str]) -> list[str
             if name in row and part in ("all", row["linear"].shape, row["linear"].scale)
         ]
         gains = [a.snr - b.snr for a, b in pairs]
-        changes = [a.flip - b.flip for a, b in pairs]
+        changes = [round(a.flip, 4) - round(b.flip, 4) for a, b in pairs]  # as the table above shows them
         lines.append(
             f"| {name} | {part} | {sum(g > 0 for g in gains)} of {len(gains)} | {fmean(gains):+.2f} dB "
             f"| {min(gains):+.1f} dB | {max(gains):+.1f} dB "

@@ -1,14 +1,16 @@
-"""The files of benchmarks/results.py: one kind of measurement, a set each, as arrays over sets."""
+"""The records of benchmarks/results.py: one kind of measurement as arrays over sets."""
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from records.record import load
+from records.results import COSTS, File, unpack
 
 from mipbake.prefilter import METHODS
 
@@ -17,8 +19,6 @@ FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")
 
 Key = tuple[str, str, str, str]
 """Method, measure, view and scale."""
-
-File = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Results:
         return np.stack(rows, 1)
 
 
-def read(folder: Path, wanted: Callable[[File], bool] = lambda _file: True) -> Results | None:
-    """The results in a folder; None where there are none."""
-    files = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
-    files = [file for file in files if wanted(file)]
+def read(folder: Path, kind: str, wanted: Callable[[File], bool] = lambda _file: True) -> Results | None:
+    """The results of a kind, of a folder of records; None where there are none."""
+    record = load(f"results-{kind}", folder)
+    files = [file for file in unpack(record.data) if wanted(file)] if record else []
     if not files:
         return None
     names = [{m["name"] for m in file["methods"]} for file in files]
@@ -80,11 +80,13 @@ def read(folder: Path, wanted: Callable[[File], bool] = lambda _file: True) -> R
     costs: dict[tuple[str, str], list[float]] = {}
     for file in files:
         for f in file["curve"]:
-            curve.setdefault((f["method"], f["view"], f["lod"]), []).append(f["value"])
+            if f["value"] is not None:  # small sets have fewer levels
+                curve.setdefault((f["method"], f["view"], f["lod"]), []).append(f["value"])
         for f in file["figures"]:
-            figures.setdefault((f["method"], f["measure"], f["view"], f["scale"]), []).append(f["value"])
+            value = math.nan if f["value"] is None else f["value"]
+            figures.setdefault((f["method"], f["measure"], f["view"], f["scale"]), []).append(value)
         for m in file["methods"]:
-            for what in ("seconds", "processor_seconds", "peak_mib"):
+            for what in COSTS:
                 costs.setdefault((m["name"], what), []).append(m[what])
     return Results(
         [file["name"] for file in files],

@@ -43,7 +43,7 @@ def paper(folder: Path, page: Path) -> list[str]:
     """Sections of figures 5, 9 and 10; empty where nothing was measured. Writes the histograms beside the page."""
     parts: list[str] = []
     for model, (figure, rivals) in MODELS.items():
-        results = read(folder / "models", lambda file, model=model: file["model"] == model)  # type: ignore[misc]
+        results = read(folder, "models", lambda file, model=model: file["model"] == model)  # type: ignore[misc]
         if results is None:
             continue
         names = [file["set"] for file in results.files]
@@ -92,8 +92,8 @@ def gains_over(results: Results, subject: str) -> str:
 
 def correlated(folder: Path) -> list[str]:
     """The section of figure 11."""
-    together = read(folder / "correlated", lambda file: file["together"])
-    apart = read(folder / "correlated", lambda file: not file["together"])
+    together = read(folder, "correlated", lambda file: file["together"])
+    apart = read(folder, "correlated", lambda file: not file["together"])
     if together is None or apart is None:
         return []
     rows = {}

@@ -72,7 +72,7 @@ def against_four(results: Results, pairs: str) -> str:
     return table(pairs, heads, rows)
 
 
-def _won(results: Results, name: str) -> dict[str, np.ndarray]:
+def won(results: Results, name: str) -> dict[str, np.ndarray]:
     """Scale to whether the FLIP of each set's sphere is below that of every closed form."""
     scales = [scale for scale in SCALES if (name, "flip", "sphere", scale) in results.figures]
     least = {s: np.min([results.figures[f, "flip", "sphere", s] for f in results.closed_forms], 0) for s in scales}
@@ -81,11 +81,11 @@ def _won(results: Results, name: str) -> dict[str, np.ndarray]:
 
 def pictures_won(results: Results) -> str:
     """In how many pictures of spheres, of a set at a scale, FLIP is below that of every closed form."""
-    found = {name: _won(results, name) for name in results.learned}
+    found = {name: won(results, name) for name in results.learned}
     rows = {
-        name: [*(f"{int(w.sum())} of {w.size}" for w in won.values()), f"{np.mean([*won.values()]):.0%}"]
-        for name, won in found.items()
-        if won
+        name: [*(f"{int(w.sum())} of {w.size}" for w in of_name.values()), f"{np.mean([*of_name.values()]):.0%}"]
+        for name, of_name in found.items()
+        if of_name
     }
     return table("FLIP below every closed form", [*SCALES, "all"], rows)
 
@@ -162,9 +162,9 @@ def _aims(whole: Results, crop: Results | None) -> Iterator[Aim]:
 
 def _seen(whole: Results) -> Iterator[Aim]:
     """Aims in pictures and in motion."""
-    won = [*_won(whole, SUBJECT).values()] if SUBJECT in whole.learned else []
-    if won:
-        share = float(np.mean(won))
+    shares = [*won(whole, SUBJECT).values()] if SUBJECT in whole.learned else []
+    if shares:
+        share = float(np.mean(shares))
         yield Aim(f"{SUBJECT}: FLIP below every closed form in 85 % of pictures", f"{share:.0%}", share >= 0.85)
     for name in (name for name in ("neural", "auto") if name in whole.learned):
         found = np.concatenate([_steady(whole, name, pairs, scale) for pairs in PAIR_SETS for scale in IN_MOTION])

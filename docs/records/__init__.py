@@ -1,0 +1,1 @@
+"""Records: what was measured, as files, with the code and the weights that it was measured with."""

@@ -1,0 +1,113 @@
+"""The list of records: what each holds, how it is measured, and the code and weights that its figures depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from records.code import Entry
+
+MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
+"""Places in a command: the folder of real texture sets, the file that it writes, and a folder that a stopped run
+goes on in."""
+
+ALL = ("*",)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A record that there is, or shall be.
+
+    Args:
+        about: what it holds.
+        command: measures it, as arguments of the interpreter; it writes JSON to OUT, or prints Markdown where
+            there is no OUT.
+        entry: what its figures depend on; None for records of time.
+        sample: how many sets are measured again to confirm a record whose code has changed; 0 where all of it is
+            measured again, because that is soon done or no part of it can be measured by itself.
+        pictures: the folder that takes the pictures which the command leaves in WORK; none where it is empty.
+    """
+
+    about: str
+    command: Sequence[str]
+    entry: Entry | None
+    sample: int = 0
+    pictures: str = ""
+
+
+def _results(kind: str, about: str, weights: Sequence[str]) -> Known:
+    command = ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind)
+    return Known(about, command, Entry(("benchmarks/results_measure.py",), weights), 1)
+
+
+def _fitting(name: str, about: str) -> Known:
+    script = f"examples/fitting/{name}.py"
+    return Known(about, (script, "--output", WORK), Entry((script,)), pictures="examples/fitting/results")
+
+
+def _timing(script: str, about: str, *options: str) -> Known:
+    return Known(about, (f"benchmarks/{script}.py", *options), None)
+
+
+KNOWN: Mapping[str, Known] = {
+    "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-1",)),
+    "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-1",)),
+    "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
+    "results-models": _results("models", "the paper's material models and networks", ALL),
+    "results-correlated": _results("correlated", "channels that go together, and twins", ALL),
+    "picture": Known(
+        "SNR of the spheres in docs/scales.png",
+        ("docs/make_picture.py", f"{WORK}/scales.png", "--figures", OUT),
+        Entry(("docs/make_picture.py",), ("mipbake-1",)),
+        pictures="docs",
+    ),
+    "animation": Known(
+        "flicker and SNR of docs/shimmer.webp",
+        ("docs/make_animation.py", f"{WORK}/shimmer.webp", "--figures", OUT),
+        Entry(("docs/make_animation.py",), ("mipbake-1",)),
+        pictures="docs",
+    ),
+    "failure": Known(
+        "SNR of every method on examples/knurled_plate",
+        ("docs/make_failure_table.py", OUT),
+        Entry(("docs/make_failure_table.py",), ("mipbake-1",)),
+    ),
+    "figure-7": Known(
+        "one material in every model, with its pictures",
+        ("docs/make_figure_7.py", f"{WORK}/figure-7.md", "--figures", OUT),
+        Entry(("docs/make_figure_7.py",), ALL),
+        pictures="docs",
+    ),
+    "beckmann": Known(
+        "what conversions between ggx and beckmann keep",
+        ("docs/fit_beckmann.py", OUT),
+        Entry(("docs/fit_beckmann.py",)),
+    ),
+    "fitting-earth": _fitting("earth", "a planet's texture from views"),
+    "fitting-cube": _fitting("cube", "corners and colours of a cube"),
+    "fitting-envphong": _fitting("envphong", "an environment and a highlight"),
+    "fitting-pose": _fitting("pose", "the pose of a cube"),
+    "commands": Known(
+        "every command on every set: exit codes, time, memory, what files cost",
+        ("benchmarks/commands.py", MATERIALS, "--results", OUT),
+        None,
+    ),
+    "engines-three": Known(
+        "levels in three.js, supersampled by itself",
+        ("benchmarks/engines/three_proof.py", MATERIALS, "--results", OUT),
+        Entry(("benchmarks/engines/three_proof.py",), ("mipbake-1",), files=("benchmarks/engines/three/*.js",)),
+    ),
+    "engines-cycles": Known(
+        "level 0 in Cycles",
+        ("benchmarks/engines/cycles_proof.py", MATERIALS, "--results", OUT),
+        Entry(("benchmarks/engines/cycles_proof.py",), ("mipbake-1",), files=("benchmarks/engines/cycles/*.py",)),
+    ),
+    "timing-shading": _timing("shading", "the shading kernel beside torch"),
+    "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),
+    "timing-training-step": _timing("training_step", "one step at the paper's settings"),
+    "timing-bake": _timing("bake", "whole processes"),
+    "timing-texture": _timing("texture", "texture lookups beside torch's"),
+    "timing-raster": _timing("raster", "rasterize, interpolate, antialias"),
+    "timing-render": _timing("render", "renders of meshes"),
+}
+"""Name to what it is. Those without a file stand in benchmarks/records/unrecorded.json."""

@@ -1,0 +1,100 @@
+"""Pages, and parts of pages, made from records."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from records.code import ROOT
+from records.missing import Missing
+from records.pages import WHOLE, filled, pages
+from records.record import FOLDER, Record, load
+from records.views import VIEWS
+
+_RESULTS, _CHARTS = "docs/results.md", "results-figure-5-*.svg"
+
+
+class Records:
+    """The data of records, by name; Missing where there is none."""
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self.folder = folder
+
+    def __getitem__(self, name: str) -> Any:
+        return self.record(name).data
+
+    def record(self, name: str) -> Record:
+        found = load(name, self.folder)
+        if found is None:
+            raise Missing(name)
+        return found
+
+
+def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None]:
+    """Files that are out of step with the records, and what they shall hold: None for those that shall not be there.
+
+    Pages of missing records are left alone.
+    """
+    records = Records(folder)
+    made: dict[str, bytes | None] = {}
+    for page in pages(root):
+        text = (root / page).read_text(encoding="utf-8")
+        made[page] = filled(text, lambda name: block(name, records)).encode()
+    for page, name in WHOLE.items():
+        if load(name, folder) is not None:
+            made |= _PAGES[page](records)
+    if load(WHOLE[_RESULTS], folder) is not None:  # charts of methods that are not measured any more
+        made |= {f"docs/{old.name}": None for old in (root / "docs").glob(_CHARTS) if f"docs/{old.name}" not in made}
+    there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
+    return {root / name: content for name, content in made.items() if content != there[name]}
+
+
+def block(name: str, records: Records) -> str | None:
+    """The text of a block; None where one of the records that it is made from is missing."""
+    try:
+        return VIEWS[name](records)
+    except Missing:
+        return None
+
+
+def _results(records: Records) -> Mapping[str, bytes]:
+    """docs/results.md with its charts."""
+    page = _script("docs", "make_results_page")
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "results.md"
+        path.write_text(page.text(records.folder, path), encoding="utf-8")
+        return {f"docs/{each.name}": each.read_bytes() for each in Path(scratch).iterdir()}
+
+
+def _figure_7(records: Records) -> Mapping[str, bytes]:
+    return {"docs/figure-7.md": _script("docs", "make_figure_7").page_of(records["figure-7"], "figure-7").encode()}
+
+
+def _from(folder: str, script: str, name: str, page: str) -> Callable[[Records], Mapping[str, bytes]]:
+    return lambda records: {page: _script(folder, script).page_of(records[name]).encode()}
+
+
+_PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
+    _RESULTS: _results,
+    "docs/figure-7.md": _figure_7,
+    "benchmarks/RESULTS-commands.md": _from("benchmarks", "commands", "commands", "benchmarks/RESULTS-commands.md"),
+    "benchmarks/engines/RESULTS.md": _from(
+        "benchmarks/engines", "three_table", "engines-three", "benchmarks/engines/RESULTS.md"
+    ),
+    "benchmarks/engines/RESULTS-cycles.md": _from(
+        "benchmarks/engines", "cycles_proof", "engines-cycles", "benchmarks/engines/RESULTS-cycles.md"
+    ),
+}
+
+
+def _script(folder: str, name: str) -> Any:
+    """A script as a module; it finds those beside it."""
+    sys.path.insert(0, str(ROOT / folder))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(ROOT / folder))

@@ -1,0 +1,192 @@
+"""The texts of the blocks of pages, each made from one record or several."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from records.known import KNOWN
+from records.views_results import (
+    directional_gain,
+    in_three,
+    optimum_left,
+    results_table,
+    where_it_loses,
+    where_it_wins,
+)
+
+if TYPE_CHECKING:
+    from records.making import Records
+
+PLAIN, BAKED = "linear", "mipbake"
+
+
+def wrapped(words: str) -> str:
+    """A paragraph as lines of at most 120 characters."""
+    return "\n".join(textwrap.wrap(words, 120, break_long_words=False, break_on_hyphens=False))
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Markdown."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+
+
+def scales_caption(records: Records) -> str:
+    found = records["picture"]["scales"]
+    means = {name: sum(each["snr"][name] for each in found.values()) / len(found) for name in (PLAIN, BAKED)}
+    return wrapped(
+        "*The same leather from four distances. Top: the maps averaged, as GPUs and most tools do; creases glitter, "
+        "then vanish, and what is left is too glossy. Middle: mipbake's maps in the same renderer. Bottom: the "
+        "reference, every pixel supersampled. Below each sphere is its SNR against the reference: in the mean "
+        f"{means[PLAIN]:.1f} dB with plain maps and {means[BAKED]:.1f} dB with mipbake's. This set of "
+        "[examples/](examples/README.md) gains more than most; the mean over 18 real sets is [below](#how-good-is-it).*"
+    )
+
+
+def shimmer_caption(records: Records) -> str:
+    plain, baked = (records["animation"]["methods"][name] for name in (PLAIN, BAKED))
+    calm = ", calmer than they should be" if baked["flicker"] < 0.85 else ""
+    return wrapped(
+        f"*In motion, under a lamp: from frame to frame plain MIP maps change {plain['flicker']:.1f} times as much as "
+        f"the reference (mean square), which is shimmer; mipbake's change {baked['flicker']:.2f} times as much{calm}. "
+        f"Their SNR is {plain['snr']:.1f} and {baked['snr']:.1f} dB. `docs/make_picture.py` and "
+        "`docs/make_animation.py` make both pictures; [docs/validation.md](docs/validation.md) explains the figures.*"
+    )
+
+
+def failure_table(records: Records) -> str:
+    data = records["failure"]
+    columns = [(pairs, scale) for pairs, row in next(iter(data["methods"].values())).items() for scale in row]
+    rows = [[name, *(f"{row[pairs][scale]:.1f}" for pairs, scale in columns)] for name, row in data["methods"].items()]
+    return "\n" + table(["", *(f"{pairs}, {scale}" for pairs, scale in columns)], rows) + "\n"
+
+
+def _far(records: Records) -> tuple[dict[str, float], int, int]:
+    """Best of all methods far away, by pair set; at how many of the scales the network is behind the best, and of
+    how many."""
+    methods: Mapping[str, Any] = records["failure"]["methods"]
+    pairs = list(next(iter(methods.values())))
+    best = {each: max(row[each]["far"] for row in methods.values()) for each in pairs}
+    scales = [(each, scale) for each in pairs for scale in methods["neural"][each]]
+    behind = sum(
+        methods["neural"][each][scale] < max(row[each][scale] for row in methods.values()) for each, scale in scales
+    )
+    return best, behind, len(scales)
+
+
+def failure_words(records: Records) -> str:
+    best, behind, of = _far(records)
+    data = records["failure"]
+    scales = ", ".join(f"{scale} (lod {lod:g})" for scale, lod in data["lods"].items())
+    below = sum(value < 0 for value in data["methods"]["linear (box)"]["near-mirror"].values())
+    return wrapped(
+        f"SNR in dB against the reference, as `mipbake.validate` measures it, at the scales {scales}. Far away no "
+        f"method is above {best['near-mirror']:.1f} dB near the mirror or {best['hemisphere']:.1f} dB over the "
+        f"hemisphere. Averaging with the box is below 0 dB, where a black picture would be closer, at {below} of "
+        f"{len(data['lods'])} scales near the mirror. The network is behind the best closed form in {behind} of the "
+        f"{of} columns of the table."
+    )
+
+
+def fitting_table(records: Records) -> str:
+    earth, cube, phong, pose = (records[f"fitting-{name}"] for name in ("earth", "cube", "envphong", "pose"))
+
+    def time(data: Any, what: str) -> str:
+        return f"{data['seconds']:.0f} s, {data['processor seconds']:.0f} s{what}"
+
+    s, figures = earth["settings"], earth["figures"]
+    faces = f"faces of {s['texture_size']} x {s['texture_size']}, images of {s['resolution']} x {s['resolution']}"
+    rows = [
+        ["earth, PSNR of the texture with mipmaps", f"{figures['psnr with mipmaps']:.1f} dB", "32.9 dB",
+         f"{faces}, {s['iterations']:,} iterations", time(earth, " for both")],
+        ["earth, without", f"{figures['psnr without mipmaps']:.1f} dB", "25.6 dB", "the same views", ""],
+    ]  # fmt: skip
+    s = cube["settings"]
+    about = [f"{s['runs']} runs of {s['iterations']:,} iterations", time(cube, " for all six")]
+    for name, each in cube["figures"].items():
+        ended = f"{each['mean error of the successful']:.2g} ({each['successful']} of {each['runs']})"
+        curve = "curve, about 75 % of runs" if name == "4 x 4, continuous" else "curve"
+        what = ", mean distance of a corner" if about[0] else ""
+        rows.append([f"cube {name}{what}", ended, curve, *about])
+        about = ["", ""]
+    s, figures = phong["settings"], phong["figures"]
+    faces = f"faces of {s['texture_size']} x {s['texture_size']}, images of {s['resolution']} x {s['resolution']}"
+    settings = f"{faces}, {s['iterations']:,} iterations"
+    colour, true = (", ".join(f"{each:.3g}" for each in figures[name]) for name in ("color", "true color"))
+    rows += [
+        ["envphong, PSNR of the environment", f"{figures['psnr']:.1f} dB", "not given", settings, time(phong, "")],
+        [f"envphong, exponent (true {figures['true exponent']:g})", f"{figures['exponent']:.3f}", "converges", "", ""],
+        [f"envphong, colour (true {true})", colour, "converges", "", ""],
+    ]
+    s = pose["settings"]
+    about = [
+        f"{s['trials']} trials, {s['resolution']} x {s['resolution']} pixels, {s['iterations']:,} iterations",
+        time(pose, " for all three"),
+    ]
+    for name in POSE:
+        each = pose["figures"][name]
+        rows.append([f"pose, {name}", f"{each['mean error']:.1f} degrees", f"{each['paper']:.2f}", *about])
+        about = ["", ""]
+    return table(["figure", "here", "paper", "settings here", "time, processor's time"], rows)
+
+
+POSE = ("noise", "two phases", "symmetry")
+
+
+def printed(name: str) -> Callable[[Records], str]:
+    """What a benchmark of time printed, with the machine and the day."""
+
+    def view(records: Records) -> str:
+        record = records.record(name)
+        return "\n".join([*record.data["printed"], "", f"Measured {record.measured.on} on {record.measured.machine}."])
+
+    return view
+
+
+def ggx_to_beckmann(records: Records) -> str:
+    """What the docstring of `mipbake.material.ggx_to_beckmann` says; a test compares them."""
+    rule = records["beckmann"]["rule"]
+    kept = [
+        f"{rule[a]['all'][0]:.0f} and {rule[a]['all'][1]:.0f} at {a}"
+        for a in ("0.01", "0.03", "0.1", "0.2", "0.5", "1")
+    ]
+    near, over = rule["0.1"]["fitted"]
+    return (
+        f"over views from everywhere: for alpha {', '.join(kept)}. Views that graze decide that: over those that the "
+        f"fit saw, whose cosines are 0.2 and more, it is {near:.0f} and {over:.0f} at 0.1."
+    )
+
+
+def beckmann_to_ggx(records: Records) -> str:
+    """What the docstring of `mipbake.material.beckmann_to_ggx` says; a test compares them."""
+    kept = {g: f"{records['beckmann']['narrow'][g][1]:.0f}" for g in ("-1.5", "-1", "-0.5", "0", "1", "1.5")}
+    return (
+        f"{kept['-1.5']} at g = -1.5, {kept['-1']} at -1, {kept['-0.5']} at -0.5, {kept['0']} at 0 (Beckmann), "
+        f"{kept['1']} at 1 and {kept['1.5']} at 1.5."
+    )
+
+
+DOCSTRINGS: Mapping[str, Callable[[Any], str]] = {
+    "mipbake.material.ggx_to_beckmann": ggx_to_beckmann,
+    "mipbake.material.beckmann_to_ggx": beckmann_to_ggx,
+}
+"""Functions whose docstrings hold what was measured, to the words in them."""
+
+
+VIEWS: Mapping[str, Callable[[Any], str]] = {
+    "picture/caption": scales_caption,
+    "animation/caption": shimmer_caption,
+    "failure/table": failure_table,
+    "failure/words": failure_words,
+    "fitting/table": fitting_table,
+    "results-whole/near-mirror": lambda records: results_table(records, "near-mirror"),
+    "results-whole/hemisphere": lambda records: results_table(records, "hemisphere"),
+    "results-whole/wins": lambda records: wrapped(where_it_wins(records)),
+    "results-whole/loses": lambda records: wrapped(where_it_loses(records)),
+    "results-crop/left": lambda records: wrapped(optimum_left(records)),
+    "results-directional/gain": lambda records: wrapped(directional_gain(records)),
+    "engines-three/summary": lambda records: wrapped(in_three(records)),
+    **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith("timing-")},
+}
+"""Name of a block to what makes its text. The part before the slash is the record that it is about."""
