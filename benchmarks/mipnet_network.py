@@ -34,7 +34,7 @@ from torch.nn import functional
 from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS
-from mipbake.models.parameters import align_directions, clamp
+from mipbake.models.parameters import clamp, settled
 from mipbake.training.baseline import BaselineConfig, BaselineNetwork
 
 TARGETS = ("gltf", "gltf-anisotropic")
@@ -132,7 +132,7 @@ class MipnetNetwork(BaselineNetwork):
         if self.target == "gltf":
             return levels
         levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
-        return align_directions(levels)
+        return settled(levels, ("wrap", "wrap"))
 
     def _states(self, stored: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""
