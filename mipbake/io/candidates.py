@@ -64,12 +64,12 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
     if not folder.is_dir():
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
-    _refuse_baked(folder)
+    refuse_baked(folder)
     files = _visible(folder)
     if not any(is_map(f) for f in files):
         inner = [d for d in folder.iterdir() if d.is_dir() and is_textures(d)]
         if inner:
-            _refuse_baked(inner[0])
+            refuse_baked(inner[0])
             return _name_of(folder), inner[0], _visible(inner[0])
     if not files:
         folders = sorted(d for d in folder.iterdir() if d.is_dir() and not d.name.startswith("."))
@@ -82,7 +82,7 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
     return _name_of(folder), folder, files
 
 
-def _refuse_baked(folder: Path) -> None:
+def refuse_baked(folder: Path) -> None:
     """InputError for a stack, whose maps are filtered already, and for a material in a model that sets are not in."""
     if any(_manifest(file, SCHEMA) is not None for file in manifests(folder)):
         raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
