@@ -10,7 +10,7 @@ from typing import TypeVar
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
 from mipbake.io.archives import Archive, Shelf
-from mipbake.io.candidates import is_map, is_textures, name_of
+from mipbake.io.candidates import is_map, is_textures, name_of, refuse_baked
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.materials import GltfBake, read_materials
@@ -194,6 +194,8 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | 
         if options != LoadOptions():
             raise UsageError(f"{path} says itself how its textures are read: leave the options for reading a set out")
         return _materialx(path) if what == "materialx" else _gltf(path, scratch)
+    if path.is_dir():
+        refuse_baked(path)  # tiles of a stack are tiles, too
     if what == "udim":
         files = list(pattern_files(path).values()) if is_pattern(path) else _files(path)
         return _tiled(path, files, options)

@@ -14,7 +14,7 @@ from mipbake.cli.main import main
 from .command_line import fails
 from .gltf_files import check_structure
 from .gpu_textures import halved
-from .input_files import bytes_of, encoded, height_field, write_image
+from .input_files import bytes_of, encoded, height_field, plain_set, write_image
 from .packed_sets import grey
 from .test_cli_bake_sources import LINEAR, bake
 from .test_presets import run
@@ -101,7 +101,7 @@ def test_stacks_of_tiles_are_told_apart(tmp_path, capsys) -> None:
     folder = tiles(tmp_path / "rock")
     assert bake(folder, "-o", tmp_path / "out")[0] == 0
     place = tmp_path / "out" / "rock"
-    said = fails(capsys, 3, "validate", folder / "rock_normal_gl.1001.png", place)
+    said = fails(capsys, 3, "validate", plain_set(tmp_path / "alone"), place)
     assert "holds the stacks of 3 tiles: name one of them, such as" in said and "stack.1001.json" in said
     assert "is a baked stack" in fails(capsys, 3, "inspect", place)
     code, said = run("info", place, "--json")

@@ -65,12 +65,12 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
         raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
     if not disk.is_dir(folder):
         raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
-    _refuse_baked(folder)
+    refuse_baked(folder)
     files = disk.files_in(folder)
     if not any(is_map(f) for f in files):
         inner = [d for d in disk.folders_in(folder) if is_textures(d)]
         if inner:
-            _refuse_baked(inner[0])
+            refuse_baked(inner[0])
             return _name_of(folder), inner[0], disk.files_in(inner[0])
     if not files:
         folders = disk.folders_in(folder)
@@ -83,7 +83,7 @@ def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Pat
     return _name_of(folder), folder, files
 
 
-def _refuse_baked(folder: Path) -> None:
+def refuse_baked(folder: Path) -> None:
     """InputError for a stack, whose maps are filtered already, and for a material in a model that sets are not in."""
     if any(_manifest(file, SCHEMA) is not None for file in manifests(folder)):
         raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
