@@ -18,9 +18,10 @@ from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.compare.compression import LIMIT
-from mipbake.glb import GLB, output
+from mipbake.glb import DEFAULT_EFFORT, GLB, output
 from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.normal_blocks import EFFORTS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.uastc import check_encoder
 from mipbake.output import Output, check_outputs, outputs_from, split_formats
@@ -150,6 +151,15 @@ def bake(
             show_default="the method's own",
         ),
     ] = None,
+    effort: Annotated[
+        int,
+        typer.Option(
+            min=EFFORTS[0],
+            max=EFFORTS[-1],
+            metavar=f"{EFFORTS[0]}..{EFFORTS[-1]}",
+            help=f"How many times the normals of a {GLB} are encoded; every block is the best of them.",
+        ),
+    ] = DEFAULT_EFFORT,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
@@ -177,6 +187,7 @@ def bake(
         format is None and chosen_preset is not None and chosen_preset.documents,
         Adjustments(keep_level0, strength, min_roughness),
         None if max_level is None else max_level + 1,
+        effort,
     )
     check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
     if target != AUTO_TARGET and not target.startswith("gltf") and (glb or asked.adjustments.any):

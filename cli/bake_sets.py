@@ -17,6 +17,7 @@ from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen_all, cost, part_of
+from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
 from mipbake.io.gltf.document import Document
@@ -35,7 +36,7 @@ class Asked:
     """What is to be baked and written, the same for every set.
 
     `levels`: how many are written; None for all. `glb`: whether a GLB is. `documents`: whether glTF sources become a
-    GLB, and get no files of maps.
+    GLB, and get no files of maps. `effort`: encodings of the normals in it.
     """
 
     method: str
@@ -49,6 +50,7 @@ class Asked:
     documents: bool
     adjustments: Adjustments
     levels: int | None
+    effort: int
 
 
 def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked: Asked) -> list[dict[str, Any]]:
@@ -240,9 +242,11 @@ def _write_one(
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None
-        textures = encoded(inside, slots, asked.levels, part_of(encoding, 0, 2))
+        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 3))
+        textures = encoded(inside, slots, asked.levels, part_of(encoding, 1, 3), ranges, asked.effort)
         left_out = () if outputs else textures.left_out
-        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, part_of(encoding, 1, 2)))
+        lost = part_of(encoding, 2, 3)
+        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, lost, textures.ranges))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
         else:

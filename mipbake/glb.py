@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,13 @@ from mipbake.io.gltf.container import unpacked
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.quad import QuadOptions, standalone
+from mipbake.io.gltf.ranges import Ranges, usual_ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
 from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
+from mipbake.io.layout import channels_of
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
+from mipbake.io.normal_blocks import EFFORTS, best_blocks, lobe_weights
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
 from mipbake.output import Output
@@ -35,6 +38,8 @@ GLB = "glb"
 
 SIDE = 4
 """KHR_texture_basisu takes images whose sides are multiples of it."""
+
+DEFAULT_EFFORT = 3
 
 _OUTPUT = Output("ktx2:uastc", "orm", Normals("opengl"))
 _SLOTS = {
@@ -52,13 +57,15 @@ class Encoded:
 
     Args:
         maps: slot to a KTX 2 file.
-        files: the same decoded, as they will be sampled.
+        files: the same decoded, as they will be sampled, before factors of the material multiply them.
         left_out: which maps of the stack are in none of them, in sentences.
+        ranges: those factors.
     """
 
     maps: Mapping[str, bytes]
     files: tuple[MapFile, ...]
     left_out: tuple[str, ...]
+    ranges: Ranges = field(default_factory=Ranges)
 
 
 def encoded(
@@ -66,6 +73,8 @@ def encoded(
     slots: Sequence[str] | None = None,
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
+    ranges: Ranges | None = None,
+    effort: int = DEFAULT_EFFORT,
 ) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
@@ -74,22 +83,35 @@ def encoded(
         slots: that may be filled; None for all.
         levels: how many of each; None for all.
         progress: told the finished share, from 0 to 1.
+        ranges: of the values in them; None for those that suit most stacks.
+        effort: how many encodings of the normals there are, every block of which is the best, from 1 to 5.
 
     Raises:
-        UsageError: another model, or other sides.
+        UsageError: another model, other sides, or another effort.
     """
     if not stack.model.startswith("gltf"):
         raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected gltf or gltf-anisotropic")
+    if effort not in EFFORTS:
+        raise UsageError(f"effort is {effort}: expected {EFFORTS[0]} to {EFFORTS[-1]}")
     container = GpuFile("ktx2", "uastc")
+    if ranges is None:
+        ranges = usual_ranges(stack.levels, stack.model)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
-        texture = container.texture(file.layout, quantised_levels(file), stack.about())
+        if file.layout.name == "normal":
+            texture = best_blocks(file, weights, effort, stack.about())
+        else:
+            texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
         texels = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
         return data, replace(file, levels=[stood_for(t, container, file.layout) for t in texels])
 
+    weights = lobe_weights(
+        [level[..., channels_of(stack.model, "roughness")][..., 0] for level in stack.levels[:levels]],
+        [level[..., channels_of(stack.model, "normal")] for level in stack.levels[:levels]],
+    )
     wanted = {
-        slot: file
+        slot: ranges.stored(file)
         for file in stack.files(_OUTPUT, levels)
         if (slot := _SLOTS.get(file.layout.name)) is not None
         and (slots is None or slot in slots)
@@ -101,7 +123,7 @@ def encoded(
             made[slot] = each
             progress(len(made) / len(wanted))
     files = tuple(file for _, file in made.values())
-    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files))
+    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
 
 
 def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
@@ -130,6 +152,7 @@ def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
         occlusion="occlusion" in stack.extra,
         alpha_mode=mode,
         alpha_cutoff=0.5 if cutoff is None else cutoff,
+        ranges=made.ranges,
     )
     return standalone(stack.name, made.maps, options, json.loads(stack.about()))
 
@@ -145,7 +168,7 @@ def save_document(path: Path, document: Document, results: Sequence[tuple[GltfBa
         "version": __version__,
         "materials": {bake.name: json.loads(stack.about()) for bake, stack, _ in results},
     }
-    data = rewritten(document, [GltfResult(bake, made.maps) for bake, _, made in results], about)
+    data = rewritten(document, [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results], about)
     replaced_file(path, data)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.texture_space import measure
 from mipbake.errors import InputError
+from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.layout import LAYOUTS, to_file
 from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
@@ -80,8 +81,8 @@ class Cost:
 
     Args:
         format: of the output.
-        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1; infinite
-            where nothing changed.
+        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1, those of a
+            GLB before they are stretched; infinite where nothing changed.
         loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
@@ -195,8 +196,8 @@ def chosen(
             progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
     steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
-    losses = _losses(texture_set, stack, variants, part_of(progress, 1, 2))
-    added = {name: _added(loss) for name, loss in losses.items()}
+    found = losses(texture_set, opened(stack), variants, part_of(progress, 1, 2))
+    added = {name: _added(loss) for name, loss in found.items()}
     choice = dict.fromkeys(range(len(files)), 0)
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
 
@@ -221,6 +222,7 @@ def cost(
     levels: int | None = None,
     spoken: str | None = None,
     progress: Progress = lambda _share: None,
+    ranges: Ranges = Ranges(),  # noqa: B008
 ) -> Cost:
     """What an output cost, from its files as they were read back.
 
@@ -232,20 +234,21 @@ def cost(
         levels: how many were written; None for all.
         spoken: what the output is called; None for its format and texels.
         progress: moved by every file, then by every level of detail that is measured.
+        ranges: what a material multiplies the values in the files by.
     """
     planned = {file.layout.name: file for file in stack.files(output)}
     psnr = {}
     for index, file in enumerate(written):
-        psnr[file.layout.name] = _psnr(planned[file.layout.name], file)
+        psnr[file.layout.name] = _psnr(planned[file.layout.name], ranges.meant(file))
         progress((index + 1) / len(written) / 2)
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack
-    found = {"written": _stack_of(written, stack)}
+    found = {"written": stored_channels([ranges.shown(file) for file in written], stack)}
     stack = replace(stack, levels=stack.levels[:levels])
     return Cost(
         format=spoken or _spoken(written),
         psnr=psnr,
-        loss=_losses(texture_set, stack, found, part_of(progress, 1, 2))["written"],
+        loss=losses(texture_set, opened(stack), found, part_of(progress, 1, 2))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
         coverage=covered,
     )
@@ -311,10 +314,10 @@ class _Decoded(Sequence[NDArray[np.float32]]):
             return [self[i] for i in range(*index.indices(len(self)))]
         level = stood_for(self._texels[index], self._container, self._file.layout)
         stack = replace(self._stack, levels=[self._stack.levels[index]])
-        return _stack_of([replace(self._file, levels=[level])], stack)[0]
+        return stored_channels([replace(self._file, levels=[level])], stack)[0]
 
 
-def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
+def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
     """Stored channels of a stack, with the maps that files hold in place of its own."""
     count = min(len(stack.levels), *(len(file.levels) for file in files))
     levels = [level.copy() for level in stack.levels[:count]]
@@ -327,16 +330,22 @@ def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
     return levels
 
 
-def _losses(
+def losses(
     texture_set: TextureSet,
-    stack: MipStack,
+    baked: Candidate,
     variants: Mapping[str, Sequence[NDArray[np.float32]]],
-    progress: Progress,
+    progress: Progress = lambda _share: None,
 ) -> dict[str, dict[str, float]]:
-    """Variant and pair set to the fall of the SNR, in dB."""
-    baked = opened(stack)
+    """Variant and pair set to the fall of the SNR below that of what was baked, in dB.
+
+    Args:
+        texture_set: that the stack was baked from.
+        baked: of `opened`, or fewer levels of it, as many as `LODS` reach.
+        variants: name to levels of the same stored channels.
+        progress: told the finished share.
+    """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
-    kernel = stack.provenance.pixel_filter
+    kernel = baked.method.kernel
     measured = measure(
         texture_set, [baked, *others], kernel, LODS, (), _SEED, _POINTS, _SAMPLES, lambda _stage, share: progress(share)
     )

@@ -6,7 +6,7 @@ import copy
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mipbake.errors import InputError, UsageError
@@ -15,6 +15,7 @@ from mipbake.io.gltf.buffers import Binary, merged
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, KTX2, stored_image
 from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gltf.references import extensions_of, image_uses, view_uses
 from mipbake.io.gltf.retexture import Replaced, replace_textures
 from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
@@ -38,19 +39,22 @@ class GltfResult:
         bake: of the document that is written.
         maps: slot to a complete KTX 2 file, UASTC, sides multiples of 4: of `bake.slots` those that are replaced.
             baseColorTexture is sRGB-encoded, the others are linear (descriptor with unspecified primaries).
+        ranges: what the materials multiply the values in the maps by.
     """
 
     bake: GltfBake
     maps: Mapping[str, bytes]
+    ranges: Ranges = field(default_factory=Ranges)
 
 
 def rewritten(document: Document, results: Sequence[GltfResult], provenance: Mapping[str, Any]) -> bytes:
     """A GLB of the document in which the materials of the results show the baked maps.
 
-    Factors that the bake took in become 1. An occlusion that lay in the metallicRoughness image follows it. A result
-    without an anisotropyTexture makes a material isotropic whose anisotropy the bake took in. Images that nothing else
-    uses give their place to the new ones; all indices stay what they were. Buffers, external files and data URIs
-    go into the BIN chunk. Unknown extensions, extras and compressed geometry are kept.
+    Factors that the bake took in become 1, or what the ranges of a result say. An occlusion that lay in the
+    metallicRoughness image follows it. A result without an anisotropyTexture makes a material isotropic whose
+    anisotropy the bake took in. Images that nothing else uses give their place to the new ones; all indices stay what
+    they were. Buffers, external files and data URIs go into the BIN chunk. Unknown extensions, extras and compressed
+    geometry are kept.
 
     Args:
         document: as it was read.
@@ -68,6 +72,9 @@ def rewritten(document: Document, results: Sequence[GltfResult], provenance: Map
         for index in result.bake.materials:
             _settle_factors(made["materials"][index], result)
     replaced = replace_textures(document, made, [(r.bake, r.maps) for r in results])
+    for result in results:
+        for index in result.bake.materials:
+            _set_ranges(made["materials"][index], result)
     views = _settle_images(made, replaced)
     binary = merged(made, document.buffers, [view for view in views if view < len(document.all("bufferViews"))])
     _embed_images(document, made, binary)
@@ -163,6 +170,15 @@ def _settle_factors(material: Json, result: GltfResult) -> None:
         del material["extensions"][ANISOTROPY]
         if not material["extensions"]:
             del material["extensions"]
+
+
+def _set_ranges(material: Json, result: GltfResult) -> None:
+    """Writes the factors that bring the values of stretched maps back, once the material has its textures."""
+    maps, ranges = result.maps, result.ranges
+    if METALLIC_ROUGHNESS in maps and ranges.roughness != 1:
+        material["pbrMetallicRoughness"]["roughnessFactor"] = ranges.roughness
+    if NORMAL in maps and ranges.normal != 1:
+        material[NORMAL]["scale"] = ranges.normal
 
 
 def _settle_images(made: Json, replaced: Replaced) -> dict[int, str]:
