@@ -1,9 +1,8 @@
 """What the textures of a GLB lose of the shaded result, set by set: where the loss comes from, and what prevents it.
 
-    python benchmarks/uastc.py MATERIALS            crops of 256 x 256 from the middle of every set
-    python benchmarks/uastc.py MATERIALS --side 0   whole sets
+    python benchmarks/uastc.py MATERIALS            whole sets, before and after
+    python benchmarks/uastc.py MATERIALS --side 256 crops of 256 x 256 from the middle of every set
     python benchmarks/uastc.py MATERIALS --parts    file by file, 8 bits against UASTC
-    python benchmarks/uastc.py MATERIALS --efforts  numbers of encodings, with the time that they take
     python benchmarks/uastc.py MATERIALS --encoder  efforts of Basis Universal's encoder on the normals (takes hours)
 
 MATERIALS is a folder of texture sets. Prints Markdown. Losses are in dB of SNR, in the mean of the levels of detail
@@ -26,9 +25,9 @@ from timing import cpu_name
 import mipbake
 from mipbake import MipStack, TextureSet
 from mipbake.compare.candidates import opened
-from mipbake.compare.compression import losses, stored_channels
+from mipbake.compare.compression import chosen, losses, stored_channels
 from mipbake.compare.ranges import chosen_ranges
-from mipbake.glb import encoded, output
+from mipbake.glb import FINER, encoded, output
 from mipbake.io import uastc
 from mipbake.io.containers import Container
 from mipbake.io.gltf.ranges import Ranges, usual_ranges
@@ -44,7 +43,7 @@ Columns = Callable[[TextureSet, MipStack], tuple[dict[str, Levels], dict[str, st
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("materials", type=Path)
-    parser.add_argument("--side", type=int, default=256, help="of the crops; 0 for whole sets")
+    parser.add_argument("--side", type=int, default=0, help="of crops; whole sets without it")
     parser.add_argument("--methods", default="linear,neural")
     parser.add_argument("--only", default="", help="names of sets, separated by commas")
     for table in _TABLES:
@@ -85,16 +84,22 @@ def spoken(loss: Loss) -> str:
 
 
 def before_and_after(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:
-    """Values as they are; stretched; stretched, with the best blocks; and stretched to 8 bits without blocks."""
+    """UASTC with values as they are; stretched; and stretched, with 8 bits where blocks cost too much."""
     ranges = chosen_ranges(texture_set, stack)
-    variants = {
-        "plain": _glb(stack, Ranges(), 1),
-        "stretched": _glb(stack, ranges, 1),
-        "stretched, best blocks": _glb(stack, ranges, 3),
-        "8 bits": _decoded(stack, GpuFile("ktx2", "rgba8"), Ranges()),
-        "8 bits, stretched": _decoded(stack, GpuFile("ktx2", "rgba8"), ranges),
+    texels = chosen(texture_set, stack, output(FINER), ranges=ranges).texels
+    made = {
+        "plain": encoded(stack, ranges=Ranges()),
+        "glb": encoded(stack, ranges=ranges),
+        f"glb:{FINER[0]}": encoded(stack, ranges=ranges, texels=texels),
     }
-    return variants, {"normal scale": f"{ranges.normal:.3f}", "roughness factor": f"{ranges.roughness:.3f}"}
+    further = {"normal scale": f"{ranges.normal:.3f}", "roughness factor": f"{ranges.roughness:.3f}"}
+    further[f"in {FINER[0]}"] = ", ".join(texels) or "none"
+    for name in ("glb", f"glb:{FINER[0]}"):
+        further[f"MB, {name}"] = f"{sum(map(len, made[name].maps.values())) / 1e6:.2f}"
+    variants = {
+        name: stored_channels([each.ranges.shown(file) for file in each.files], stack) for name, each in made.items()
+    }
+    return variants, further
 
 
 def parts(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:
@@ -106,19 +111,6 @@ def parts(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], 
         for texels in ("rgba8", "uastc")
         for name in names
     }, {}
-
-
-def efforts(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:
-    """One encoding of the normals and more, and the seconds that all textures took."""
-    start = time.perf_counter()
-    ranges = chosen_ranges(texture_set, stack)
-    seconds = {"seconds to choose": f"{time.perf_counter() - start:.1f}"}
-    variants = {}
-    for effort in (1, 2, 3, 5):
-        start = time.perf_counter()
-        variants[f"{effort}"] = _glb(stack, ranges, effort)
-        seconds[f"seconds of {effort}"] = f"{time.perf_counter() - start:.1f}"
-    return variants, seconds
 
 
 def encoder(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:
@@ -135,13 +127,7 @@ def encoder(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels]
     return variants, seconds
 
 
-_TABLES: Mapping[str, Columns] = {"parts": parts, "efforts": efforts, "encoder": encoder}
-
-
-def _glb(stack: MipStack, ranges: Ranges, effort: int) -> Levels:
-    """The stack as a GLB gives it back."""
-    made = encoded(stack, ranges=ranges, effort=effort)
-    return stored_channels([ranges.shown(file) for file in made.files], stack)
+_TABLES: Mapping[str, Columns] = {"parts": parts, "encoder": encoder}
 
 
 def _decoded(stack: MipStack, container: Container, ranges: Ranges, names: Sequence[str] = ()) -> Levels:

@@ -18,10 +18,9 @@ from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.compare.compression import LIMIT
-from mipbake.glb import DEFAULT_EFFORT, GLB, output
+from mipbake.glb import FINER, GLB, output
 from mipbake.intake import Job, jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.io.normal_blocks import EFFORTS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.uastc import check_encoder
 from mipbake.output import Output, check_outputs, outputs_from, split_formats
@@ -87,7 +86,9 @@ def bake(
         typer.Option(
             metavar="FORMAT[:TEXELS],...",
             help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
-            f"material. The first texels are the default; for ktx2 and dds alone they are the smallest that "
+            f"material (texels uastc; {', '.join(FINER)}: textures that blocks cost too much have 8 bits, which glTF's "
+            "standard has no place for, and three.js and Babylon.js load). The first texels are the default; for ktx2 "
+            "and dds alone they are the smallest that "
             f"cost no more than {LIMIT:g} dB.",
             show_default=DEFAULT_FORMAT,
         ),
@@ -151,15 +152,6 @@ def bake(
             show_default="the method's own",
         ),
     ] = None,
-    effort: Annotated[
-        int,
-        typer.Option(
-            min=EFFORTS[0],
-            max=EFFORTS[-1],
-            metavar=f"{EFFORTS[0]}..{EFFORTS[-1]}",
-            help=f"How many times the normals of a {GLB} are encoded; every block is the best of them.",
-        ),
-    ] = DEFAULT_EFFORT,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
@@ -174,7 +166,7 @@ def bake(
         target = chosen_preset.target if chosen_preset else AUTO_TARGET
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    outputs, glb = _outputs(chosen_preset, format, packing, write_normals)
+    outputs, glb, finer = _outputs(chosen_preset, format, packing, write_normals)
     asked = Asked(
         method,
         target,
@@ -187,7 +179,7 @@ def bake(
         format is None and chosen_preset is not None and chosen_preset.documents,
         Adjustments(keep_level0, strength, min_roughness),
         None if max_level is None else max_level + 1,
-        effort,
+        finer,
     )
     check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
     if target != AUTO_TARGET and not target.startswith("gltf") and (glb or asked.adjustments.any):
@@ -208,8 +200,9 @@ def bake(
 
 def _outputs(
     preset: Preset | None, format: str | None, packing: str | None, write_normals: str | None
-) -> tuple[tuple[Output, ...], bool]:
-    """Those of a preset with what the user wants otherwise, or those of the formats; and whether a GLB is wanted."""
+) -> tuple[tuple[Output, ...], bool, tuple[str, ...]]:
+    """Those of a preset with what the user wants otherwise, or those of the formats; whether a GLB is wanted, and the
+    texels that its textures may have in place of blocks."""
     if packing is not None and packing not in PACKINGS:
         raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
     if write_normals not in (None, SOURCE, *NORMAL_CONVENTIONS):
@@ -218,21 +211,28 @@ def _outputs(
         )
     outputs = preset.outputs if preset else ()
     formats = split_formats(DEFAULT_FORMAT if format is None else format)
-    glb = GLB in formats
+    glb = [name for name in formats if name.partition(":")[0] == GLB]
+    finer = tuple(name.partition(":")[2] for name in glb if ":" in name and name != f"{GLB}:uastc")
+    if len(glb) > 1:
+        raise UsageError(f"format {GLB} is asked for twice: its files would have the same names")
+    if not set(finer) <= set(FINER):
+        raise UsageError(
+            f"unknown texels of format {GLB}: {finer[0]!r}: expected one of {', '.join(('uastc', *FINER))}"
+        )
     for name in formats:
         if name.partition(":")[0] not in (*FORMATS, GLB):
             raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
-    if format is not None and set(formats) == {GLB} and (packing or write_normals):
+    if format is not None and formats == glb and (packing or write_normals):
         raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
     if format is not None or not outputs:
         model = outputs[0] if outputs else Output()
-        others = ",".join(each for each in formats if each != GLB)
+        others = ",".join(each for each in formats if each not in glb)
         outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
     if packing is not None:
         outputs = tuple(replace(each, packing=packing) for each in outputs)
     if write_normals is not None:
         outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
-    return outputs, glb
+    return outputs, bool(glb), finer
 
 
 def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:

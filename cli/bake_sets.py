@@ -16,7 +16,7 @@ from mipbake.bake import resolve_target
 from mipbake.cli.folders import check_names, file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.compare.compression import Cost, chosen_all, cost, part_of
+from mipbake.compare.compression import Cost, chosen, chosen_all, cost, part_of
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import GLB, Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
@@ -36,7 +36,8 @@ class Asked:
     """What is to be baked and written, the same for every set.
 
     `levels`: how many are written; None for all. `glb`: whether a GLB is. `documents`: whether glTF sources become a
-    GLB, and get no files of maps. `effort`: encodings of the normals in it.
+    GLB, and get no files of maps. `finer`: texels that its textures may have in
+    place of blocks.
     """
 
     method: str
@@ -50,7 +51,7 @@ class Asked:
     documents: bool
     adjustments: Adjustments
     levels: int | None
-    effort: int
+    finer: tuple[str, ...]
 
 
 def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked: Asked) -> list[dict[str, Any]]:
@@ -242,11 +243,13 @@ def _write_one(
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None
-        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 3))
-        textures = encoded(inside, slots, asked.levels, part_of(encoding, 1, 3), ranges, asked.effort)
+        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 4))
+        texels = chosen(seen, inside, output(asked.finer), part_of(encoding, 1, 4), ranges).texels
+        textures = encoded(inside, slots, asked.levels, part_of(encoding, 2, 4), ranges, texels)
         left_out = () if outputs else textures.left_out
-        lost = part_of(encoding, 2, 3)
-        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, lost, textures.ranges))
+        lost = part_of(encoding, 3, 4)
+        spoken = f"{GLB}:{asked.finer[0]}" if asked.finer else GLB
+        costs.append(cost(seen, inside, output(), textures.files, asked.levels, spoken, lost, textures.ranges))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
         else:

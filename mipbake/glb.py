@@ -23,9 +23,7 @@ from mipbake.io.gltf.ranges import Ranges, usual_ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE_COLOUR, METALLIC_ROUGHNESS, NORMAL
 from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
-from mipbake.io.layout import channels_of
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
-from mipbake.io.normal_blocks import EFFORTS, best_blocks, lobe_weights
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
 from mipbake.output import Output
@@ -39,7 +37,8 @@ GLB = "glb"
 SIDE = 4
 """KHR_texture_basisu takes images whose sides are multiples of it."""
 
-DEFAULT_EFFORT = 3
+FINER = ("rgba8",)
+"""Texels that textures may have in place of blocks. KHR_texture_basisu does not allow for them; some engines do."""
 
 _OUTPUT = Output("ktx2:uastc", "orm", Normals("opengl"))
 _SLOTS = {
@@ -74,7 +73,7 @@ def encoded(
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
     ranges: Ranges | None = None,
-    effort: int = DEFAULT_EFFORT,
+    texels: Mapping[str, str] | None = None,
 ) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
@@ -84,32 +83,24 @@ def encoded(
         levels: how many of each; None for all.
         progress: told the finished share, from 0 to 1.
         ranges: of the values in them; None for those that suit most stacks.
-        effort: how many encodings of the normals there are, every block of which is the best, from 1 to 5.
+        texels: of files of the stack that shall have others than `uastc`, by name.
 
     Raises:
-        UsageError: another model, other sides, or another effort.
+        UsageError: another model, or other sides.
     """
     if not stack.model.startswith("gltf"):
         raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected gltf or gltf-anisotropic")
-    if effort not in EFFORTS:
-        raise UsageError(f"effort is {effort}: expected {EFFORTS[0]} to {EFFORTS[-1]}")
-    container = GpuFile("ktx2", "uastc")
     if ranges is None:
         ranges = usual_ranges(stack.levels, stack.model)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
-        if file.layout.name == "normal":
-            texture = best_blocks(file, weights, effort, stack.about())
-        else:
-            texture = container.texture(file.layout, quantised_levels(file), stack.about())
+        container = GpuFile("ktx2", (texels or {}).get(file.layout.name, "uastc"))
+        texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
-        texels = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
-        return data, replace(file, levels=[stood_for(t, container, file.layout) for t in texels])
+        found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
+        levels = [stood_for(level, container, file.layout) for level in found]
+        return data, replace(file, container=container, levels=levels)
 
-    weights = lobe_weights(
-        [level[..., channels_of(stack.model, "roughness")][..., 0] for level in stack.levels[:levels]],
-        [level[..., channels_of(stack.model, "normal")] for level in stack.levels[:levels]],
-    )
     wanted = {
         slot: ranges.stored(file)
         for file in stack.files(_OUTPUT, levels)
@@ -138,9 +129,9 @@ def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
     )
 
 
-def output() -> Output:
-    """How maps lie in the textures of a GLB."""
-    return _OUTPUT
+def output(finer: Sequence[str] = ()) -> Output:
+    """How maps lie in the textures of a GLB. `finer`: texels that they may have in place of blocks."""
+    return replace(_OUTPUT, finer=tuple(finer))
 
 
 def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:

@@ -87,7 +87,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
-        no_finer="Babylon.js is not known to take other texels",
+        no_finer="Babylon.js before August 2026 takes no other texels",
     ),
     Preset(
         "filament",

@@ -111,8 +111,11 @@ class Cost:
         container, _, texels = self.format.partition(":")
         if self.worst <= LIMIT or texels == "float":  # nothing is more precise
             return None
-        if container == "glb":
-            advice = "a glTF file holds no other texels; plain --format ktx2 beside it chooses more precise ones"
+        if container == "glb" and texels:
+            advice = "plain --format ktx2 beside it chooses more precise texels"
+        elif container == "glb":
+            advice = "--format glb:rgba8 has some that three.js and Babylon.js load"
+            advice = preset.no_finer if preset and preset.no_finer else f"glTF's standard has no other texels; {advice}"
         else:
             advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
         where = _SPOKEN[max(self.loss, key=self.loss.__getitem__)]
@@ -170,7 +173,11 @@ def chosen_all(
 
 
 def chosen(
-    texture_set: TextureSet, stack: MipStack, output: Output, progress: Progress = lambda _share: None
+    texture_set: TextureSet,
+    stack: MipStack,
+    output: Output,
+    progress: Progress = lambda _share: None,
+    ranges: Ranges = Ranges(),  # noqa: B008
 ) -> Output:
     """An output with texels for every file, as small as the loss allows: of `ktx2` or `dds`, or with `finer` texels.
 
@@ -182,6 +189,7 @@ def chosen(
         stack: as it was baked.
         output: that is asked for.
         progress: moved by every file and kind of texels, then by every level of detail that is measured.
+        ranges: what a material multiplies the values in the files by.
     """
     plain = output.format in ("ktx2", "dds")
     ladder = _LADDER if plain else (output.container.texels, *output.finer)
@@ -192,7 +200,7 @@ def chosen(
     variants = {}
     for index, file in enumerate(files):
         for step, texels in enumerate(ladder):
-            variants[f"{texels} {index}"] = _Decoded(file, GpuFile(name, texels), stack)
+            variants[f"{texels} {index}"] = _Decoded(file, GpuFile(name, texels), stack, ranges)
             progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
     steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
@@ -294,10 +302,11 @@ class _Decoded(Sequence[NDArray[np.float32]]):
     a copy of the stack for every file and kind of texels would take more memory than the bake did.
     """
 
-    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack) -> None:
-        self._file, self._stack = file, stack
+    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack, ranges: Ranges) -> None:
+        self._file, self._stack, self._ranges = file, stack, ranges
         self._container = container
-        texels = quantised_levels(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
+        stored = ranges.stored(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
+        texels = quantised_levels(stored)
         self._texels = container.decoded(file.layout, texels)
 
     def __len__(self) -> int:
@@ -314,7 +323,7 @@ class _Decoded(Sequence[NDArray[np.float32]]):
             return [self[i] for i in range(*index.indices(len(self)))]
         level = stood_for(self._texels[index], self._container, self._file.layout)
         stack = replace(self._stack, levels=[self._stack.levels[index]])
-        return stored_channels([replace(self._file, levels=[level])], stack)[0]
+        return stored_channels([self._ranges.shown(replace(self._file, levels=[level]))], stack)[0]
 
 
 def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:

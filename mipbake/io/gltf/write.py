@@ -28,7 +28,9 @@ COLOUR_SLOTS = (BASE_COLOUR, "emissiveTexture")
 """Slots whose maps are sRGB-encoded."""
 
 _DESCRIPTOR_AT = 48
-_UASTC, _SRGB, _DATA = 166, (1, 2), (0, 1)  # colour model; primaries and transfer function
+_UASTC, _RGBSDA = 166, 1  # colour models
+_SRGB, _DATA = (1, 2), {"none": (0, 1), "those of BT.709": (1, 1)}  # primaries and transfer function
+_EIGHT_BITS = 37, 43  # VK_FORMAT_R8G8B8A8_UNORM and _SRGB
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +39,9 @@ class GltfResult:
 
     Args:
         bake: of the document that is written.
-        maps: slot to a complete KTX 2 file, UASTC, sides multiples of 4: of `bake.slots` those that are replaced.
-            baseColorTexture is sRGB-encoded, the others are linear (descriptor with unspecified primaries).
+        maps: slot to a complete KTX 2 file, UASTC or RGBA of 8 bits, sides multiples of 4: of `bake.slots` those that
+            are replaced. baseColorTexture is sRGB-encoded, the others are linear (descriptor of UASTC with unspecified
+            primaries).
         ranges: what the materials multiply the values in the maps by.
     """
 
@@ -116,23 +119,31 @@ def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] =
 
 
 def check_map(name: str, slot: str, data: bytes) -> None:
-    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images)."""
+    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images).
+
+    Plain RGBA of eight bits passes too: the extension has no place for it, but three.js and Babylon.js load it there.
+    """
     what = f"the map {slot} of {name}"
     if data[: len(IDENTIFIER)] != IDENTIFIER or len(data) < 80:
         raise UsageError(f"{what} is no KTX 2 file: expected one of UASTC blocks")
     vulkan, _, width, height = struct.unpack_from("<4I", data, len(IDENTIFIER))
-    if vulkan != 0:
-        raise UsageError(f"{what} has the Vulkan format {vulkan}: expected UASTC, which has 0")
+    if vulkan not in (0, *_EIGHT_BITS):
+        raise UsageError(
+            f"{what} has the Vulkan format {vulkan}: expected UASTC, which has 0, or RGBA of 8 bits, which has "
+            f"{' or '.join(str(each) for each in _EIGHT_BITS)}"
+        )
     if width % SIDE or height % SIDE or not width * height:
         raise UsageError(
             f"{what} is {width} x {height} texels: KHR_texture_basisu takes multiples of {SIDE}, resample it first"
         )
     (descriptor,) = struct.unpack_from("<I", data, _DESCRIPTOR_AT)
     found, colour = tuple(data[descriptor + 12 : descriptor + 15]), slot in COLOUR_SLOTS
-    if found != (_UASTC, *(_SRGB if colour else _DATA)):
-        expected = "sRGB with the primaries of BT.709" if colour else "linear with unspecified primaries"
+    model, data_primaries = (_RGBSDA, "those of BT.709") if vulkan else (_UASTC, "none")
+    if found != (model, *(_SRGB if colour else _DATA[data_primaries])):
+        expected = "sRGB with the primaries of BT.709" if colour else f"linear, primaries: {data_primaries}"
         raise UsageError(
-            f"{what} has the colour model, primaries and transfer function {found}: expected UASTC, {expected}"
+            f"{what} has the colour model, primaries and transfer function {found}: expected "
+            f"{'RGBA' if vulkan else 'UASTC'}, {expected}"
         )
 
 
