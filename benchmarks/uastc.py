@@ -86,13 +86,17 @@ def spoken(loss: Loss) -> str:
 def before_and_after(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:
     """UASTC with values as they are; stretched; and stretched, with 8 bits where blocks cost too much."""
     ranges = chosen_ranges(texture_set, stack)
-    texels = chosen(texture_set, stack, output(FINER), ranges=ranges).texels
+    finer = chosen_ranges(texture_set, stack, texels=FINER[-1])
+    texels = chosen(texture_set, stack, output(FINER), ranges=finer).texels
     made = {
         "plain": encoded(stack, ranges=Ranges()),
         "glb": encoded(stack, ranges=ranges),
-        f"glb:{FINER[0]}": encoded(stack, ranges=ranges, texels=texels),
+        f"glb:{FINER[0]}": encoded(stack, ranges=finer, texels=texels),
     }
-    further = {"normal scale": f"{ranges.normal:.3f}", "roughness factor": f"{ranges.roughness:.3f}"}
+    further = {
+        "normal scale": f"{ranges.normal:.3f} / {finer.normal:.3f}",
+        "roughness factor": f"{ranges.roughness:.3f}",
+    }
     further[f"in {FINER[0]}"] = ", ".join(texels) or "none"
     for name in ("glb", f"glb:{FINER[0]}"):
         further[f"MB, {name}"] = f"{sum(map(len, made[name].maps.values())) / 1e6:.2f}"

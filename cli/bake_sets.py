@@ -243,7 +243,7 @@ def _write_one(
         inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None
-        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 4))
+        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 4), *asked.finer[-1:])
         texels = chosen(seen, inside, output(asked.finer), part_of(encoding, 1, 4), ranges).texels
         textures = encoded(inside, slots, asked.levels, part_of(encoding, 2, 4), ranges, texels)
         left_out = () if outputs else textures.left_out

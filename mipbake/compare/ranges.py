@@ -28,8 +28,13 @@ _LEVELS = 1 + ceil(max(LODS))
 _SIDE, _STEP = 512, 1 << (_LEVELS - 1)
 
 
-def chosen_ranges(texture_set: TextureSet, stack: MipStack, progress: Progress = lambda _share: None) -> Ranges:
-    """The ranges with which the normals of a stack, in blocks of UASTC, cost the least.
+def chosen_ranges(
+    texture_set: TextureSet,
+    stack: MipStack,
+    progress: Progress = lambda _share: None,
+    texels: str = "uastc",
+) -> Ranges:
+    """The ranges with which the normals of a stack cost the least.
 
     A small scale resolves small slopes finely and steep normals coarsely, and lets these count less where texels are
     filtered; which of it shows depends on the material. So several scales are tried, on the middle of larger sets, and
@@ -39,6 +44,7 @@ def chosen_ranges(texture_set: TextureSet, stack: MipStack, progress: Progress =
         texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
         stack: as it was baked, of `gltf` or `gltf-anisotropic`.
         progress: moved by every scale, then by every level of detail that is measured.
+        texels: that the normals are to be stored in.
     """
     rough = roughness_factor(stack.levels, stack.model)
     if len(stack.levels) < _LEVELS:
@@ -48,7 +54,7 @@ def chosen_ranges(texture_set: TextureSet, stack: MipStack, progress: Progress =
     part, levels = _middle(texture_set, stack)
     variants: dict[str, Levels] = {}
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        encoded = pool.map(lambda scale: _with_normals(levels, stack.model, Ranges(scale)), scales)
+        encoded = pool.map(lambda scale: _with_normals(levels, stack.model, Ranges(scale), texels), scales)
         for index, made in enumerate(encoded):
             variants[str(index)] = made
             progress((index + 1) / len(scales) / 2)
@@ -68,14 +74,14 @@ def _scales(stack: MipStack) -> list[float]:
     return scales
 
 
-def _with_normals(levels: Levels, model: str, ranges: Ranges) -> Levels:
+def _with_normals(levels: Levels, model: str, ranges: Ranges, texels: str) -> Levels:
     """Levels whose normals are as the texture of a GLB would give them back."""
     layout = next(each.alone for each in LAYOUTS[model] if each.name == "normal")
     place = channels_of(model, "normal")
-    container = GpuFile("ktx2", "uastc")
+    container = GpuFile("ktx2", texels)
     stored = ranges.stored(MapFile(container, layout, [level[..., place] for level in levels]))
-    texels = container.decoded(layout, quantised_levels(stored))
-    decoded = replace(stored, levels=[stood_for(each, container, layout) for each in texels])
+    found = container.decoded(layout, quantised_levels(stored))
+    decoded = replace(stored, levels=[stood_for(each, container, layout) for each in found])
     made = []
     for level, normals in zip(levels, ranges.shown(decoded).levels, strict=True):
         made.append(level.copy())
