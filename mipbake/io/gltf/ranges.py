@@ -73,7 +73,7 @@ class Ranges:
     def _stretched(self, name: str, values: Values) -> Values:
         if name == "roughness":
             return np.asarray(values / self.roughness, np.float32)
-        return _unit(values / [self.normal, self.normal, 1])
+        return _unit(np.asarray(values / [self.normal, self.normal, 1], np.float32))
 
     def _shown(self, name: str, values: Values) -> Values:
         if name == "roughness":
@@ -113,7 +113,7 @@ def roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float
     return min(1.0, max(_LEAST_FACTOR, _short(highest + 5e-7)))
 
 
-def _unit(vectors: NDArray[np.floating]) -> Values:
+def _unit(vectors: Values) -> Values:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
 
