@@ -79,9 +79,9 @@ def bake(
         typer.Option(
             metavar="FORMAT[:TEXELS],...",
             help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
-            f"material (texels {', '.join(GLB_TEXELS)}; with the latter, textures that blocks cost too much have 8 bits, "
-            "which glTF's standard has no place for, and three.js and Babylon.js load). The first texels are the default; "
-            "for ktx2 and dds alone they are the smallest that "
+            f"material (texels {', '.join(GLB_TEXELS)}; with the latter, textures that blocks cost too much have 8 "
+            "bits, which glTF's standard has no place for, and three.js and Babylon.js load). The first texels are the "
+            "default; for ktx2 and dds alone they are the smallest that "
             f"cost no more than {LIMIT:g} dB.",
             show_default=f"{GLB} of glTF sources, {DEFAULT_FORMAT} of others",
         ),
