@@ -24,7 +24,7 @@ from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
-from mipbake.output import GLB, check_outputs
+from mipbake.output import GLB, GLB_TEXELS, check_outputs
 from mipbake.packing import PACKINGS, SOURCE, Normals
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.pixel_filter import FILTERS, filter_named
@@ -79,7 +79,9 @@ def bake(
         typer.Option(
             metavar="FORMAT[:TEXELS],...",
             help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
-            f"material. The first texels are the default; for ktx2 and dds alone they are the smallest that "
+            f"material (texels {', '.join(GLB_TEXELS)}; with the latter, textures that blocks cost too much have 8 "
+            "bits, which glTF's standard has no place for, and three.js and Babylon.js load). The first texels are the "
+            "default; for ktx2 and dds alone they are the smallest that "
             f"cost no more than {LIMIT:g} dB.",
             show_default=f"{GLB} of glTF sources, {DEFAULT_FORMAT} of others",
         ),
@@ -158,7 +160,7 @@ def bake(
         target = chosen_preset.target if chosen_preset else AUTO_TARGET
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    outputs, glb = wanted_outputs(chosen_preset, format, packing, write_normals)
+    outputs, glb, finer = wanted_outputs(chosen_preset, format, packing, write_normals)
     # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
     as_maps = format or packing or write_normals or not (target == AUTO_TARGET or target.startswith("gltf"))
     asked = Asked(
@@ -173,6 +175,7 @@ def bake(
         not as_maps and (chosen_preset is None or chosen_preset.documents),
         Adjustments(keep_level0, strength, min_roughness),
         None if max_level is None else max_level + 1,
+        finer,
     )
     check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
     if target != AUTO_TARGET and not target.startswith("gltf") and (glb or asked.adjustments.any):

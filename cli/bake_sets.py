@@ -16,7 +16,8 @@ from mipbake.bake import resolve_target
 from mipbake.cli.folders import file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.compare.compression import Cost, chosen_all, cost, part_of
+from mipbake.compare.compression import Cost, chosen, chosen_all, cost, part_of
+from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.intake import Failure, Job
 from mipbake.io.gltf.document import Document
@@ -40,7 +41,8 @@ class Asked:
     """What is to be baked and written, the same for every set.
 
     `levels`: how many are written; None for all. `glb`: whether a GLB is. `documents`: whether glTF sources become a
-    GLB, and get no files of maps.
+    GLB, and get no files of maps. `finer`: texels that its textures may have in
+    place of blocks.
     """
 
     method: str
@@ -54,6 +56,7 @@ class Asked:
     documents: bool
     adjustments: Adjustments
     levels: int | None
+    finer: tuple[str, ...]
 
 
 def bake_all(session: Session, found: Sequence[Job | Failure], out: Path, asked: Asked) -> list[dict[str, Any]]:
@@ -223,9 +226,13 @@ def _write_one(
         encoding = partial(baking, "encode")
         slots = job.bake.slots if job.bake else None
         lobe = job.bake.lobe if job.bake else BASE
-        textures = encoded(inside, slots, asked.levels, part_of(encoding, 0, 2), lobe)
+        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 4), *asked.finer[-1:])
+        texels = chosen(seen, inside, output(asked.finer), part_of(encoding, 1, 4), ranges).texels
+        textures = encoded(inside, slots, asked.levels, part_of(encoding, 2, 4), lobe, ranges, texels)
         left_out = () if outputs else textures.left_out
-        costs.append(cost(seen, inside, output(), textures.files, asked.levels, GLB, part_of(encoding, 1, 2)))
+        lost = part_of(encoding, 3, 4)
+        spoken = f"{GLB}:{asked.finer[0]}" if asked.finer else GLB
+        costs.append(cost(seen, inside, output(), textures.files, asked.levels, spoken, lost, textures.ranges))
         if job.document is None:
             beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
         else:

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.quad import QuadOptions, standalone
+from mipbake.io.gltf.ranges import Ranges, usual_ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
 from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import GpuFile
@@ -55,13 +56,15 @@ class Encoded:
 
     Args:
         maps: slot to a KTX 2 file.
-        files: the same decoded, as they will be sampled.
+        files: the same decoded, as they will be sampled, before factors of the material multiply them.
         left_out: which maps of the stack are in none of them, in sentences.
+        ranges: those factors.
     """
 
     maps: Mapping[str, bytes]
     files: tuple[MapFile, ...]
     left_out: tuple[str, ...]
+    ranges: Ranges = field(default_factory=Ranges)
 
 
 def encoded(
@@ -70,6 +73,8 @@ def encoded(
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
     lobe: Lobe = BASE,
+    ranges: Ranges | None = None,
+    texels: Mapping[str, str] | None = None,
 ) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
@@ -79,22 +84,27 @@ def encoded(
         levels: how many of each; None for all.
         progress: told the finished share, from 0 to 1.
         lobe: of the material, whose slots are filled.
+        ranges: of the values in them; None for those that suit most stacks.
+        texels: of files of the stack that shall have others than `uastc`, by name.
 
     Raises:
         UsageError: another model, or other sides.
     """
     if not stack.model.startswith("gltf"):
         raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected gltf or gltf-anisotropic")
-    container = GpuFile("ktx2", "uastc")
+    if ranges is None:
+        ranges = usual_ranges(stack.levels, stack.model)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
+        container = GpuFile("ktx2", (texels or {}).get(file.layout.name, "uastc"))
         texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
-        texels = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
-        return data, replace(file, levels=[stood_for(t, container, file.layout) for t in texels])
+        found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
+        levels = [stood_for(level, container, file.layout) for level in found]
+        return data, replace(file, container=container, levels=levels)
 
     wanted = {
-        slot: file
+        slot: ranges.stored(file)
         for file in stack.files(_OUTPUT, levels)
         if (slot := _slots(lobe).get(file.layout.name)) is not None
         and (slots is None or slot in slots)
@@ -106,7 +116,7 @@ def encoded(
             made[slot] = each
             progress(len(made) / len(wanted))
     files = tuple(file for _, file in made.values())
-    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files))
+    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
 
 
 def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
@@ -121,9 +131,9 @@ def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
     )
 
 
-def output() -> Output:
-    """How maps lie in the textures of a GLB."""
-    return _OUTPUT
+def output(finer: Sequence[str] = ()) -> Output:
+    """How maps lie in the textures of a GLB. `finer`: texels that they may have in place of blocks."""
+    return replace(_OUTPUT, finer=tuple(finer))
 
 
 def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
@@ -135,6 +145,7 @@ def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
         occlusion="occlusion" in stack.extra,
         alpha_mode=mode,
         alpha_cutoff=0.5 if cutoff is None else cutoff,
+        ranges=made.ranges,
     )
     return standalone(stack.name, made.maps, options, json.loads(stack.about()))
 
@@ -159,7 +170,7 @@ def save_document(
         "version": __version__,
         "materials": {bake.name: json.loads(stack.about()) for bake, stack, _ in results},
     }
-    baked = [GltfResult(bake, made.maps) for bake, _, made in results]
+    baked = [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results]
     data = rewritten(document, baked, about, averaged_files(document, plain, levels))
     replaced_file(path, data)
 

@@ -47,6 +47,9 @@ class Output:
 GLB = "glb"
 """What users call glTF files. They are no container of single maps."""
 
+GLB_TEXELS = ("uastc", "rgba8")
+"""Texels of a GLB's textures, the default first. KHR_texture_basisu allows for no others; some engines load them."""
+
 
 def outputs_from(
     format: str,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS
-from mipbake.output import GLB, Output, outputs_from, split_formats
+from mipbake.output import GLB, GLB_TEXELS, Output, outputs_from, split_formats
 from mipbake.packing import PACKINGS, SEPARATE, SOURCE, Normals
 
 OPENGL = Normals("opengl")
@@ -89,7 +89,7 @@ _ALL = (
         documents=True,
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
-        no_finer="Babylon.js is not known to take other texels",
+        no_finer="Babylon.js before August 2026 takes no other texels",
     ),
     Preset(
         "filament",
@@ -159,8 +159,9 @@ def wanted_outputs(
     format: str | None = None,
     packing: str | None = None,
     write_normals: str | None = None,
-) -> tuple[tuple[Output, ...], bool]:
-    """The outputs of a preset with what the user wants otherwise, or those of formats; and whether a GLB is wanted.
+) -> tuple[tuple[Output, ...], bool, tuple[str, ...]]:
+    """The outputs of a preset with what the user wants otherwise, or those of formats; whether a GLB is wanted; and the
+    texels that its textures may have in place of blocks.
 
     Args:
         preset: what is meant where nothing else is said.
@@ -178,18 +179,23 @@ def wanted_outputs(
         )
     outputs = preset.outputs if preset else ()
     formats = split_formats(DEFAULT_FORMAT if format is None else format)
-    glb = GLB in formats
+    glb = [name for name in formats if name.partition(":")[0] == GLB]
+    if len(glb) > 1:
+        raise UsageError(f"format {GLB} is asked for twice: its files would have the same names")
+    texels = [name.partition(":")[2] for name in glb if ":" in name]
+    if not set(texels) <= set(GLB_TEXELS):
+        raise UsageError(f"unknown texels of format {GLB}: {texels[0]!r}: expected one of {', '.join(GLB_TEXELS)}")
     for name in formats:
         if name.partition(":")[0] not in (*FORMATS, GLB):
             raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
-    if format is not None and set(formats) == {GLB} and (packing or write_normals):
+    if format is not None and formats == glb and (packing or write_normals):
         raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
     if format is not None or not outputs:
         model = outputs[0] if outputs else Output()
-        others = ",".join(each for each in formats if each != GLB)
+        others = ",".join(each for each in formats if each not in glb)
         outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
     if packing is not None:
         outputs = tuple(replace(each, packing=packing) for each in outputs)
     if write_normals is not None:
         outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
-    return outputs, glb
+    return outputs, bool(glb), tuple(each for each in texels if each != GLB_TEXELS[0])

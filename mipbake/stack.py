@@ -222,12 +222,20 @@ class MipStack:
                 )
             if not (format is None or isinstance(format, str)):
                 raise UsageError("outputs say all that a preset would: expected one of the two")
-            outputs, glb = wanted_outputs(engine, format)
+            outputs, glb, finer = wanted_outputs(engine, format)
             blocks = any(output.container.texels in ("bc", "bc1", "uastc") for output in outputs)
             for sentence in engine.check(width, height, blocks):
                 warnings.warn(sentence, stacklevel=3)
-            return outputs, glb
-        return wanted_outputs(None, format) if format is None or isinstance(format, str) else (tuple(format), False)
+        elif format is None or isinstance(format, str):
+            outputs, glb, finer = wanted_outputs(None, format)
+        else:
+            outputs, glb, finer = tuple(format), False, ()
+        if finer:
+            raise UsageError(
+                f"format {GLB}:{finer[0]} chooses texels by what they cost, which takes the source: bake it on the "
+                f"command line, or save {GLB}"
+            )
+        return outputs, glb
 
     def files(self, output: Output, levels: int | None = None, beside: bool = False) -> list[MapFile]:
         """What `save` writes for an output: every file with its container, its channels and so many levels.

@@ -168,8 +168,8 @@ def test_khronos_rules_of_levels(made: GpuFormat, supercompress: bool, width: in
 def test_khronos_rules_of_the_descriptor(made: GpuFormat, supercompress: bool) -> None:
     """One basic block of Khronos Data Format 1.3, section 5.
 
-    KTX 2.0 wants bytesPlane0 to be 0 in files whose levels are supercompressed. KHR_texture_basisu wants linear UASTC
-    to have no colour primaries.
+    Supercompression changes nothing in it, bytesPlane0 neither, which early editions wanted to be 0.
+    KHR_texture_basisu wants linear UASTC to have no colour primaries.
     """
     full = 0xFFFFFFFF
     model = {"BC1": 128, "BC4": 131, "BC5": 132, "BC7": 134, "UAS": 166}.get(made.name[:3], 1)
@@ -188,7 +188,7 @@ def test_khronos_rules_of_the_descriptor(made: GpuFormat, supercompress: bool) -
     side = 3 if made.side > 1 else 0
     expected = struct.pack("<IIHH", 4 + 24 + 16 * len(samples), 0, 2, 24 + 16 * len(samples))
     expected += bytes([model, 0 if made in UASTC and not made.srgb else 1, 2 if made.srgb else 1, 0])
-    expected += bytes([side, side, 0, 0, 0 if supercompress else block, 0, 0, 0, 0, 0, 0, 0])
+    expected += bytes([side, side, 0, 0, block, 0, 0, 0, 0, 0, 0, 0])
     for offset, length, channel, lower, upper in samples:
         expected += struct.pack("<HBB4B2I", offset, length, channel, 0, 0, 0, 0, lower, upper)
     assert read_ktx2(ktx2.encoded(texture(made, 12, 5), supercompress)).descriptor == expected

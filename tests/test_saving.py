@@ -103,8 +103,8 @@ def test_what_an_engine_does_not_take_is_said(tmp_path: Path) -> None:
 
 
 def test_formats_are_called_format_everywhere() -> None:
-    assert wanted_outputs(format="exr,glb") == ((Output(),), True)
-    assert wanted_outputs(PRESETS["unity"]) == (PRESETS["unity"].outputs, False)
+    assert wanted_outputs(format="exr,glb") == ((Output(),), True, ())
+    assert wanted_outputs(PRESETS["unity"]) == (PRESETS["unity"].outputs, False, ())
 
 
 def test_the_package_brings_its_types() -> None:

@@ -16,6 +16,7 @@ from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.texture_space import measure
 from mipbake.compare.written import SPOKEN, Written, measure_written
 from mipbake.errors import InputError
+from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gpu_files import GpuFile
 from mipbake.io.layout import LAYOUTS, to_file
 from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
@@ -80,8 +81,8 @@ class Cost:
 
     Args:
         format: of the output.
-        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1; infinite
-            where nothing changed.
+        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1, those of a
+            GLB before they are stretched; infinite where nothing changed.
         loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
@@ -126,8 +127,11 @@ class Cost:
         container, _, texels = self.format.partition(":")
         if self.worst <= LIMIT or texels == "float":  # nothing is more precise
             return None
-        if container == "glb":
-            advice = "a glTF file holds no other texels; plain --format ktx2 beside it chooses more precise ones"
+        if container == "glb" and texels:
+            advice = "plain --format ktx2 beside it chooses more precise texels"
+        elif container == "glb":
+            advice = "--format glb:rgba8 has some that three.js and Babylon.js load"
+            advice = preset.no_finer if preset and preset.no_finer else f"glTF's standard has no other texels; {advice}"
         else:
             advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
         where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]
@@ -185,7 +189,11 @@ def chosen_all(
 
 
 def chosen(
-    texture_set: TextureSet, stack: MipStack, output: Output, progress: Progress = lambda _share: None
+    texture_set: TextureSet,
+    stack: MipStack,
+    output: Output,
+    progress: Progress = lambda _share: None,
+    ranges: Ranges = Ranges(),  # noqa: B008
 ) -> Output:
     """An output with texels for every file, as small as the loss allows: of `ktx2` or `dds`, or with `finer` texels.
 
@@ -197,6 +205,7 @@ def chosen(
         stack: as it was baked.
         output: that is asked for.
         progress: moved by every file and kind of texels, then by every level of detail that is measured.
+        ranges: what a material multiplies the values in the files by.
     """
     plain = output.format in ("ktx2", "dds")
     ladder = _LADDER if plain else (output.container.texels, *output.finer)
@@ -207,12 +216,12 @@ def chosen(
     variants = {}
     for index, file in enumerate(files):
         for step, texels in enumerate(ladder):
-            variants[f"{texels} {index}"] = _Decoded(file, GpuFile(name, texels), stack)
+            variants[f"{texels} {index}"] = _Decoded(file, GpuFile(name, texels), stack, ranges)
             progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
     steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
-    losses = _losses(texture_set, stack, variants, part_of(progress, 1, 2))
-    added = {name: _added(loss) for name, loss in losses.items()}
+    found = losses(texture_set, opened(stack), variants, part_of(progress, 1, 2))
+    added = {name: _added(loss) for name, loss in found.items()}
     choice = dict.fromkeys(range(len(files)), 0)
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
 
@@ -237,6 +246,7 @@ def cost(
     levels: int | None = None,
     spoken: str | None = None,
     progress: Progress = lambda _share: None,
+    ranges: Ranges = Ranges(),  # noqa: B008
 ) -> Cost:
     """What an output cost, from its files as they were read back.
 
@@ -248,21 +258,22 @@ def cost(
         levels: how many were written; None for all.
         spoken: what the output is called; None for its format and texels.
         progress: moved by every file, then by every level of detail that is measured.
+        ranges: what a material multiplies the values in the files by.
     """
     planned = {file.layout.name: file for file in stack.files(output)}
     psnr = {}
     for index, file in enumerate(written):
-        psnr[file.layout.name] = _psnr(planned[file.layout.name], file)
+        psnr[file.layout.name] = _psnr(planned[file.layout.name], ranges.meant(file))
         progress((index + 1) / len(written) / 2)
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack
-    found = {"written": _stack_of(written, stack)}
+    found = {"written": stored_channels([ranges.shown(file) for file in written], stack)}
     stack = replace(stack, levels=stack.levels[:levels])
     between = measure_written(texture_set, stack, found["written"], part_of(progress, 2, 4))
     return Cost(
         format=spoken or _spoken(written),
         psnr=psnr,
-        loss=_losses(texture_set, stack, found, part_of(progress, 3, 4))["written"],
+        loss=losses(texture_set, opened(stack), found, part_of(progress, 3, 4))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
         coverage=covered,
         written=between,
@@ -309,10 +320,11 @@ class _Decoded(Sequence[NDArray[np.float32]]):
     a copy of the stack for every file and kind of texels would take more memory than the bake did.
     """
 
-    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack) -> None:
-        self._file, self._stack = file, stack
+    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack, ranges: Ranges) -> None:
+        self._file, self._stack, self._ranges = file, stack, ranges
         self._container = container
-        texels = quantised_levels(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
+        stored = ranges.stored(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
+        texels = quantised_levels(stored)
         self._texels = container.decoded(file.layout, texels)
 
     def __len__(self) -> int:
@@ -329,10 +341,10 @@ class _Decoded(Sequence[NDArray[np.float32]]):
             return [self[i] for i in range(*index.indices(len(self)))]
         level = stood_for(self._texels[index], self._container, self._file.layout)
         stack = replace(self._stack, levels=[self._stack.levels[index]])
-        return _stack_of([replace(self._file, levels=[level])], stack)[0]
+        return stored_channels([self._ranges.shown(replace(self._file, levels=[level]))], stack)[0]
 
 
-def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
+def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
     """Stored channels of a stack, with the maps that files hold in place of its own."""
     count = min(len(stack.levels), *(len(file.levels) for file in files))
     levels = [level.copy() for level in stack.levels[:count]]
@@ -345,16 +357,22 @@ def _stack_of(files: Sequence[MapFile], stack: MipStack) -> Levels:
     return levels
 
 
-def _losses(
+def losses(
     texture_set: TextureSet,
-    stack: MipStack,
+    baked: Candidate,
     variants: Mapping[str, Sequence[NDArray[np.float32]]],
-    progress: Progress,
+    progress: Progress = lambda _share: None,
 ) -> dict[str, dict[str, float]]:
-    """Variant and pair set to the fall of the SNR, in dB."""
-    baked = opened(stack)
+    """Variant and pair set to the fall of the SNR below that of what was baked, in dB.
+
+    Args:
+        texture_set: that the stack was baked from.
+        baked: of `opened`, or fewer levels of it, as many as `LODS` reach.
+        variants: name to levels of the same stored channels.
+        progress: told the finished share.
+    """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
-    kernel = stack.provenance.pixel_filter
+    kernel = baked.method.kernel
     measured = measure(
         texture_set, [baked, *others], kernel, LODS, (), _SEED, _POINTS, _SAMPLES, lambda _stage, share: progress(share)
     )

@@ -42,7 +42,7 @@ def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
 
         packer = zstandard.ZstdCompressor(_ZSTANDARD_LEVEL)
         stored = [packer.compress(level) for level in levels]
-    descriptor = _descriptor(made, supercompress)
+    descriptor = _descriptor(made)
     values = _values(texture.values)
     descriptor_at = _START + _LEVEL.size * len(levels)
     values_at = descriptor_at + len(descriptor)
@@ -65,8 +65,12 @@ def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
     return IDENTIFIER + header + index_ + table + descriptor + values + bytes(body)
 
 
-def _descriptor(made: GpuFormat, supercompressed: bool) -> bytes:
-    """One basic descriptor block. Levels of a stream have no size that could be told: 0 in place of bytesPlane."""
+def _descriptor(made: GpuFormat) -> bytes:
+    """One basic descriptor block, the same with supercompression and without.
+
+    Early editions of KTX 2.0 wanted bytesPlane0 to be 0 in supercompressed files; later ones want what stands here, and
+    Babylon.js of July 2026 reads nothing else (its pull request 18793).
+    """
     samples = b"".join(
         struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
     )
@@ -76,7 +80,7 @@ def _descriptor(made: GpuFormat, supercompressed: bool) -> bytes:
     transfer = _SRGB if made.srgb else _LINEAR
     basic = struct.pack("<IHH4B", 0, _DESCRIPTOR_VERSION, size, made.model, primaries, transfer, 0)
     basic += bytes([made.side - 1, made.side - 1, 0, 0])
-    basic += bytes([0 if supercompressed else made.block, 0, 0, 0, 0, 0, 0, 0])
+    basic += bytes([made.block, 0, 0, 0, 0, 0, 0, 0])
     return struct.pack("<I", 4 + size) + basic + samples
 
 

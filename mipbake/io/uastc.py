@@ -17,7 +17,7 @@ from mipbake.io.oiio_levels import reader
 from mipbake.io.publish import temporary_folder, write_temporary
 
 _QUALITY, _EFFORT = 100, 3
-"""The best quality; more effort takes twice the time for 0.1 dB."""
+"""The best quality; effort 5 takes two to three times as long for nothing, 9 over a hundred times for 0.1 to 0.2 dB."""
 
 
 def check_encoder() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from mipbake.errors import UsageError
 from mipbake.io.gltf.buffers import Binary
 from mipbake.io.gltf.document import Json
 from mipbake.io.gltf.images import BASISU, KTX2
+from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, METALLIC_ROUGHNESS, NORMAL, OCCLUSION
 from mipbake.io.gltf.write import check_map, finished
 from mipbake.io.options import WRAP_MODES
@@ -36,6 +37,7 @@ class QuadOptions:
         occlusion: whether the red channel of the metallicRoughness map is ambient occlusion.
         alpha_mode: "OPAQUE", "MASK" or "BLEND". alpha_cutoff: that of "MASK".
         double_sided: whether the back is seen.
+        ranges: what the material multiplies the values in its maps by.
     """
 
     wrap: tuple[str, str] = ("wrap", "wrap")
@@ -46,6 +48,7 @@ class QuadOptions:
     alpha_mode: str = "OPAQUE"
     alpha_cutoff: float = 0.5
     double_sided: bool = False
+    ranges: Ranges = field(default_factory=Ranges)
 
     def __post_init__(self) -> None:
         """UsageError when a value is none of those listed."""
@@ -105,11 +108,13 @@ def _material(name: str, maps: Mapping[str, bytes], options: QuadOptions) -> Jso
     pbr: Json = {
         "baseColorFactor": list(options.base_color),
         "metallicFactor": 1 if packed else options.metallic,
-        "roughnessFactor": 1 if packed else options.roughness,
+        "roughnessFactor": options.ranges.roughness if packed else options.roughness,
     }
     pbr |= {slot: index[slot] for slot in (BASE_COLOUR, METALLIC_ROUGHNESS) if slot in maps}
     material: Json = {"name": name, "pbrMetallicRoughness": pbr}
     material |= {slot: index[slot] for slot in (NORMAL, EMISSIVE) if slot in maps}
+    if NORMAL in maps and options.ranges.normal != 1:
+        material[NORMAL]["scale"] = options.ranges.normal
     if EMISSIVE in maps:
         material["emissiveFactor"] = [1, 1, 1]
     if options.occlusion:

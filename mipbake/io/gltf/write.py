@@ -6,7 +6,7 @@ import copy
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mipbake.errors import InputError, UsageError
@@ -16,6 +16,7 @@ from mipbake.io.gltf.buffers import Binary, merged
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, KTX2, stored_image
 from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gltf.references import extensions_of, image_uses, view_uses
 from mipbake.io.gltf.retexture import Replaced, replace_textures
 from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, info_of, made_holder
@@ -28,7 +29,9 @@ COLOUR_SLOTS = (BASE_COLOUR, EMISSIVE)
 """Slots whose maps are sRGB-encoded."""
 
 _DESCRIPTOR_AT = 48
-_UASTC, _SRGB, _DATA = 166, (1, 2), (0, 1)  # colour model; primaries and transfer function
+_UASTC, _RGBSDA = 166, 1  # colour models
+_SRGB, _DATA = (1, 2), {"none": (0, 1), "those of BT.709": (1, 1)}  # primaries and transfer function
+_EIGHT_BITS = 37, 43  # VK_FORMAT_R8G8B8A8_UNORM and _SRGB
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +40,15 @@ class GltfResult:
 
     Args:
         bake: of the document that is written.
-        maps: slot to a complete KTX 2 file, UASTC, sides multiples of 4: of `bake.slots` those that are replaced.
-            baseColorTexture is sRGB-encoded, the others are linear (descriptor with unspecified primaries).
+        maps: slot to a complete KTX 2 file, UASTC or RGBA of 8 bits, sides multiples of 4: of `bake.slots` those that
+            are replaced. baseColorTexture is sRGB-encoded, the others are linear (descriptor of UASTC with unspecified
+            primaries).
+        ranges: what the materials multiply the values in the maps by.
     """
 
     bake: GltfBake
     maps: Mapping[str, bytes]
+    ranges: Ranges = field(default_factory=Ranges)
 
 
 def rewritten(
@@ -53,11 +59,11 @@ def rewritten(
 ) -> bytes:
     """A GLB of the document in which the materials of the results show the baked maps, and others averaged textures.
 
-    Factors that the bake took in become 1. An occlusion that lay in the metallicRoughness image follows it, as the
-    amount of a clearcoat follows its roughness. A result without an anisotropyTexture makes a material isotropic whose
-    anisotropy the bake took in. Images that nothing else uses give their place to the new ones; all indices stay what
-    they were. Buffers, external files and data URIs go into the BIN chunk. Unknown extensions, extras and compressed
-    geometry are kept.
+    Factors that the bake took in become 1, or what the ranges of a result say. An occlusion that lay in the
+    metallicRoughness image follows it, as the amount of a clearcoat follows its roughness. A result without an
+    anisotropyTexture makes a material isotropic whose anisotropy the bake took in. Images that nothing else uses give
+    their place to the new ones; all indices stay what they were. Buffers, external files and data URIs go into the BIN
+    chunk. Unknown extensions, extras and compressed geometry are kept.
 
     Args:
         document: as it was read.
@@ -76,6 +82,9 @@ def rewritten(
         for index in result.bake.materials:
             _settle_factors(made["materials"][index], result)
     replaced = replace_textures(document, made, [(r.bake, r.maps) for r in results], plain)
+    for result in results:
+        for index in result.bake.materials:
+            _set_ranges(made["materials"][index], result)
     views = _settle_images(made, replaced)
     binary = merged(made, document.buffers, [view for view in views if view < len(document.all("bufferViews"))])
     _embed_images(document, made, binary)
@@ -117,23 +126,31 @@ def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] =
 
 
 def check_map(name: str, slot: str, data: bytes) -> None:
-    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images)."""
+    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images).
+
+    Plain RGBA of eight bits passes too: the extension has no place for it, but three.js and Babylon.js load it there.
+    """
     what = f"the map {slot} of {name}"
     if data[: len(IDENTIFIER)] != IDENTIFIER or len(data) < 80:
         raise UsageError(f"{what} is no KTX 2 file: expected one of UASTC blocks")
     vulkan, _, width, height = struct.unpack_from("<4I", data, len(IDENTIFIER))
-    if vulkan != 0:
-        raise UsageError(f"{what} has the Vulkan format {vulkan}: expected UASTC, which has 0")
+    if vulkan not in (0, *_EIGHT_BITS):
+        raise UsageError(
+            f"{what} has the Vulkan format {vulkan}: expected UASTC, which has 0, or RGBA of 8 bits, which has "
+            f"{' or '.join(str(each) for each in _EIGHT_BITS)}"
+        )
     if width % SIDE or height % SIDE or not width * height:
         raise UsageError(
             f"{what} is {width} x {height} texels: KHR_texture_basisu takes multiples of {SIDE}, resample it first"
         )
     (descriptor,) = struct.unpack_from("<I", data, _DESCRIPTOR_AT)
     found, colour = tuple(data[descriptor + 12 : descriptor + 15]), slot in COLOUR_SLOTS
-    if found != (_UASTC, *(_SRGB if colour else _DATA)):
-        expected = "sRGB with the primaries of BT.709" if colour else "linear with unspecified primaries"
+    model, data_primaries = (_RGBSDA, "those of BT.709") if vulkan else (_UASTC, "none")
+    if found != (model, *(_SRGB if colour else _DATA[data_primaries])):
+        expected = "sRGB with the primaries of BT.709" if colour else f"linear, primaries: {data_primaries}"
         raise UsageError(
-            f"{what} has the colour model, primaries and transfer function {found}: expected UASTC, {expected}"
+            f"{what} has the colour model, primaries and transfer function {found}: expected "
+            f"{'RGBA' if vulkan else 'UASTC'}, {expected}"
         )
 
 
@@ -173,6 +190,16 @@ def _settle_factors(material: Json, result: GltfResult) -> None:
         del material["extensions"][ANISOTROPY]
         if not material["extensions"]:
             del material["extensions"]
+
+
+def _set_ranges(material: Json, result: GltfResult) -> None:
+    """Writes the factors that bring the values of stretched maps back, once the material has its textures."""
+    maps, ranges, lobe = result.maps, result.ranges, result.bake.lobe
+    if lobe.roughness in maps and ranges.roughness != 1:
+        made_holder(material, lobe.keys)[lobe.factors[0][0]] = ranges.roughness
+    normal = info_of(material, lobe.normal)
+    if lobe.normal in maps and normal is not None and ranges.normal != 1:
+        normal["scale"] = ranges.normal
 
 
 def _settle_images(made: Json, replaced: Replaced) -> dict[int, str]:

@@ -1,0 +1,193 @@
+"""Values that a glTF material's factors stretch: what is stored, what is shown, and what stands in the document."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.compression import LIMIT, chosen, cost
+from mipbake.compare.ranges import chosen_ranges
+from mipbake.glb import encoded, output, square
+from mipbake.io import ktx2 as ktx2_file
+from mipbake.io.gltf.document import read_document
+from mipbake.io.gltf.quad import QuadOptions, standalone
+from mipbake.io.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
+from mipbake.io.gltf.write import GltfResult, rewritten
+from mipbake.io.map_files import MapFile
+from mipbake.output import GLB_TEXELS
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+from .gltf_files import GltfFile, check_structure, image_of, ktx2, png
+from .gltf_results import opened, two_textures
+from .input_files import height_field
+
+STRETCHED = Ranges(0.125, 0.5)
+
+
+def mirror(side: int = 64, steepness: float = 0.01) -> tuple[TextureSet, MipStack]:
+    """Nearly a mirror, with slopes of a few codes of 8 bits."""
+    normal = height_field(side, side, steepness=steepness)
+    texture_set = TextureSet.from_arrays("mirror", normal=normal, roughness=0.2, base_color=0.7, metallic=1.0)
+    return texture_set, mipbake.bake(texture_set, "linear")
+
+
+def of(stack: MipStack, name: str) -> MapFile:
+    return next(file for file in stack.files(output()) if file.layout.name == name)
+
+
+def test_stored_normals_are_unit_and_steeper_and_come_back_by_the_formula_of_gltf() -> None:
+    normal = of(mirror(steepness=0.3)[1], "normal")
+    stored = STRETCHED.stored(normal)
+    for before, after in zip(normal.levels, stored.levels, strict=True):
+        assert np.linalg.norm(after, axis=-1) == pytest.approx(1, abs=1e-6)
+        shown = after * [STRETCHED.normal, STRETCHED.normal, 1]  # its section 3.9.3: multiplied, then normalised
+        unit = shown / np.linalg.norm(shown, axis=-1, keepdims=True)
+        assert unit == pytest.approx(before, abs=1e-6)
+    for level, wanted in zip(STRETCHED.shown(stored).levels, stored.levels, strict=True):
+        assert level == pytest.approx(wanted * [0.125, 0.125, 1], abs=1e-7)
+
+
+def test_roughness_is_stretched_and_its_neighbours_stay() -> None:
+    orm = of(mirror()[1], "orm")
+    stored = STRETCHED.stored(orm)
+    for before, after in zip(orm.levels, stored.levels, strict=True):
+        assert after[..., 1] == pytest.approx(2 * before[..., 1])
+        assert np.array_equal(after[..., [0, 2]], before[..., [0, 2]])
+    assert STRETCHED.shown(stored).levels[0] == pytest.approx(orm.levels[0])
+
+
+def test_files_without_such_values_are_left_alone() -> None:
+    colour = of(mirror()[1], "base_color")
+    assert STRETCHED.stored(colour) is colour
+    normal = of(mirror()[1], "normal")
+    assert Ranges().stored(normal) is Ranges().shown(normal) is normal
+
+
+@pytest.mark.parametrize("steepness", [0.0, 0.005, 0.1, 3.0])
+def test_scales_hold_as_many_slopes_as_they_should(steepness: float) -> None:
+    _, stack = mirror(steepness=steepness)
+    scale = scale_within(stack.levels, "gltf", 0.9)
+    assert LEAST_SCALE <= scale <= 1
+    slopes = np.concatenate([(np.abs(n[..., 5:7]) / n[..., 7:]).ravel() for n in stack.levels[:2]])
+    if LEAST_SCALE < scale < 1:
+        assert np.mean(slopes <= scale) == pytest.approx(0.9, abs=0.01)
+
+
+def test_the_roughest_texel_of_any_level_is_stored_as_1() -> None:
+    levels = [np.zeros((2, 2, 8), np.float32), np.zeros((1, 1, 8), np.float32)]
+    levels[1][..., 4] = 0.3
+    factor = roughness_factor(levels, "gltf")
+    assert 0.3 <= factor < 0.30001
+    assert roughness_factor(levels[:1], "gltf") > 0
+
+
+def test_what_is_decoded_is_near_what_was_baked() -> None:
+    """Slopes of 1/100: eight bits as they are hold two codes of them."""
+    texture_set, stack = mirror()
+    usual = usual_ranges(stack.levels, "gltf")
+    made = {each: encoded(stack, ranges=each) for each in (Ranges(), usual)}
+    plain, stretched = (cost(texture_set, stack, output(), m.files, ranges=m.ranges) for m in made.values())
+    assert stretched.worst < plain.worst - 1.2
+    assert stretched.psnr["normal"] > plain.psnr["normal"] + 4
+
+
+def test_the_ranges_that_are_chosen_cost_less_than_none() -> None:
+    texture_set, stack = mirror()
+    ranges = chosen_ranges(texture_set, stack)
+    assert LEAST_SCALE <= ranges.normal < 0.2
+    assert ranges.roughness == pytest.approx(0.2, abs=1e-5)
+    losses = [
+        cost(texture_set, stack, output(), encoded(stack, ranges=each).files, ranges=each).worst
+        for each in (ranges, Ranges())
+    ]
+    assert losses[0] < losses[1] - 1.5
+
+
+def test_large_sets_are_tried_in_their_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mipbake.compare.ranges._SIDE", 32)
+    texture_set, stack = mirror()
+    seen: list[tuple[TextureSet, Candidate]] = []
+
+    def losses(part: TextureSet, baked: Candidate, variants: dict[str, Any], progress: Any) -> dict[str, Any]:
+        del progress
+        seen.append((part, baked))
+        return {name: {"near-mirror": float(name)} for name in variants}
+
+    monkeypatch.setattr("mipbake.compare.ranges.losses", losses)
+    chosen_ranges(texture_set, stack)
+    part, baked = seen[0]
+    assert (part.width, part.height, part.wrap) == (32, 32, ("clamp", "clamp"))
+    assert [level.shape[0] for level in baked.levels] == [32, 16, 8, 4]
+    assert np.array_equal(baked.levels[1], stack.levels[1][8:24, 8:24])
+    assert np.array_equal(part.material("gltf"), texture_set.material("gltf")[16:48, 16:48])
+
+
+def test_small_stacks_take_what_suits_most() -> None:
+    texture_set = TextureSet.from_arrays("tiny", normal=height_field(4, 4, steepness=0.01), roughness=0.5)
+    stack = mipbake.bake(texture_set, "linear")
+    assert chosen_ranges(texture_set, stack) == usual_ranges(stack.levels, "gltf")
+
+
+def test_a_square_says_what_its_values_are_multiplied_by() -> None:
+    maps = {"normalTexture": ktx2(1), "metallicRoughnessTexture": ktx2(2)}
+    document, _ = check_structure(standalone("a", maps, QuadOptions(ranges=STRETCHED)))
+    material = document["materials"][0]
+    assert material["normalTexture"]["scale"] == 0.125
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
+    assert material["pbrMetallicRoughness"]["metallicFactor"] == 1
+
+
+def test_a_document_says_what_its_values_are_multiplied_by(tmp_path: Path) -> None:
+    made = two_textures(png("n"), png("mr"))
+    document, bakes = opened(made, tmp_path)
+    maps = {"normalTexture": ktx2(1), "metallicRoughnessTexture": ktx2(2)}
+    results = [GltfResult(bake, maps, STRETCHED) for bake in bakes]
+    material = check_structure(rewritten(document, results, {}))[0]["materials"][0]
+    assert material["normalTexture"]["scale"] == 0.125
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
+
+
+def test_materials_that_had_no_normal_texture_get_one_with_its_scale(tmp_path: Path) -> None:
+    made = GltfFile()
+    made.texture(made.image(png("mr"), "mr"))
+    made.material("M", pbrMetallicRoughness={"metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.25})
+    document, bakes = opened(made, tmp_path)
+    maps = {"normalTexture": ktx2(1), "metallicRoughnessTexture": ktx2(2)}
+    material = check_structure(rewritten(document, [GltfResult(bakes[0], maps, STRETCHED)], {}))[0]["materials"][0]
+    assert material["normalTexture"]["scale"] == 0.125
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
+
+
+def test_a_square_is_read_back_as_it_was_baked(tmp_path: Path) -> None:
+    _, stack = mirror()
+    made = encoded(stack)
+    path = tmp_path / "mirror.glb"
+    path.write_bytes(square(stack, made, None))
+    material = read_document(path).json["materials"][0]
+    assert material["normalTexture"]["scale"] == made.ranges.normal < 0.1
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == made.ranges.roughness
+    assert json.loads(json.dumps(material)) == material
+
+
+def test_textures_that_blocks_cost_too_much_have_eight_bits_where_they_may(tmp_path: Path) -> None:
+    texture_set, stack = mirror()
+    ranges = chosen_ranges(texture_set, stack, texels=GLB_TEXELS[-1])
+    chosen_output = chosen(texture_set, stack, output(GLB_TEXELS[1:]), ranges=ranges)
+    assert chosen_output.texels["normal"] == "rgba8"
+    assert "base_color" not in chosen_output.texels
+    made = encoded(stack, ranges=ranges, texels=chosen_output.texels)
+    found = cost(texture_set, stack, output(), made.files, ranges=ranges)
+    assert found.worst <= LIMIT
+    assert found.texels["normal"] == "R8G8B8A8_UNORM"
+    assert chosen(texture_set, stack, output(), ranges=ranges).texels == {}
+    document, binary = check_structure(square(stack, made, None))
+    data = image_of(document, binary, document["materials"][0]["normalTexture"]["index"])
+    assert ktx2_file.decoded(data, "it").format.name == "R8G8B8A8_UNORM"
+    assert len(ktx2_file.decoded(data, "it").levels) == len(stack.levels)
