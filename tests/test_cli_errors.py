@@ -216,13 +216,13 @@ def test_too_little_memory_is_no_defect(folder, tmp_path, capsys, monkeypatch):
 def test_an_interrupted_bake_leaves_nothing(folder, tmp_path, capsys, monkeypatch):
     save = MipStack.save
 
-    def interrupted(self, path, format, progress, *others):
+    def interrupted(self, path, format, progress, *others, **more):
         def stop(share):
             if share >= 0.5:
                 assert list(tmp_path.glob("out/.metal*/*.exr"))
                 raise KeyboardInterrupt
 
-        return save(self, path, format, stop, *others)
+        return save(self, path, format, stop, *others, **more)
 
     monkeypatch.setattr(MipStack, "save", interrupted)
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 130

@@ -22,10 +22,7 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="shells and signals as P
 
 ROOT = Path(__file__).resolve().parent.parent
 # The entry point as the console script calls it, from the checkout, which need not be installed.
-ENTRY = (
-    f"import sys; sys.path.insert(0, {str(ROOT)!r}); from start import run; del sys.path[0]; "
-    "sys.argv[0] = 'mipbake'; run()"
-)
+ENTRY = "import sys; from mipbake_start import run; sys.argv[0] = 'mipbake'; run()"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p and p != str(ROOT))}
 
 
@@ -94,7 +91,7 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
 ) -> None:
     # It says when the entry point has begun: Python itself takes a moment before.
     program = (
-        f"import sys; sys.path.insert(0, {str(ROOT)!r}); import start; del sys.path[0]; sys.argv[0] = 'mipbake'; "
+        "import sys; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
         "start._fill_descriptors = lambda: print(flush=True); start.run()"
     )
     for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):

@@ -141,7 +141,10 @@ def test_a_clearcoat_is_prefiltered_with_its_own_normals(tmp_path: Path) -> None
 def test_a_roughness_is_made_for_normals_without_one(tmp_path: Path) -> None:
     document, binary, _ = bake(car(clearcoatRoughnessTexture={}, clearcoatRoughnessFactor=0.2), tmp_path)
     held = document["materials"][0]["extensions"][CLEARCOAT]
-    roughness = held["clearcoatRoughnessFactor"] * levels_of(document, binary, held["clearcoatRoughnessTexture"]["index"])[0][..., 1]
+    roughness = (
+        held["clearcoatRoughnessFactor"]
+        * levels_of(document, binary, held["clearcoatRoughnessTexture"]["index"])[0][..., 1]
+    )
     assert roughness.mean() == pytest.approx(0.2 * 255, abs=3)
 
 
