@@ -18,7 +18,7 @@ def main() -> int:
             (package / entry.name).symlink_to(entry)
         for room in ("models", "training", "cli"):
             (package / room).symlink_to(ROOT / room)
-        (Path(folder) / "mipbake_start").symlink_to(ROOT / "cli" / "start")
+        (Path(folder) / "mipbake_start").symlink_to(ROOT / "cli" / "mipbake_start")
         command = [
             sys.executable,
             "-m",

@@ -13,7 +13,7 @@ ROOMS = {
     "mipbake/models/": "models",
     "mipbake/training/": "training",
     "mipbake/cli/": "cli",
-    "mipbake_start/": "cli/start",
+    "mipbake_start/": "cli/mipbake_start",
 }
 
 

@@ -128,7 +128,7 @@ def test_inner_rooms_stay_inside(room: str) -> None:
 
 
 def test_the_entry_point_loads_nothing_before_it_handles_signals() -> None:
-    path = ROOT / "cli" / "start" / "__init__.py"
+    path = ROOT / "cli" / "mipbake_start" / "__init__.py"
     assert imports(path, "start", top_level_only=True) <= {"__future__", "__future__.annotations", "os", "signal"}
     assert 'mipbake = "mipbake_start:run"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
