@@ -25,11 +25,14 @@ def test_the_wheel_holds_every_module_config_and_weight() -> None:
     assert files is not None
     installed = {str(path) for path in files}
     kinds = {".py", ".pyi", ".toml", ".safetensors", ".json", ".md", ".typed"}
+    rooms = {ROOT / folder for folder in ROOMS.values()}
     expected = {
         f"{prefix}{path.relative_to(ROOT / folder).as_posix()}"
         for prefix, folder in ROOMS.items()
         for path in (ROOT / folder).rglob("*")
         if path.suffix in kinds and "__pycache__" not in path.parts
+        # A file belongs to the innermost room that it is in.
+        if next(parent for parent in path.parents if parent in rooms) == ROOT / folder
     }
     assert expected - installed == set()
     assert any(name.startswith("mipbake/_native") and not name.endswith(".pyi") for name in installed)

@@ -12,7 +12,7 @@ import pytest
 
 from mipbake.errors import OutputError
 from mipbake.io import publish
-from mipbake.io.leftovers import unfinished
+from mipbake.io.leftovers import remove, unfinished
 from mipbake.io.publish import check_target, published, replaced_file
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks as POSIX has them")
@@ -145,6 +145,31 @@ def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest
         thread.join(60)
     assert not failed, failed
     assert names(tmp_path / "new") == ["set"] and (tmp_path / "new" / "set" / "text").read_text() in "0123"
+
+
+@pytest.mark.parametrize("taken", ["what was moved aside", "the name"])
+def test_another_process_in_the_middle_of_a_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str) -> None:
+    monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+    publish_text(tmp_path / "set", "old")
+    rename = Path.rename
+    others: list[str] = []
+
+    def interrupted(source: Path, goal: Path) -> Path:
+        if taken == "what was moved aside" and source.suffix == ".old":  # cleaned up, because the new result is there
+            others.append(source.name)
+            remove(source)
+        if taken == "the name" and source.suffix == ".partial" and goal.exists() and not others:
+            others.append(goal.name)
+            try:
+                return rename(source, goal)
+            finally:
+                remove(goal)  # moved aside
+        return rename(source, goal)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    publish_text(tmp_path / "set", "new")
+    assert len(others) == 1
+    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "new"
 
 
 def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import ctypes
 import errno
 import os
 import secrets
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ IsOurs = Callable[[Path], bool]
 
 _BLOCK = 1 << 20  # bytes
 TRIAL = "mipbake-trial"
+_TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
 
 
@@ -55,19 +57,29 @@ def _check_existing(target: Path, is_ours: IsOurs) -> None:
             raise OutputError(
                 f"cannot write to {target}: {what} is a link to nothing, remove it or choose another folder"
             )
-    if target.exists():
-        if not target.is_dir():
-            raise OutputError(f"cannot write to {target}: it is a file, choose another folder")
-        if _listed(target) and not is_ours(target):
-            raise OutputError(
-                f"cannot write to {target}: it holds files that are not mipbake's, empty it or choose another folder"
-            )
+    _check_replaceable(target, is_ours)
     # The closest folder that exists must let us create what is missing below it.
     existing = next(p for p in target.resolve().parents if p.exists())
     if not existing.is_dir():
         raise OutputError(f"cannot write to {target}: {existing} is a file, choose another folder")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise OutputError(f"cannot write to {target}: no permission to write in {existing}, choose another folder")
+
+
+def _check_replaceable(target: Path, is_ours: IsOurs) -> None:
+    """Looks again where another process has put its result at the same name meanwhile."""
+    while (found := _state(target)) is not None:
+        foreign = stat.S_ISDIR(found.st_mode) and _listed(target) and not is_ours(target)
+        now = _state(target)
+        if now is None or not os.path.samestat(now, found):
+            continue
+        if foreign:
+            raise OutputError(
+                f"cannot write to {target}: it holds files that are not mipbake's, empty it or choose another folder"
+            )
+        if not stat.S_ISDIR(found.st_mode):
+            raise OutputError(f"cannot write to {target}: it is a file, choose another folder")
+        return
 
 
 def _try_to_make(target: Path) -> None:
@@ -232,8 +244,8 @@ def _swap(partial: Path, target: Path) -> None:
         try:
             partial.rename(target)  # there is none, or an empty one
             return
-        except OSError:
-            if not os.path.lexists(target):
+        except OSError as error:
+            if error.errno not in _TAKEN and not os.path.lexists(target):
                 raise
         old = name_beside(target, OLD)
         with kept(target):
@@ -243,13 +255,17 @@ def _swap(partial: Path, target: Path) -> None:
                 continue
             try:
                 partial.rename(target)
-            except OSError:
-                if os.path.lexists(target):  # another process was quicker: its result is what is to be replaced
+            except OSError as error:
+                if error.errno in _TAKEN or os.path.lexists(
+                    target
+                ):  # another process was quicker: its result is what is to be replaced
                     remove(old)
                     continue
-                old.rename(target)
+                with contextlib.suppress(FileNotFoundError):  # another process has given it its name back
+                    old.rename(target)
                 raise
-            old.rename(partial)
+            with contextlib.suppress(FileNotFoundError):  # another process has cleaned it up
+                old.rename(partial)
             return
 
 
@@ -264,8 +280,17 @@ def _exchanged(first: Path, second: Path) -> bool:
     return bool(exchange(_HERE, os.fsencode(first), _HERE, os.fsencode(second), _EXCHANGE) == 0)
 
 
+def _state(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
 def _listed(folder: Path) -> bool:
     try:
         return any(folder.iterdir())
+    except FileNotFoundError:
+        return False
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {reason(error)}") from error
