@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.discover import discover
+from mipbake.io.discover import find
 from mipbake.io.names import classify, interpretations
 from mipbake.io.options import CARRIED, ROLES, LoadOptions
 
@@ -118,7 +118,7 @@ PROVIDERS: dict[str, Files] = {
 def test_every_file_of_a_provider_fills_its_roles(provider: str, tmp_path: Path) -> None:
     files = PROVIDERS[provider]
     write_set(tmp_path, {name: pixels for name, (pixels, _) in files.items()})
-    found = discover(tmp_path)
+    found = find(tmp_path, LoadOptions())
     expected = {role: (name, *how) for name, (_, roles) in files.items() for role, how in roles.items()}
     actual = {r: (s.path.name, s.channels, s.inverted) for r, s in found.sources.items() if s.path is not None}
     carried = {r: actual.pop(r) for r in list(actual) if r.startswith(CARRIED)}
@@ -187,7 +187,7 @@ def test_a_preview_named_like_the_set_is_no_map(tmp_path: Path) -> None:
     names = {"brushed_metal_color.png": "base_color", "brushed_metal_normal_gl.png": "normal"}
     write_set(tmp_path, names | {"brushed_metal_rough.png": "roughness", "brushed_metal.png": "base_color"})
     (tmp_path / "brushed_metal.usdc").write_bytes(b"PXR-USDC")
-    found = discover(tmp_path)
+    found = find(tmp_path, LoadOptions())
     assert found.sources["metallic"].path is None
     reasons = {i.path.name: i.reason for i in found.ignored}
     assert "preview" in reasons["brushed_metal.png"]
@@ -197,13 +197,13 @@ def test_a_preview_named_like_the_set_is_no_map(tmp_path: Path) -> None:
 def test_hidden_files_are_not_even_listed(tmp_path: Path) -> None:
     plain_set(tmp_path)
     (tmp_path / "._normal_gl.png").write_bytes(b"resource fork")
-    assert discover(tmp_path).ignored == ()
+    assert find(tmp_path, LoadOptions()).ignored == ()
 
 
 def test_the_textures_folder_inside_is_read(tmp_path: Path) -> None:
     plain_set(tmp_path / "old wall!" / "textures")
     (tmp_path / "old wall!" / "old_wall.blend").write_bytes(b"BLENDER")
-    found = discover(tmp_path / "old wall!")
+    found = find(tmp_path / "old wall!", LoadOptions())
     assert found.name == "old_wall"
     assert found.sources["normal"].path == tmp_path / "old wall!" / "textures" / "normal_gl.png"
 
@@ -211,29 +211,29 @@ def test_the_textures_folder_inside_is_read(tmp_path: Path) -> None:
 def test_names_keep_the_letters_of_every_script(tmp_path: Path) -> None:
     names = {"石": "石", "木": "木", "Straße (2)": "Straße_2", "пол 4": "пол_4"}
     for folder, expected in names.items():
-        assert discover(plain_set(tmp_path / folder)).name == expected
+        assert find(plain_set(tmp_path / folder), LoadOptions()).name == expected
 
 
 def test_a_textures_folder_is_named_after_its_parent(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "oak" / "Textures")
-    assert discover(folder).name == "oak"
-    assert discover(sorted(folder.iterdir())).name == "oak"
+    assert find(folder, LoadOptions()).name == "oak"
+    assert find(sorted(folder.iterdir()), LoadOptions()).name == "oak"
 
 
 def test_files_can_be_given_one_by_one(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "wall", metallic="metallic")
-    found = discover(folder / f"{s}.png" for s in ("normal_gl", "roughness"))
+    found = find((folder / f"{s}.png" for s in ("normal_gl", "roughness")), LoadOptions())
     assert found.sources["metallic"].path is None
     assert found.name == "wall"
 
 
 def test_of_both_conventions_opengl_is_taken_unless_the_option_says_otherwise(tmp_path: Path) -> None:
     plain_set(tmp_path, normal_dx=encoded(height_field(32, 32), directx=True))
-    found = discover(tmp_path)
+    found = find(tmp_path, LoadOptions())
     assert found.sources["normal"].path == tmp_path / "normal_gl.png"
     assert found.convention.name == "opengl"
     assert any("both normal conventions" in n for n in found.notes)
-    found = discover(tmp_path, LoadOptions(normal_convention="directx"))
+    found = find(tmp_path, LoadOptions(normal_convention="directx"))
     assert found.sources["normal"].path == tmp_path / "normal_dx.png"
     assert found.convention.name == "directx"
 
@@ -250,7 +250,7 @@ def test_a_map_of_its_own_is_preferred_and_that_is_said(
     second: dict[str, str], role: str, winner: str, tmp_path: Path
 ) -> None:
     plain_set(tmp_path, **second)
-    found = discover(tmp_path)
+    found = find(tmp_path, LoadOptions())
     source = found.sources[role]
     assert source.path is not None
     assert (source.path.name, source.inverted) == (winner, False)
@@ -270,25 +270,25 @@ def test_two_candidates_are_refused_by_name(extra: str, role: str, tmp_path: Pat
     plain_set(tmp_path)
     write_image(tmp_path / extra, pixels_for(role))
     with pytest.raises(InputError, match=f"both candidates for {role}.*{role}=FILE") as error:
-        discover(tmp_path)
+        find(tmp_path, LoadOptions())
     assert extra in str(error.value)
-    chosen = discover(tmp_path, LoadOptions(maps={role: extra}))
+    chosen = find(tmp_path, LoadOptions(maps={role: extra}))
     assert chosen.sources[role].path == tmp_path / extra
 
 
 def test_a_missing_folder_a_file_and_an_empty_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
-        discover(tmp_path / "nowhere")
+        find(tmp_path / "nowhere", LoadOptions())
     file = write_image(tmp_path / "normal.png", pixels_for("normal"))
     with pytest.raises(InputError, match="is a file"):
-        discover(file)
+        find(file, LoadOptions())
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="is empty"):
-        discover(tmp_path / "empty")
+        find(tmp_path / "empty", LoadOptions())
     with pytest.raises(InputError, match="no files"):
-        discover([])
+        find([], LoadOptions())
     with pytest.raises(InputError, match="is not a file"):
-        discover([tmp_path / "gone.png"])
+        find([tmp_path / "gone.png"], LoadOptions())
 
 
 @pytest.mark.parametrize("missing", [["normal_gl"], ["roughness"], ["normal_gl", "roughness"]])
@@ -297,7 +297,7 @@ def test_without_normal_or_roughness_what_was_found_is_listed(missing: list[str]
     for stem in missing:
         (tmp_path / f"{stem}.png").unlink()
     with pytest.raises(InputError) as error:
-        discover(tmp_path)
+        find(tmp_path, LoadOptions())
     message = str(error.value)
     for stem in missing:
         assert f"no {stem.removesuffix('_gl')}" in message
@@ -310,54 +310,54 @@ def test_alpha_is_never_taken_for_green(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, wear=grey_alpha)
     for channel in "GB":
         with pytest.raises(InputError, match=f"no channel {channel}.*R and A"):
-            discover(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
+            find(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
     for channel, expected in (("R", "Y"), ("A", "A")):
-        found = discover(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
+        found = find(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
         assert found.sources["roughness"].channels == expected
     write_image(folder / "normal_gl.png", pixels_for("normal")[..., :2])
-    assert discover(folder, LoadOptions(maps={"normal": "normal_gl.png:RG"})).sources["normal"].channels == "RG"
+    assert find(folder, LoadOptions(maps={"normal": "normal_gl.png:RG"})).sources["normal"].channels == "RG"
 
 
 def test_a_folder_of_folders_lists_them(tmp_path: Path) -> None:
     for name in ("oak", "pine", ".hidden"):
         plain_set(tmp_path / name)
     with pytest.raises(InputError, match=r"did you mean \S+oak, \S+pine\?$"):
-        discover(tmp_path)
+        find(tmp_path, LoadOptions())
 
 
 def test_an_unknown_colour_space_is_refused_with_near_names(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="ACEScg"):
-        discover(plain_set(tmp_path), LoadOptions(colour_space="ACEScq"))
+        find(plain_set(tmp_path), LoadOptions(colour_space="ACEScq"))
 
 
 def test_a_packed_name_on_a_grey_file_is_refused(tmp_path: Path) -> None:
     write_set(tmp_path, {"normal_gl.png": "normal", "a_orm.png": "roughness"})
     with pytest.raises(InputError, match=r"grey, but its name \(orm\)"):
-        discover(tmp_path)
+        find(tmp_path, LoadOptions())
 
 
 def test_sizes_agree_or_are_resampled(tmp_path: Path) -> None:
     plain_set(tmp_path / "a", roughness=pixels_for("roughness", 16), metallic=pixels_for("metallic", 1))
-    found = discover(tmp_path / "a")
+    found = find(tmp_path / "a", LoadOptions())
     assert (found.width, found.height) == (32, 32)
     assert any("roughness.png: resampled from 16 x 16 to 32 x 32" in n for n in found.notes)
     plain_set(tmp_path / "b", roughness=pixels_for("roughness", 32)[:16])
-    found = discover(tmp_path / "b")
+    found = find(tmp_path / "b", LoadOptions())
     assert (found.width, found.height) == (32, 32)
     assert [w for w in found.warnings if "32 x 16 to 32 x 32" in w and "is 32 x 32" in w and "roughness.png" in w]
     assert not any("resampled" in n for n in found.notes)
     plain_set(tmp_path / "c", height=pixels_for("height", 32)[:16])
-    assert discover(tmp_path / "c").sources["height"].height == 16
+    assert find(tmp_path / "c", LoadOptions()).sources["height"].height == 16
 
 
 def test_sixteen_bit_colours_are_srgb_and_that_is_said(tmp_path: Path) -> None:
     plain_set(tmp_path)
     write_image(tmp_path / "base_color.png", np.full((32, 32, 3), 30000, np.uint16))
-    found = discover(tmp_path)
+    found = find(tmp_path, LoadOptions())
     assert found.sources["base_color"].encoding == "sRGB"
     assert any("uint16 values are taken as sRGB" in n for n in found.notes)
 
 
 def test_roles_come_in_one_order(tmp_path: Path) -> None:
-    found = discover(plain_set(tmp_path, opacity="opacity", ao="occlusion", metallic="metallic"))
+    found = find(plain_set(tmp_path, opacity="opacity", ao="occlusion", metallic="metallic"), LoadOptions())
     assert list(found.sources) == [r for r in ROLES if r in found.sources]

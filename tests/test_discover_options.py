@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.discover import discover
+from mipbake.io.discover import find
 from mipbake.io.options import LoadOptions
 
 from .input_files import pixels_for, plain_set, write_image, write_set
@@ -24,7 +24,7 @@ def test_options_fill_roles(tmp_path: Path) -> None:
         "height": tmp_path / "elsewhere.png",
         "base_color": 0.25,
     }
-    found = discover(folder, LoadOptions(maps=maps, normal_convention="opengl"))
+    found = find(folder, LoadOptions(maps=maps, normal_convention="opengl"))
     assert {r: (s.path.name if s.path else s.constant, s.channels) for r, s in found.sources.items()} == {
         "base_color": ((0.25, 0.25, 0.25), ""),
         "normal": ("a.png", "RGB"),
@@ -40,22 +40,22 @@ def test_options_fill_roles(tmp_path: Path) -> None:
 
 def test_a_file_chosen_by_option_is_still_read_as_its_name_says(tmp_path: Path) -> None:
     plain_set(tmp_path, orm="packed", gloss="roughness")
-    found = discover(tmp_path, LoadOptions(maps={"roughness": "orm.png"}))
+    found = find(tmp_path, LoadOptions(maps={"roughness": "orm.png"}))
     assert found.sources["roughness"].channels == "G"
-    found = discover(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}))
+    found = find(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}))
     assert found.sources["roughness"].inverted
     (tmp_path / "gloss.png").rename(tmp_path / "metal_rough.png")
-    found = discover(tmp_path, LoadOptions(maps={"roughness": "metal_rough.png", "metallic": 0}))
+    found = find(tmp_path, LoadOptions(maps={"roughness": "metal_rough.png", "metallic": 0}))
     assert found.sources["roughness"].channels == "Y"
     (tmp_path / "metal_rough.png").rename(tmp_path / "gloss.png")
-    found = discover(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}, roughness_is_gloss=False))
+    found = find(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}, roughness_is_gloss=False))
     assert not found.sources["roughness"].inverted
-    assert discover(tmp_path, LoadOptions(roughness_is_gloss=True)).sources["roughness"].inverted
+    assert find(tmp_path, LoadOptions(roughness_is_gloss=True)).sources["roughness"].inverted
 
 
 def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
     plain_set(tmp_path, metallic="metallic", ao="occlusion")
-    found = discover(tmp_path, LoadOptions(maps={"normal": None, "metallic": None, "occlusion": None}))
+    found = find(tmp_path, LoadOptions(maps={"normal": None, "metallic": None, "occlusion": None}))
     assert found.sources["normal"].constant == (0, 0, 1)
     assert found.convention.decided_by == "flat"
     assert found.sources["metallic"].constant == (0,)
@@ -96,6 +96,6 @@ def test_impossible_options_are_refused(arguments: dict[str, object], match: str
 def test_options_that_name_what_is_not_there_are_refused(maps: dict[str, str], match: str, tmp_path: Path) -> None:
     plain_set(tmp_path)
     with pytest.raises(InputError, match=match):
-        discover(tmp_path, LoadOptions(maps=maps))
+        find(tmp_path, LoadOptions(maps=maps))
     with pytest.raises(UsageError, match="expected 1 of"):
-        discover(tmp_path, LoadOptions(maps={"roughness": "base_color.png:RG"}))
+        find(tmp_path, LoadOptions(maps={"roughness": "base_color.png:RG"}))

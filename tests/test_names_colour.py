@@ -10,7 +10,7 @@ import pytest
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR, canonical_colour_space
 from mipbake.io.colour_names import RAW, split_colour_space
-from mipbake.io.discover import discover
+from mipbake.io.discover import find
 from mipbake.io.names import classify, colour_space_of, interpretations
 from mipbake.io.options import LoadOptions
 
@@ -31,7 +31,7 @@ def without_colour(folder: Path, *names: str) -> Path:
 )
 def test_a_base_colour_is_read_by_its_name(name: str, tmp_path: Path) -> None:
     folder = without_colour(tmp_path, name)
-    found = discover(folder)
+    found = find(folder, LoadOptions())
     assert found.sources["base_color"].path == folder / name
     assert not found.warnings
 
@@ -42,25 +42,25 @@ def test_a_base_colour_that_is_not_understood_is_asked_for(name: str, tmp_path: 
         tmp_path, {name: "base_color", "wood_normal_gl.png": "normal", "wood_roughness.png": "roughness"}
     )
     with pytest.raises(InputError) as error:
-        discover(folder)
+        find(folder, LoadOptions())
     assert f"images without a role: {name}; choose one with --map base_color={name}" in str(error.value)
     assert "base_color=none" in str(error.value)
-    assert discover(folder, LoadOptions(maps={"base_color": name})).sources["base_color"].path == folder / name
-    grey = discover(folder, LoadOptions(maps={"base_color": None}))
+    assert find(folder, LoadOptions(maps={"base_color": name})).sources["base_color"].path == folder / name
+    grey = find(folder, LoadOptions(maps={"base_color": None}))
     assert grey.sources["base_color"].constant == (0.5, 0.5, 0.5)
     assert not any("base colour" in warning for warning in grey.warnings)
 
 
 def test_a_set_without_any_colour_is_grey_and_that_is_warned_of(tmp_path: Path) -> None:
-    (warning,) = discover(without_colour(tmp_path)).warnings
+    (warning,) = find(without_colour(tmp_path), LoadOptions()).warnings
     assert "no base colour map: the constant 0.5, 0.5, 0.5 is used, so that what is baked is grey" in warning
 
 
 def test_an_image_without_a_role_beside_a_missing_metallic_map_is_warned_of(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, mtlns="metallic")
-    assert any("no metallic map" in w and "metallic=mtlns.png" in w for w in discover(folder).warnings)
+    assert any("no metallic map" in w and "metallic=mtlns.png" in w for w in find(folder, LoadOptions()).warnings)
     (folder / "mtlns.png").rename(folder / "metallic.png")
-    assert not discover(folder).warnings
+    assert not find(folder, LoadOptions()).warnings
 
 
 @pytest.mark.parametrize(
@@ -105,10 +105,10 @@ def test_colour_spaces_in_names(stem: str, bare: str, space: str | None) -> None
 def test_colour_spaces_of_names_are_applied(name: str, pixels: type, encoding: str, tmp_path: Path) -> None:
     folder = without_colour(tmp_path)
     write_image(folder / name, pixels_for("base_color").astype(pixels))
-    found = discover(folder)
+    found = find(folder, LoadOptions())
     assert found.sources["base_color"].encoding == encoding
     assert any("its name says" in note for note in found.notes) == (colour_space_of(Path(name).stem) is not None)
-    asked = discover(folder, LoadOptions(colour_space="ACEScg"))
+    asked = find(folder, LoadOptions(colour_space="ACEScg"))
     assert asked.sources["base_color"].encoding == "ACEScg"
     assert any("is followed" in warning for warning in asked.warnings) == (colour_space_of(Path(name).stem) is not None)
 
@@ -117,13 +117,13 @@ def test_an_encoding_in_the_name_of_data_is_questioned(tmp_path: Path) -> None:
     folder = plain_set(tmp_path)
     for word, doubted in (("raw", False), ("linear", False), ("sRGB", True)):
         path = (folder / "roughness.png").rename(folder / f"roughness_{word}.png")
-        assert any(path.name in warning for warning in discover(folder).warnings) == doubted
+        assert any(path.name in warning for warning in find(folder, LoadOptions()).warnings) == doubted
         path.rename(folder / "roughness.png")
 
 
 def test_of_variants_the_first_is_taken_and_that_is_said(tmp_path: Path) -> None:
     folder = without_colour(tmp_path, "wood_COL_VAR2_4K.png", "wood_COL_VAR1_4K.png")
-    found = discover(folder)
+    found = find(folder, LoadOptions())
     assert found.sources["base_color"].path == folder / "wood_COL_VAR1_4K.png"
     assert "base_color: wood_COL_VAR1_4K.png is preferred to wood_COL_VAR2_4K.png" in found.notes
 
@@ -135,12 +135,12 @@ def test_words_that_merely_end_alike_say_no_role(stem: str) -> None:
 
 def test_a_name_that_says_it_clearly_is_preferred_to_a_glued_word(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, watercolor="base_color")
-    assert discover(folder).sources["base_color"].path == folder / "base_color.png"
+    assert find(folder, LoadOptions()).sources["base_color"].path == folder / "base_color.png"
 
 
 def test_sets_whose_words_are_all_glued(tmp_path: Path) -> None:
     files = {"woodcolor.png": "base_color", "woodnormalgl.png": "normal", "woodroughness.png": "roughness"}
-    found = discover(write_set(tmp_path, files))
+    found = find(write_set(tmp_path, files), LoadOptions())
     assert {s.path.name for s in found.sources.values() if s.path} == set(files)
     assert found.convention.decided_by == "name"
 
@@ -177,4 +177,4 @@ def test_colour_spaces_that_exr_files_tell(name: str, attributes: dict, encoding
     output = oiio.ImageOutput.create(str(folder / name))
     assert output.open(str(folder / name), spec) and output.write_image(np.full((8, 8, 3), 0.5, np.float32))
     output.close()
-    assert discover(folder).sources["base_color"].encoding == encoding
+    assert find(folder, LoadOptions()).sources["base_color"].encoding == encoding

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mipbake.errors import InputError
-from mipbake.io.discover import discover
 from mipbake.io.normal import (
     decode_normals,
     integrability,
@@ -19,7 +18,6 @@ from mipbake.io.normal import (
     normalised,
     tiles,
 )
-from mipbake.io.options import LoadOptions
 from mipbake.texture_set import load
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image
@@ -58,7 +56,7 @@ def test_compression_noise_does_not_hide_the_convention(tmp_path: Path) -> None:
     for name, directx in (("opengl", False), ("directx", True)):
         pixels = encoded(height_field(256, 256, steepness=0.15), directx)
         path = write_image(tmp_path / f"{name}_normal.jpg", pixels, CompressionQuality=70)
-        found = discover([path], LoadOptions(maps={"roughness": 0.5}))
+        found = load([path], maps={"roughness": 0.5})
         assert (found.convention.name, found.convention.decided_by) == (name, "pixels")
 
 
@@ -95,7 +93,6 @@ def test_a_silent_name_is_decided_by_pixels_and_green_ends_up(tmp_path: Path) ->
         assert result.convention.decided_by == "pixels"
         assert result.convention.confidence > 0.99
         np.testing.assert_allclose(result.maps["normal"].pixels, field, atol=0.01)
-        assert discover(folder).convention == result.convention
         assert any("by the curl of its slopes" in n for n in result.notes)
 
 
@@ -104,22 +101,21 @@ def test_what_cannot_be_told_is_assumed_with_a_warning(tmp_path: Path) -> None:
     waves = np.stack([slope, np.zeros((32, 32)), np.ones((32, 32))], -1)
     folder = plain_set(tmp_path, normal=encoded(waves / np.linalg.norm(waves, axis=-1, keepdims=True)))
     (folder / "normal_gl.png").unlink()
-    for result in (load(folder), discover(folder)):
-        assert (result.convention.name, result.convention.decided_by) == ("opengl", "assumed")
-        assert any("OpenGL is assumed" in w for w in result.warnings)
+    result = load(folder)
+    assert (result.convention.name, result.convention.decided_by) == ("opengl", "assumed")
+    assert any("OpenGL is assumed" in w for w in result.warnings)
 
 
 def test_a_flat_map_has_no_convention_to_tell(tmp_path: Path) -> None:
     flat = np.full((320, 320, 3), (128, 128, 255), np.uint8)
     folder = plain_set(tmp_path, normal=flat)
     (folder / "normal_gl.png").unlink()
-    for result in (load(folder), discover(folder)):
-        assert (result.convention.name, result.convention.decided_by) == ("opengl", "flat")
-        assert result.warnings == ()
+    result = load(folder)
+    assert (result.convention.name, result.convention.decided_by) == ("opengl", "flat")
+    assert result.warnings == ()
     flat[77, 199, :2] = 180  # one dent: now there is something to tell
     write_image(folder / "normal.png", flat)
-    for result in (load(folder), discover(folder)):
-        assert result.convention.decided_by == "assumed"
+    assert load(folder).convention.decided_by == "assumed"
 
 
 def test_the_option_and_the_name_win_over_pixels_and_contradictions_are_said(tmp_path: Path) -> None:

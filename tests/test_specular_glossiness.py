@@ -10,9 +10,10 @@ import pytest
 
 import mipbake
 from mipbake.io.colour import srgb_to_linear
-from mipbake.io.discover import discover
+from mipbake.io.discover import find
 from mipbake.io.gltf.document import read_document
 from mipbake.io.gltf.specular_glossiness import Converted, without_specular_glossiness
+from mipbake.io.options import LoadOptions
 from mipbake.io.read import read_image
 from mipbake.specular_glossiness import Loss, metallic_roughness
 
@@ -258,16 +259,16 @@ def test_other_sets_are_as_they_were(tmp_path: Path, beside: str) -> None:
     """A metallic map says what the workflow is; a specular map beside a roughness may be an amount for dielectrics."""
     grey = np.full((16, 16, 1), 99, np.uint8)
     files = {beside: grey} | ({"Glossiness": None} if beside == "Roughness" else {})
-    found = discover(write_glossy_set(tmp_path / "rust", **files))
+    found = find(write_glossy_set(tmp_path / "rust", **files), LoadOptions())
     assert not found.sources["metallic"].converted
     assert [item.path.name for item in found.ignored] == ["rust_Specular.png"]
 
 
 def test_a_specular_map_is_chosen_or_left_out_by_option(tmp_path: Path) -> None:
     folder = write_glossy_set(tmp_path / "rust")
-    assert not discover(folder, mipbake.io.options.LoadOptions(maps={"specular": None})).sources["metallic"].converted
+    assert not find(folder, LoadOptions(maps={"specular": None})).sources["metallic"].converted
     (folder / "rust_Specular.png").rename(folder / "shine.png")
     maps = {"specular": "shine.png"}
-    assert discover(folder, mipbake.io.options.LoadOptions(maps=maps)).sources["metallic"].converted
+    assert find(folder, LoadOptions(maps=maps)).sources["metallic"].converted
     with pytest.raises(mipbake.UsageError, match="beside a metallic map"):
-        discover(folder, mipbake.io.options.LoadOptions(maps={**maps, "metallic": 0.5}))
+        find(folder, LoadOptions(maps={**maps, "metallic": 0.5}))

@@ -23,18 +23,10 @@ from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_spa
 from mipbake.io.colour_names import RAW
 from mipbake.io.messages import listed
 from mipbake.io.names import colour_space_of
-from mipbake.io.normal import (
-    DECIDED_CONFIDENCE,
-    Integrability,
-    Vectors,
-    decode_normals,
-    integrability,
-    is_constant,
-    tiles,
-)
+from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
-from mipbake.io.read import Header, read_image
-from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken, taken
+from mipbake.io.read import Header
+from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken
 from mipbake.io.specular import take_specular
 
 _CONSTANTS: Mapping[str, tuple[float, ...]] = {
@@ -44,26 +36,6 @@ _CONSTANTS: Mapping[str, tuple[float, ...]] = {
 }
 _TOLD = (*ORIGINS, "name")
 """What decides a normal convention without a look at pixels."""
-
-
-def discover(path: PathLike | Iterable[PathLike], options: LoadOptions | None = None) -> Discovery:
-    """What `load` would read, from names and headers; the normal map's pixels only where its name is silent.
-
-    Args:
-        path: a folder, or the files of one set.
-        options: choices that override what names say.
-
-    Raises:
-        InputError: there is no usable set. UsageError: an option names what does not exist.
-    """
-    found = find(path, options or LoadOptions())
-    source = found.sources["normal"]
-    if source.path is None or found.convention.decided_by in _TOLD:
-        return found
-    stored = taken(source, read_image(source.path))
-    parts = tiles(stored)
-    vectors = decode_normals(parts.reshape(-1, *parts.shape[2:]), source.path).vectors
-    return settle_convention(found, vectors.reshape(*parts.shape[:3], 3), is_constant(stored))
 
 
 def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discovery:
@@ -100,7 +72,15 @@ def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discove
 
 
 def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:
-    """`discover` without looking at pixels: a convention that no name tells stays assumed, with confidence 0."""
+    """What `load` would read, from names and headers. A convention that no name tells stays assumed, with confidence 0.
+
+    Args:
+        path: a folder, or the files of one set.
+        options: choices that override what names say.
+
+    Raises:
+        InputError: there is no usable set. UsageError: an option names what does not exist.
+    """
     name, folder, files = list_files(path)
     name = options.name or name
     candidates, ignored = classified(files, options.maps)
