@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.material import MODELS
 from mipbake.models.config import (
     ARCHITECTURES,
     AnyConfig,
@@ -127,22 +130,54 @@ def find_weights(name: str, folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
 def default_weights(
     target: str, pixel_filter: str = "gaussian", folder: Path = WEIGHTS_FOLDER, source: str = "gltf"
 ) -> WeightsInfo:
-    """The weights that bakes of a target use; UsageError when none were released for target and pixel filter.
+    """The weights that bakes of a target use: the default ones that fit it.
 
-    Those that see all of the source come before others, then those with a decoder of the target's own.
+    Weights that see all of the source come before others, then weights with a decoder of the target's own.
+
+    Raises:
+        UsageError: no weights were released for the target and the pixel filter.
+        InputError: several default weights fit equally well.
     """
-    found = [info for info in list_weights(folder) if info.default]
-    found = [info for info in found if takes(info.network, source)]
-    fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
+    every = list_weights(folder)
+    found = [info for info in every if info.default and takes(info.network, source)]
+    fitting = _best(found, target, pixel_filter, source)
+    if len(fitting) == 1:
+        return fitting[0]
     if fitting:
-        return min(fitting, key=lambda info: (not reads(info.network, source), target not in info.network.decoders))
+        raise InputError(
+            f"{folder} holds several default weights for material model {target!r} with pixel filter "
+            f'{pixel_filter!r}, {", ".join(info.name for info in fitting)}: expected one, so set "default" to false in '
+            "the .json files of the others"
+        )
     released = ", ".join(sorted({f"{t} with {f}" for i in found for t in i.targets for f in i.pixel_filters})) or "none"
-    others = [i.name for i in list_weights(folder) if target in i.targets and pixel_filter in i.pixel_filters]
+    others = [i.name for i in every if target in i.targets and pixel_filter in i.pixel_filters]
     named = f", name some that are no default ({', '.join(others)})" if others else ""
     raise UsageError(
         f"no trained weights for material model {target!r} with pixel filter {pixel_filter!r} (released: {released}); "
         f"choose one of those{named}, or another method"
     )
+
+
+def check_sole_default(info: WeightsInfo) -> None:
+    """UsageError where other default weights in the folder of `info` fit a bake as well as `info` would."""
+    others = [each for each in list_weights(info.folder) if each.default and each.name != info.name]
+    for target, pixel_filter, source in product(info.targets, info.pixel_filters, MODELS):
+        found = [each for each in (info, *others) if takes(each.network, source)]
+        fitting = _best(found, target, pixel_filter, source)
+        if info in fitting and len(fitting) > 1:
+            other = next(each for each in fitting if each is not info)
+            raise UsageError(
+                f"{other.name} are the default weights for material model {target!r} with pixel filter "
+                f'{pixel_filter!r} already: set "default" to false in {other.folder / other.name}.json first, or leave '
+                "--default out and name the new weights in bakes"
+            )
+
+
+def _best(found: Sequence[WeightsInfo], target: str, pixel_filter: str, source: str) -> list[WeightsInfo]:
+    """Of some weights those that suit a bake best, all of them where several are equal."""
+    fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
+    ranks = [(not reads(info.network, source), target not in info.network.decoders) for info in fitting]
+    return [info for info, rank in zip(fitting, ranks, strict=True) if rank == min(ranks)]
 
 
 def load_network(info: WeightsInfo) -> AnyNetwork:

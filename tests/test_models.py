@@ -305,6 +305,25 @@ def test_weights_see_all_of_their_source(released: registry.WeightsInfo) -> None
         registry.default_weights("gltf-anisotropic", folder=released.folder, source="gltf-anisotropic")
 
 
+def test_there_is_one_default_for_a_bake(released: registry.WeightsInfo) -> None:
+    rival = dataclasses.replace(released, name="another")
+    (released.folder / "another.json").write_text(rival.to_json())
+    with pytest.raises(InputError, match=r"several default weights for material model 'gltf'.*another, tiny"):
+        registry.default_weights("gltf", folder=released.folder)
+    with pytest.raises(UsageError, match=r"tiny are the default weights for .*tiny\.json first"):
+        registry.check_sole_default(rival)
+    (released.folder / "another.json").write_text(dataclasses.replace(rival, default=False).to_json())
+    assert registry.default_weights("gltf", folder=released.folder) == released
+    for apart in ({"pixel_filters": ("box",)}, {"network": NetworkConfig(decoders=("ggx",), encoders=("ggx",))}):
+        registry.check_sole_default(dataclasses.replace(rival, **apart))
+
+
+def test_released_weights_leave_no_doubt() -> None:
+    for info in registry.list_weights():
+        if info.default:
+            registry.check_sole_default(info)
+
+
 def test_damaged_weights_are_refused(released: registry.WeightsInfo) -> None:
     content = bytearray(released.tensors.read_bytes())
     content[-1] ^= 1

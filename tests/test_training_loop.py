@@ -157,6 +157,13 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
     card = (tmp_path / "weights" / "tiny-1.md").read_text()
     assert info.sha256 in card
     assert "CC0-1.0" in card
+    with pytest.raises(UsageError, match=r"tiny-1 are the default weights for material model 'gltf'"):
+        export_weights(tmp_path / "run" / "last.pt", "tiny-2", tmp_path / "weights", default=True)
+    assert sorted(path.name for path in (tmp_path / "weights").iterdir()) == [
+        "tiny-1.json",
+        "tiny-1.md",
+        "tiny-1.safetensors",
+    ]
     with pytest.raises(UsageError, match="name"):
         export_weights(tmp_path / "run" / "last.pt", "../evil", tmp_path / "weights", default=False)
     with pytest.raises(InputError, match="no such checkpoint"):

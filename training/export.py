@@ -10,7 +10,7 @@ from pathlib import Path
 from mipbake.errors import OutputError, UsageError
 from mipbake.models.config import AnyConfig, NetworkConfig
 from mipbake.models.moments import COUNT
-from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
+from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
 from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.training.baseline import BaselineConfig
 from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
@@ -45,8 +45,8 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
 
     Raises:
-        UsageError: the name is no plain file name; a baseline. InputError: the checkpoint cannot be read.
-        OutputError: the folder cannot be written.
+        UsageError: the name is no plain file name; a baseline; other weights in the folder are the default already.
+        InputError: the checkpoint cannot be read. OutputError: the folder cannot be written.
     """
     import torch
     from safetensors.torch import save
@@ -76,6 +76,8 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         sha256=hashlib.sha256(content).hexdigest(),
         folder=folder,
     )
+    if default:
+        check_sole_default(info)
     parameters = sum(value.numel() for value in state.average.parameters())
     try:
         folder.mkdir(parents=True, exist_ok=True)
