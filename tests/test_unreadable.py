@@ -116,6 +116,29 @@ def test_a_glob_says_what_it_may_not_see(
     assert "cannot be listed" in fails(capsys, 3, *COMMANDS["bake"](folder / "*.png", tmp_path / "out"))
 
 
+@pytest.mark.parametrize("mode", [0, 0o444])
+@pytest.mark.parametrize("pattern", ["**/*.png", "*/*.png", "*/roughness.png", "lock*/**", "./**/*.png"])
+def test_a_glob_names_the_inner_folder_that_it_may_not_see(
+    tmp_path: Path,
+    capsys: Capture,
+    monkeypatch: pytest.MonkeyPatch,
+    locked: Callable[[Path, int], Path],
+    pattern: str,
+    mode: int,
+) -> None:
+    """Whatever else it finds is read."""
+    inner = write_set(tmp_path / "lib" / "locked")
+    locked(inner, mode)
+    monkeypatch.chdir(tmp_path / "lib")
+    for given in (pattern, tmp_path / "lib" / pattern):
+        said = fails(capsys, 3, *COMMANDS["bake"](given, tmp_path / "out"))
+        assert said.startswith(f"mipbake: {'locked' if given == pattern else inner}") and "Permission denied" in said
+    write_set(tmp_path / "lib" / "open")
+    assert main(["bake", "**", "-o", str(tmp_path / "out"), "--method", "linear", "--format", "png", "-q"]) == 3
+    assert "mipbake: locked" in capsys.readouterr().err
+    assert (tmp_path / "out" / "open" / "stack.json").is_file()
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_loop_of_links_is_unusable_input(tmp_path: Path, capsys: Capture, command: str) -> None:
     (tmp_path / "loop").symlink_to("loop")

@@ -75,6 +75,16 @@ def entries(folder: Path) -> list[Path]:
         raise InputError(f"{folder} cannot be listed ({error.strerror}): check its permissions") from error
 
 
+def is_readable_folder(folder: Path) -> bool:
+    """Whether a folder can be listed and entered."""
+    try:
+        os.scandir(folder).close()
+        os.stat(os.path.join(folder, os.curdir))  # noqa: PTH116, PTH118  Path would leave the dot out
+    except OSError:
+        return False
+    return True
+
+
 def files_in(folder: Path) -> list[Path]:
     """The regular files of a folder that are not hidden, sorted; links to nothing and loops of links are left out."""
     with reading(folder):  # a folder that may be listed but not entered tells nothing of what lies in it

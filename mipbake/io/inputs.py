@@ -103,9 +103,12 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
         return [path]
     # The folder of a list may hold brackets itself: only the entry is a pattern.
     root = "" if folder == Path() else glob.escape(str(folder))
-    matches = [Path(match) for match in sorted(glob.glob(os.path.join(root, entry), recursive=True))]  # noqa: PTH118, PTH207
+    pattern = os.path.join(root, entry)  # noqa: PTH118
+    # A folder that cannot be read says so when its turn comes, once for all that lies in it.
+    closed = set(_unreadable(pattern))
+    seen = {match for each in glob.glob(pattern, recursive=True) if closed.isdisjoint((match := Path(each)).parents)}  # noqa: PTH207
+    matches = sorted(seen | closed)
     if not matches:
-        _check_listable(path)
         raise InputError(f"{path} matches nothing: check the pattern, or quote a name that holds *, ? or [")
     found = [match for match in matches if _could_be_input(match)]
     if not found:
@@ -115,13 +118,16 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     return found
 
 
-def _check_listable(pattern: Path) -> None:
-    """InputError where the folder that a glob starts from keeps its contents to itself: to a glob it is empty."""
-    start = pattern
-    while any(c in str(start) for c in "*?["):
-        start = start.parent
-    if disk.is_dir(start):
-        disk.entries(start)
+def _unreadable(pattern: str) -> list[Path]:
+    """Folders that a glob looks into and cannot read: to the glob they are empty."""
+    parts = Path(pattern).parts
+    first = next(index for index, part in enumerate(parts) if any(c in part for c in "*?["))
+    found = []
+    for index in range(first, len(parts)):
+        inside = ("**",) if parts[index] == "**" else ()
+        folders = glob.glob(os.path.join(Path(*parts[:index]), *inside, ""), recursive=True)  # noqa: PTH118, PTH207
+        found += [Path(folder) for folder in folders if not disk.is_readable_folder(Path(folder))]
+    return found
 
 
 def _could_be_input(path: Path) -> bool:
