@@ -19,11 +19,12 @@ from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
 from mipbake.compare.compression import LIMIT
 from mipbake.glb import output
-from mipbake.intake import Job, jobs
+from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
+from mipbake.jobs import Job
 from mipbake.output import GLB, GLB_TEXELS, check_outputs
 from mipbake.packing import PACKINGS, SOURCE, Normals
 from mipbake.prefilter import METHODS, OPTIONS, method_named

@@ -19,13 +19,13 @@ from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen, chosen_all, cost, part_of
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
-from mipbake.intake import Failure, Job
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
 from mipbake.io.map_files import MapFile
 from mipbake.io.publish import published
+from mipbake.jobs import Failure, Job
 from mipbake.opacity import shown
 from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset

@@ -24,9 +24,9 @@ from mipbake.compare.pictures import MAX_PASSES
 from mipbake.compare.result import SCALES, Comparison
 from mipbake.compare.scenes import SPHERE_RESOLUTION
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
-from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
+from mipbake.jobs import Job
 from mipbake.metrics import PAIR_SETS
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.pixel_filter import FILTERS

@@ -28,11 +28,12 @@ from mipbake.convert import (
     is_material_folder,
     open_material,
 )
-from mipbake.intake import Failure, Job, Part, jobs
+from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
+from mipbake.jobs import Failure, Job, Part
 from mipbake.material import model_named
 from mipbake.prefilter import method_named
 from mipbake.texture_set import TextureSet

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from mipbake import InputError, UsageError
 from mipbake.cli.tables import sources_of
-from mipbake.intake import Job
 from mipbake.io.layout import manifests
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import name_without
+from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 

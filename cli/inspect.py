@@ -10,8 +10,8 @@ from mipbake.cli import options
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
+from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 

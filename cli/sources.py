@@ -9,9 +9,10 @@ import typer
 
 from mipbake import MipbakeError
 from mipbake.cli.session import Session
-from mipbake.intake import Failure, Job, jobs
+from mipbake.intake import jobs
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
+from mipbake.jobs import Failure, Job
 from mipbake.texture_set import TextureSet
 
 Sources = Annotated[

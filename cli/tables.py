@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.intake import Job
 from mipbake.io.sources import Discovery, MapSource
+from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:

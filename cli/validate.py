@@ -17,8 +17,8 @@ from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
 from mipbake.glb import multiple_of_side
 from mipbake.glb_stacks import stack_in_glb
-from mipbake.intake import Job
 from mipbake.io.options import LoadOptions
+from mipbake.jobs import Job
 from mipbake.output import GLB
 from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
 

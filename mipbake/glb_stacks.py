@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.intake import Job
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import srgb_to_linear
@@ -30,6 +29,7 @@ from mipbake.io.gltf.slots import (
     label_of,
     slot_of,
 )
+from mipbake.jobs import Job
 from mipbake.prefilter.pixel_filter import filter_named
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet

@@ -9,10 +9,11 @@ from typing import Any, TypeAlias
 
 from mipbake import texture_set
 from mipbake.errors import InputError
-from mipbake.intake import Failure, Job, jobs
+from mipbake.intake import jobs
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
+from mipbake.jobs import Failure, Job
 from mipbake.texture_set import TextureSet, with_overrides
 
 PathLike: TypeAlias = "str | os.PathLike[str]"

@@ -249,7 +249,7 @@ def test_too_little_address_space_is_no_defect(
     def breaks(*_arguments: object, **_options: object) -> None:
         raise error
 
-    monkeypatch.setattr(mipbake.intake, "load", breaks)
+    monkeypatch.setattr(mipbake.jobs, "load", breaks)
     assert "not enough memory" in fails(capsys, 1, *COMMANDS["bake"](folder, tmp_path / "out"))
 
 

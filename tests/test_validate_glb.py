@@ -12,8 +12,9 @@ import mipbake
 from mipbake.cli.main import main
 from mipbake.glb import multiple_of_side
 from mipbake.glb_stacks import stack_in_glb
-from mipbake.intake import Job, jobs
+from mipbake.intake import jobs
 from mipbake.io.options import LoadOptions
+from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 from .command_line import fails, write_set

@@ -14,12 +14,13 @@ from tempfile import TemporaryDirectory
 
 import mipbake
 from mipbake.convert import open_material
-from mipbake.intake import Failure, jobs
+from mipbake.intake import jobs
 from mipbake.io.file_info import file_info
 from mipbake.io.gltf.write import check_images, rewritten
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 from mipbake.io.read import read_header, read_image
+from mipbake.jobs import Failure
 from mipbake.render.environment import from_file
 from mipbake.render.mesh_file import read_mesh
 

@@ -1,0 +1,206 @@
+"""What is baked at once: one texture set, or tiles that touch, with what it is read from and what it is called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeVar
+
+from mipbake.errors import InputError, UsageError
+from mipbake.io.archives import Archive
+from mipbake.io.candidates import name_of
+from mipbake.io.discover import find
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.materials import GltfBake
+from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.messages import listed
+from mipbake.io.options import LoadOptions
+from mipbake.io.safe_names import unique_name
+from mipbake.io.sources import Discovery
+from mipbake.io.tiles import name_with
+from mipbake.packing import source_files
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet, load
+from mipbake.udim import CLAMPED, Mosaic, joined, split
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Part:
+    """What `load` reads one texture set from, and the archive that the files lie in."""
+
+    files: Path | tuple[Path, ...]
+    options: LoadOptions
+    archive: Archive | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the texture set; nothing is read."""
+        return self.options.name or name_of(self.files)
+
+    def find(self) -> Discovery:
+        """What it would read. InputError where it cannot."""
+        return self._using(lambda: find(self.files, self.options))
+
+    def load(self) -> TextureSet:
+        """The texture set. InputError where it cannot be read."""
+        return self._using(lambda: load(self.files, self.options))
+
+    def _using(self, read: Callable[[], _T]) -> _T:
+        return read() if self.archive is None else self.archive.using(read)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is baked at once: one texture set, or tiles that touch.
+
+    Args:
+        source: what the user named.
+        parts: tile number to what it is read from; a single one without a number (0) for sets that are no tiles.
+        notes, warnings: what was found in the source, in sentences.
+        place: folder of the result's folder, relative to that of all results.
+        document, bake: of a glTF source, and which of its bakes this is. plain: all its textures that are averaged.
+    """
+
+    source: Path
+    parts: Mapping[int, Part]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    place: str = ""
+    document: Document | None = None
+    bake: GltfBake | None = None
+    plain: tuple[PlainTexture, ...] = ()
+
+    @property
+    def tiled(self) -> bool:
+        """Whether it is about tiles, which share a folder with all others of their source."""
+        return 0 not in self.parts
+
+    @property
+    def archive(self) -> Archive | None:
+        """The archive that it lies in."""
+        return next(iter(self.parts.values())).archive
+
+    @property
+    def names(self) -> dict[int, str]:
+        """What the texture sets will be called, by tile; nothing is read."""
+        return {tile: name_with(part.name, tile) if tile else part.name for tile, part in self.parts.items()}
+
+    def sets(self) -> Iterator[TextureSet]:
+        """The texture sets, one after the other. InputError where one cannot be read."""
+        return (self.read_tile(tile) for tile in self.parts)
+
+    def read_tile(self, tile: int) -> TextureSet:
+        """The texture set of one part, clamped where it is a tile. InputError where it cannot be read."""
+        alone = _of_tile(tile, self.parts[tile].load)
+        return replace(alone, wrap=CLAMPED, name=self.names[tile]) if tile else alone
+
+    def found(self) -> dict[int, Discovery]:
+        """What would be read, by tile. InputError where it cannot."""
+        return {tile: _of_tile(tile, part.find) for tile, part in self.parts.items()}
+
+    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> Read:
+        """What is baked, every texture set changed as it is wanted. InputError where it cannot be read."""
+        if list(self.parts) == [0]:
+            alone = change(self.parts[0].load())
+            return Read({0: alone}, alone)
+        # Their borders meet other tiles, not their own other sides.
+        sets = {tile: change(replace(_of_tile(tile, p.load), wrap=CLAMPED)) for tile, p in self.parts.items()}
+        mosaic = joined(sets)
+        named = {tile: replace(each, name=mosaic.tiles[tile].name) for tile, each in sets.items()}
+        return Read(named, mosaic.texture_set, mosaic)
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """What a job holds.
+
+    Args:
+        sets: texture sets by tile.
+        texture_set: what is baked: the only one, or all tiles side by side.
+        mosaic: where the tiles lie in it.
+    """
+
+    sets: Mapping[int, TextureSet]
+    texture_set: TextureSet
+    mosaic: Mosaic | None = field(default=None)
+
+    def stacks(self, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
+        """Every texture set with its own stack."""
+        if self.mosaic is None:
+            yield self.texture_set, baked
+            return
+        for tile, stack in split(baked, self.mosaic).items():
+            tiled = replace(self.sets[tile], wrap=stack.wrap)
+            yield tiled, replace(stack, source_files=source_files(tiled), tile=tile)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A source, or some of the materials of a document, that cannot be read, and why."""
+
+    source: Path
+    error: InputError | UsageError
+
+
+def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
+    """The same jobs, no two results of one name: those that would share one are called after the folder around their
+    source, too, or numbered where that is the same.
+    """
+    tops: dict[str, dict[object, Job]] = {}
+    for index, job in enumerate(found):
+        if isinstance(job, Job):
+            tops.setdefault(_top(job).casefold(), {}).setdefault(_unit(job, index), job)
+    taken = set(tops)
+    renamed: dict[object, tuple[str, str]] = {}
+    for units in tops.values():
+        if len(units) < 2:
+            continue
+        told = listed(dict.fromkeys(str(job.source) for job in units.values()))
+        around = {unit: f"{job.source.resolve().parent.name}_{_top(job)}" for unit, job in units.items()}
+        apart = len({name.casefold() for name in around.values()}) == len(units)
+        for unit, job in units.items():
+            name = unique_name(around[unit], "texture_set", taken) if apart else _top(job)
+            if not apart and job is not next(iter(units.values())):
+                name = unique_name(_top(job), "texture_set", taken)
+            renamed[unit] = (name, f"it is called {name} here, for several are called {_top(job)}: {told}")
+    made: list[Job | Failure] = []
+    for index, job in enumerate(found):
+        if not isinstance(job, Job) or _unit(job, index) not in renamed:
+            made.append(job)
+            continue
+        name, note = renamed[_unit(job, index)]
+        notes = (*job.notes, note) if name != _top(job) else job.notes
+        if job.place:
+            made.append(replace(job, place=name, notes=notes))
+            continue
+        parts = {tile: replace(part, options=replace(part.options, name=name)) for tile, part in job.parts.items()}
+        made.append(replace(job, parts=parts, notes=notes))
+    return made
+
+
+def _top(job: Job) -> str:
+    """What the result of a job, or of its document, is called in the folder of all results."""
+    return job.place or next(iter(job.parts.values())).name
+
+
+def _unit(job: Job, index: int) -> object:
+    """Equal for jobs whose results share a folder: those of a document, the groups of tiles of one set."""
+    if job.place:
+        return job.source, job.place
+    if not job.tiled:
+        return index
+    files = next(iter(job.parts.values())).files
+    return job.source, _top(job), files.parent if isinstance(files, Path) else files[0].parent
+
+
+def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
+    """What is read of a part; an InputError says which tile it is about."""
+    try:
+        return read()
+    except InputError as error:
+        if not tile:
+            raise
+        raise InputError(f"tile {tile}: {error}") from error
