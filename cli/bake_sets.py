@@ -19,8 +19,6 @@ from mipbake.cli.tables import map_table, remarks, set_report, sources_of
 from mipbake.compare.compression import Cost, chosen, chosen_all, cost, part_of
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
-from mipbake.io.gltf.document import Document
-from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
 from mipbake.io.map_files import MapFile
@@ -114,18 +112,17 @@ def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> No
 
 def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
     """Documents whose GLB would lack an image that is not baked, found before anything is."""
-    bakes: dict[Document, list[GltfBake]] = {}
-    for job in found:
-        if isinstance(job, Job) and job.document is not None and job.bake is not None and wants_glb(job, asked):
-            bakes.setdefault(job.document, []).append(job.bake)
+    baked = [job for job in found if isinstance(job, Job) and job.document and wants_glb(job, asked)]
     broken = {job.source for job in found if isinstance(job, Failure)}
     lost = []
-    for document, own in bakes.items():
+    for source in dict.fromkeys(job.source for job in baked if job.source not in broken):
+        jobs = [job for job in baked if job.source == source]
+        document, bakes = jobs[0].document, [job.bake for job in jobs if job.bake is not None]
         try:
-            if document.path not in broken:
-                check_images(document, own)
+            if document is not None:
+                jobs[0].using(partial(check_images, document, bakes))
         except InputError as error:
-            lost.append(Failure(document.path, error))
+            lost.append(Failure(source, error))
     return lost
 
 
@@ -302,9 +299,9 @@ def _write_document(
     if first.document is None:
         raise AssertionError("only documents are collected")
     results = [(job.bake, stack, textures) for job, stack, textures in parts if job.bake is not None]
-    save_document(path, first.document, results, first.plain, asked.levels)
-    size = path.stat().st_size
-    session.print(f"wrote {path}: {source.stat().st_size / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
+    first.using(partial(save_document, path, first.document, results, first.plain, asked.levels))
+    before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
+    session.print(f"wrote {path}: {before / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
     files = [{"path": path, "bytes": size}]
     return {"source": source, "ok": True, "exit_code": 0, "out": path, "document": True, "files": files}
 

@@ -19,8 +19,8 @@ Sources = Annotated[
     list[str],
     typer.Argument(
         metavar="SOURCE",
-        help="Texture sets: folders of maps (of one set or several), .zip archives of them, UDIM tiles in a folder or "
-        "as a pattern with <UDIM>, .gltf, .glb and .mtlx documents; globs, @FILE for a list, @- for one on stdin.",
+        help="Texture sets: folders of maps (of one set or several), UDIM tiles in a folder or as a pattern (<UDIM>), "
+        ".gltf, .glb and .mtlx documents, .zip archives of all these; globs, @FILE for a list, @- for one on stdin.",
         show_default=False,
     ),
 ]

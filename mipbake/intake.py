@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
-from mipbake.io.archives import Shelf
+from mipbake.io.archives import GLTF, MATERIALX, Shelf
 from mipbake.io.candidates import is_map, is_textures, name_of, refuse_baked
-from mipbake.io.gltf.document import read_document
+from mipbake.io.gltf.document import Document, read_document
+from mipbake.io.gltf.images import image_files
 from mipbake.io.gltf.materials import read_materials
 from mipbake.io.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.io.inputs import expand, kind
 from mipbake.io.messages import listed
-from mipbake.io.mtlx.materials import read_materialx
+from mipbake.io.mtlx.materials import MtlxMaterials, read_materialx
 from mipbake.io.options import LoadOptions
+from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.safe_names import safe_name
 from mipbake.io.split import Division, divided, resolved
 from mipbake.io.tiles import is_pattern, pattern_files, text_of, tile_options, tiles_of
@@ -41,23 +45,27 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
     found: list[Job | Failure] = []
     shelf = Shelf(scratch)
     for index, path in enumerate(expand(sources)):
-        try:
-            with disk.reading(path):  # a file or folder that went away meanwhile
-                if kind(path) == "archive":
-                    found += _archived(path, options, shelf, str(index))
-                else:
-                    found += _jobs_of(path, options, scratch / str(index))
-        except (InputError, UsageError) as error:
-            found.append(Failure(path, error))
+        found += _attempted(path, partial(_jobs_of, path, options, scratch / str(index), shelf))
     return with_names_apart(found)
 
 
-def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | Failure]:
+def _attempted(source: Path, read: Callable[[], Sequence[Job | Failure]]) -> Sequence[Job | Failure]:
+    """The jobs of a source, or what is wrong with it."""
+    try:
+        with disk.reading(source):  # a file or folder that went away meanwhile
+            return read()
+    except (InputError, UsageError) as error:
+        return [Failure(source, error)]
+
+
+def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> Sequence[Job | Failure]:
     what = kind(path)
-    if what in ("materialx", "gltf"):
-        if options != LoadOptions():
-            raise UsageError(f"{path} says itself how its textures are read: leave the options for reading a set out")
-        return _materialx(path) if what == "materialx" else _gltf(path, scratch)
+    if what == "archive":
+        return _archived(path, options, scratch, shelf)
+    if what == "materialx":
+        return _materialx(path, read_materialx(path), options)
+    if what == "gltf":
+        return _gltf(path, read_document(path), options, scratch)
     if path.is_dir():
         refuse_baked(path)  # tiles of a stack are tiles, too
     if what == "udim":
@@ -66,30 +74,82 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path) -> Sequence[Job | 
     return _folder(path, options) if what == "folder" else [Job(path, {0: Part(path, options)})]
 
 
-def _archived(path: Path, options: LoadOptions, shelf: Shelf, place: str) -> list[Job | Failure]:
-    """The jobs of an archive: of every folder inside that holds maps."""
-    archive = shelf.archive(path, place)
+def _archived(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
+    """The jobs of an archive: of every document inside, and of every folder that holds maps of no document."""
+    archive = shelf.archive(path, f"{scratch.name}/archive")
 
-    def inside() -> list[Job | Failure]:
-        return [job for folder in _folders_of_maps(archive.folder) for job in _jobs_of(folder, options, archive.folder)]
+    def told(made: Job | Failure) -> Job | Failure:
+        """With the archive in place of the folder that it is unpacked to."""
+        source = Path(archive.told(str(made.source))) if made.source.is_file() else path
+        if isinstance(made, Failure):
+            return Failure(source, type(made.error)(archive.told(str(made.error))))
+        notes, warnings = (tuple(map(archive.told, sentences)) for sentences in (made.notes, made.warnings))
+        parts = {tile: replace(part, archive=archive) for tile, part in made.parts.items()}
+        return replace(made, source=source, parts=parts, notes=notes, warnings=warnings)
 
-    made = []
-    for job in archive.using(inside):
-        if isinstance(job, Job):
-            parts = {tile: replace(part, archive=archive) for tile, part in job.parts.items()}
-            job = replace(job, source=path, parts=parts)  # noqa: PLW2901
-        made.append(job)
+    return archive.using(lambda: [told(made) for made in _unpacked(archive.folder, options, scratch, shelf)])
+
+
+def _unpacked(root: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
+    """The jobs of an unpacked archive. What a document says of its textures holds, so their folder is no source; but
+    names are enough where they tell a set beside a MaterialX document, as in downloads that hold both.
+    """
+    files = sorted(path for path in root.rglob("*") if path.is_file())
+    images: dict[Path, list[Path]] = {}
+    for file in _with_suffix(files, IMAGE_SUFFIXES):
+        folder = file.parent
+        images.setdefault(folder.parent if folder != root and is_textures(folder) else folder, []).append(file)
+    made: list[Job | Failure] = []
+    taken: set[Path] = set()
+    notes: dict[Path, str] = {}
+
+    def gltf(file: Path, place: Path) -> Sequence[Job | Failure]:
+        document = read_document(file)
+        taken.update(map(_normal, image_files(document, root)))
+        return _gltf(file, document, options, place)
+
+    def materialx(file: Path) -> Sequence[Job | Failure]:
+        found = read_materialx(file, root)
+        taken.update(_normal(each) for material in found.materials for each in material.files)
+        return _materialx(file, found, options)
+
+    def sets(folder: Path) -> Sequence[Job | Failure]:
+        return _attempted(folder, partial(_jobs_of, folder, options, scratch, shelf))
+
+    for index, file in enumerate(_with_suffix(files, GLTF)):
+        made += _attempted(file, partial(gltf, file, scratch / str(index)))
+    for file in _with_suffix(files, (MATERIALX,)):
+        beside = images.get(file.parent, [])
+        if beside and taken.isdisjoint(beside) and _are_told(sets(file.parent)):
+            notes[file.parent] = f"{file.name} is left out: the names of the maps beside it say what they are"
+        else:
+            taken.update(beside)
+            made += _attempted(file, partial(materialx, file))
+    images = {folder: inside for folder, inside in images.items() if taken.isdisjoint(inside)}
+    with_maps = [folder for folder, inside in images.items() if any(map(is_map, inside))]
+    for folder in with_maps or ([] if made else images):
+        first, *others = sets(folder)
+        if isinstance(first, Job) and folder in notes:
+            first = replace(first, notes=(*first.notes, notes[folder]))
+        made += [first, *others]
     return made
 
 
-def _folders_of_maps(root: Path) -> list[Path]:
-    """Folders in an unpacked archive that hold files with a role, else all that hold images."""
-    images: dict[Path, list[Path]] = {}
-    for file in sorted(p for p in root.rglob("*") if p.is_file()):
-        folder = file.parent
-        images.setdefault(folder.parent if folder != root and is_textures(folder) else folder, []).append(file)
-    with_maps = [folder for folder, files in images.items() if any(is_map(file) for file in files)]
-    return with_maps or list(images)
+def _are_told(found: Sequence[Job | Failure]) -> bool:
+    """Whether nothing is missing in what names tell of a folder."""
+    try:
+        return all(isinstance(job, Job) and job.found() for job in found)
+    except InputError:
+        return False
+
+
+def _with_suffix(files: Iterable[Path], suffixes: Collection[str]) -> list[Path]:
+    return [file for file in files if file.suffix.lower() in suffixes]
+
+
+def _normal(path: Path) -> Path:
+    """The path without steps up, so that it can be compared."""
+    return Path(os.path.normpath(path))
 
 
 def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
@@ -183,9 +243,16 @@ def _by_pattern(path: Path, options: LoadOptions) -> dict[int, list[Path]]:
     return {tile: list(every.get(tile, [file])) for tile, file in wanted.items()}
 
 
-def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
+def _check_no_options(path: Path, options: LoadOptions) -> None:
+    if options != LoadOptions():
+        raise UsageError(f"{path} says itself how its textures are read: leave the options for reading a set out")
+
+
+def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> list[Job | Failure]:
+    """The jobs of a glTF document; `scratch` takes its images, as long as jobs are read."""
+    _check_no_options(path, options)
     (scratch / "converted").mkdir(parents=True)
-    converted = without_specular_glossiness(read_document(path), scratch / "converted")
+    converted = without_specular_glossiness(read, scratch / "converted")
     document = converted.document
     (scratch / "images").mkdir()
     found = read_materials(document, scratch / "images")
@@ -200,8 +267,9 @@ def _gltf(path: Path, scratch: Path) -> list[Job | Failure]:
     return [*made, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
 
 
-def _materialx(path: Path) -> list[Job | Failure]:
-    found = read_materialx(path)
+def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[Job | Failure]:
+    """The jobs of a MaterialX document."""
+    _check_no_options(path, options)
     made: list[Job | Failure] = []
     for material in found.materials:
         if not material.udim:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from mipbake.errors import InputError, UsageError
-from mipbake.io.archives import Archive
+from mipbake.io.archives import SUFFIX, Archive
 from mipbake.io.candidates import name_of
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document
@@ -82,6 +82,10 @@ class Job:
     def archive(self) -> Archive | None:
         """The archive that it lies in."""
         return next(iter(self.parts.values())).archive
+
+    def using(self, read: Callable[[], _T]) -> _T:
+        """What is read of the files that its document refers to, which may lie in an archive."""
+        return read() if self.archive is None else self.archive.using(read)
 
     @property
     def names(self) -> dict[int, str]:
@@ -159,7 +163,9 @@ def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
         if len(units) < 2:
             continue
         told = listed(dict.fromkeys(str(job.source) for job in units.values()))
-        around = {unit: f"{job.source.resolve().parent.name}_{_top(job)}" for unit, job in units.items()}
+        around = {
+            unit: f"{job.source.resolve().parent.name.removesuffix(SUFFIX)}_{_top(job)}" for unit, job in units.items()
+        }
         apart = len({name.casefold() for name in around.values()}) == len(units)
         for unit, job in units.items():
             name = unique_name(around[unit], "texture_set", taken) if apart else _top(job)

@@ -27,8 +27,8 @@ def load(
     """Reads a texture set.
 
     Args:
-        source: a folder, a .zip archive, a .gltf, .glb or .mtlx document of one material, a glob or `@LIST` that stands
-            for one of them; or the files of one set, several paths.
+        source: a folder, a .gltf, .glb or .mtlx document of one material, a .zip archive that holds one of these, a
+            glob or `@LIST` that stands for one of them; or the files of one set, several paths.
         options: how to read it. Documents say that themselves.
         overrides: single fields of `LoadOptions`, on top of `options`: `load(folder, colour_space="ACEScg")`.
 

@@ -170,8 +170,8 @@ def test_a_member_that_is_larger_than_it_says_is_refused(tmp_path: Path, capsys)
     [
         (b"no archive", "is no ZIP archive"),
         (b"", "is no ZIP archive"),
-        ((("a.txt", b"x"),), "holds no image: expected the maps of texture sets"),
-        ((("a/scene.glb", b"x"),), "unpack it and give a/scene.glb"),
+        ((("a.txt", b"x"),), "holds neither an image nor a document: expected the maps of texture sets"),
+        ((("a/scene.glb", b"x"),), "a.zip/a/scene.glb is no glTF file"),
     ],
 )
 def test_archives_of_nothing(content, told: str, tmp_path: Path, capsys) -> None:

@@ -1,4 +1,6 @@
-"""ZIP archives as sites hand out texture sets: checked, and unpacked into a temporary folder while they are read."""
+"""ZIP archives as sites hand out texture sets and scenes: checked, and unpacked into a temporary folder while they are
+read.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from mipbake.errors import InputError, OutputError
+from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.safe_names import safe_name
 
@@ -21,7 +23,8 @@ SUFFIX = ".zip"
 
 _T = TypeVar("_T")
 
-_DOCUMENTS = (".gltf", ".glb", ".mtlx")
+GLTF, MATERIALX = (".gltf", ".glb"), ".mtlx"
+"""Suffixes of documents, which are read with what lies beside them."""
 
 MOST_FILES = 10_000
 MOST_BYTES = 64 << 30
@@ -88,12 +91,12 @@ class Archive:
     shelf: Shelf
 
     def using(self, read: Callable[[], _T]) -> _T:
-        """What is read while the archive is unpacked; an InputError names the archive in place of the folder."""
+        """What is read while the archive is unpacked; errors name the archive in place of the folder."""
         try:
             self.shelf.hold(self)
             return read()
-        except InputError as error:
-            raise InputError(self.told(str(error))) from error
+        except (InputError, UsageError) as error:
+            raise type(error)(self.told(str(error))) from error
 
     def told(self, text: str) -> str:
         """A text with the archive in place of the folder that it is unpacked to."""
@@ -119,11 +122,12 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
         raise InputError(f"{path} holds {len(every)} files: expected a texture set, {MOST_FILES} files at most")
     for member in every:
         _check_place(path, member)
-    found = [member for member in every if not member.is_dir() and _is_read(member)]
+    found = _read_of(every)
     if not found:
-        documents = [member.filename for member in every if member.filename.lower().endswith(_DOCUMENTS)]
-        hint = f", unpack it and give {documents[0]}" if documents else ""
-        raise InputError(f"{path} holds no image: expected the maps of texture sets{hint}")
+        raise InputError(
+            f"{path} holds neither an image nor a document: expected the maps of texture sets, or .gltf, .glb or .mtlx "
+            "files with their textures"
+        )
     if any(member.flag_bits & 1 for member in found):
         raise InputError(f"{path} is encrypted: unpack it and give the folder")
     unpacked = sum(member.file_size for member in found)
@@ -144,10 +148,16 @@ def _check_place(path: Path, member: zipfile.ZipInfo) -> None:
         raise InputError(f"{path} holds {name!r}, which is a link: unpack it yourself and give the folder")
 
 
-def _is_read(member: zipfile.ZipInfo) -> bool:
-    place = _place(member)
-    hidden = any(part.startswith(".") or part == "__MACOSX" for part in place.parts)
-    return not hidden and place.suffix.lower() in IMAGE_SUFFIXES
+def _read_of(every: Sequence[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
+    """Images and documents; beside glTF documents all files, because their buffers and images have any name."""
+    shown = [member for member in every if not member.is_dir() and not _is_hidden(member)]
+    if any(_place(member).suffix.lower() in GLTF for member in shown):
+        return shown
+    return [member for member in shown if _place(member).suffix.lower() in (*IMAGE_SUFFIXES, MATERIALX)]
+
+
+def _is_hidden(member: zipfile.ZipInfo) -> bool:
+    return any(part.startswith(".") or part == "__MACOSX" for part in _place(member).parts)
 
 
 def _place(member: zipfile.ZipInfo) -> PurePosixPath:

@@ -107,6 +107,11 @@ def resolved(path: Path) -> Path:
         raise refused(path, error) from error
 
 
+def lies_in(path: Path, folder: Path) -> bool:
+    """Whether a path lies in a folder by its words alone, links not followed."""
+    return Path(os.path.abspath(path)).is_relative_to(os.path.abspath(folder))  # noqa: PTH100  resolve follows links
+
+
 def check_file(path: Path, expected: str = "") -> None:
     """InputError unless a regular file lies there, which may be handed to a library that opens it itself."""
     with reading(path, expected):

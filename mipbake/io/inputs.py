@@ -11,7 +11,7 @@ from typing import Literal
 
 from mipbake.errors import InputError
 from mipbake.io import disk
-from mipbake.io.archives import SUFFIX
+from mipbake.io.archives import GLTF, MATERIALX, SUFFIX
 from mipbake.io.names import interpretations
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.tiles import is_pattern, tiles_of
@@ -24,8 +24,6 @@ STDIN = "-"
 """In place of a list's name: the list is read from the standard input."""
 
 EXPECTED = "a folder of maps, a .gltf, .glb, .mtlx or .zip file, or tiles (<UDIM>)"
-
-_GLTF, _MATERIALX = (".gltf", ".glb"), ".mtlx"
 
 
 def expand(sources: Sequence[str]) -> list[Path]:
@@ -65,9 +63,9 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         what = "is neither a file nor a folder" if disk.exists(path) else "does not exist"
         raise InputError(f"{path} {what}: expected {EXPECTED}")
     suffix = path.suffix.lower()
-    if suffix in _GLTF:
+    if suffix in GLTF:
         return "gltf"
-    if suffix == _MATERIALX:
+    if suffix == MATERIALX:
         return "materialx"
     if suffix == SUFFIX:
         return "archive"
@@ -134,7 +132,7 @@ def _could_be_input(path: Path) -> bool:
     """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
     try:
         if not disk.is_dir(path):
-            return path.suffix.lower() in (*_GLTF, _MATERIALX, SUFFIX, *IMAGE_SUFFIXES)
+            return path.suffix.lower() in (*GLTF, MATERIALX, SUFFIX, *IMAGE_SUFFIXES)
         files = disk.files_in(path)
         textures = any(p.name.lower() == "textures" for p in disk.folders_in(path))
     except InputError:  # its turn will say what is wrong

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 
 from mipbake.errors import InputError
 from mipbake.io.gltf import uris
@@ -87,6 +88,17 @@ def image_bytes(document: Document, index: object, where: str = "a texture") -> 
     """
     data, kind = stored_image(document, index, where)
     return data, kind.suffix
+
+
+def image_files(document: Document, within: Path) -> list[Path]:
+    """The files that images of a document lie in, without those that are missing.
+
+    Raises:
+        InputError: one of them would lie outside the folder `within`.
+    """
+    images = enumerate(document.all("images"))
+    found = [uris.file_of(image.get("uri"), document.path, within, image_label(i, image)) for i, image in images]
+    return [path for path in found if path is not None]
 
 
 def image_label(index: object, image: Json) -> str:

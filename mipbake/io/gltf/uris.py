@@ -50,6 +50,19 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
     return disk.read_bytes(named)
 
 
+def file_of(uri: object, document: Path, within: Path, what: str) -> Path | None:
+    """The file that a URI leads to; None where it leads to none.
+
+    Raises:
+        InputError: it leads out of the folder `within`; nothing there is looked at.
+    """
+    if not isinstance(uri, str) or _is_data(uri) or is_remote(uri):
+        return None
+    if not all(disk.lies_in(document.parent / text.replace("\\", "/"), within) for text in _spellings(uri)):
+        raise InputError(f"{what} of {document} lies at {_short(uri)}, which is outside {within}: do not trust it")
+    return _existing(uri, document)
+
+
 def _is_data(uri: str) -> bool:
     return uri[:5].lower() == "data:"
 

@@ -71,6 +71,7 @@ class Document:
         parents: of every element.
         folders: folders that names in an element are relative to, of the top elements that came from included files.
         notes: what was found, in sentences.
+        within: folder that everything which it names has to lie in; None for any.
     """
 
     path: Path
@@ -78,6 +79,7 @@ class Document:
     parents: dict[Element, Element] = field(default_factory=dict)
     folders: dict[Element, Path] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    within: Path | None = None
 
     @property
     def scope(self) -> Scope:
@@ -97,12 +99,19 @@ class Document:
 
     def file_of(self, value: Value) -> Path:
         """The path that a filename input means, with the nearest prefix around it; relative to the document that holds
-        it, else to the main one."""
+        it, else to the main one. InputError where it lies elsewhere than it may."""
         prefix = self.attribute("fileprefix", value.element)
         name = ((prefix[0] if prefix else "") + value.text.strip()).replace("\\", "/")
         folders = [folder for e in self.lineage(value.element) if (folder := self.folders.get(e)) is not None]
         candidates = [folder / name for folder in (*folders, self.path.parent)]
-        return next((path for path in candidates if disk.exists(path)), candidates[0])
+        allowed = [path for path in candidates if self.within is None or disk.lies_in(path, self.within)]
+        if not allowed:
+            raise self.outside(name)
+        return next((path for path in allowed if disk.exists(path)), allowed[0])
+
+    def outside(self, name: str) -> InputError:
+        """What is said of a file outside the folder that all has to lie in."""
+        return InputError(f"{self.path} names {name!r}, which is outside {self.within}: do not trust it")
 
     def given(self, node: Element, name: str, scope: Scope) -> Given:
         """What an input of a node is given; None where it is left at its default."""
@@ -177,14 +186,18 @@ class Document:
         return self._resolved(entry, outside, depth + 1)
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: Path, within: Path | None = None) -> Document:
     """A MaterialX document with the documents that it includes, one level deep, each once.
+
+    Args:
+        path: of the document.
+        within: folder that everything which it names has to lie in; None for any.
 
     Raises:
         InputError: it cannot be read, is too large or no MaterialX of 1.38 or 1.39, or an include is missing.
     """
     root = _parsed(path)
-    document = Document(path, root)
+    document = Document(path, root, within=within)
     read = {disk.resolved(path)}
     for include in [e for e in root if e.tag == _INCLUDE]:
         at = list(root).index(include)
@@ -202,6 +215,8 @@ def _included(document: Document, href: str, read: set[Path]) -> list[Element]:
     path = document.path.parent / name
     if not name or "://" in name or Path(name).is_absolute():
         raise InputError(f"{document.path} includes {href!r}: expected the relative path of a .mtlx file")
+    if document.within is not None and not disk.lies_in(path, document.within):
+        raise document.outside(href)
     if not disk.is_file(path):
         raise InputError(f"{document.path} includes {href}, which is not there: expected {path}")
     if disk.resolved(path) in read:

@@ -74,14 +74,18 @@ class MtlxMaterials:
     errors: tuple[str, ...] = ()
 
 
-def read_materialx(path: str | os.PathLike[str]) -> MtlxMaterials:
+def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> MtlxMaterials:
     """The materials of a document.
+
+    Args:
+        path: of the document.
+        within: folder that everything which it names has to lie in; None for any.
 
     Raises:
         InputError: the document cannot be read, or none of its materials: it names textures that are not there, its
             shaders are of other kinds, or neither normal nor roughness comes from a file.
     """
-    document = read_document(Path(path))
+    document = read_document(Path(path), within)
     surfaces = _surfaces(document)
     if not surfaces:
         raise InputError(f"{document.path} holds no material: expected a surfacematerial with a surface shader")

@@ -1,0 +1,183 @@
+"""Documents in .zip archives are sources as they are in folders: with what lies beside them, and nothing else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.cli.main import main
+from mipbake.errors import InputError
+from mipbake.io import archives
+
+from .command_line import fails, tree, write_set
+from .gltf_files import many_materials, png
+from .gltf_results import two_textures
+from .input_files import plain_set
+from .mtlx_documents import document, image, surface, write_textures
+from .test_sources import QUICK, ambientcg, run, written, zipped
+
+LINEAR = ("--method", "linear", "--max-level", "0")
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """A folder with a .gltf, its buffer and its images."""
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    many_materials().write(folder / "many", "external")
+    return folder
+
+
+def wood(folder: Path, **inputs: str) -> Path:
+    """A .mtlx document with its textures; the names of some say nothing of their role."""
+    folder.mkdir(parents=True)
+    write_textures(folder)
+    (folder / "color.png").rename(folder / "a.png")
+    return document(folder, surface(image("base", "color3", "a.png"), base_color="base"))
+
+
+@pytest.mark.parametrize("inside", ["", "some/where/"])
+def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(
+    inside: str, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive = zipped(tmp_path / "in" / "scene.zip", scene, inside)
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
+    results = run(capsys, "bake", archive, "-o", tmp_path / "out", *LINEAR)["results"]
+    run(capsys, "bake", scene / "many.gltf", "-o", tmp_path / "wanted", *LINEAR)
+    assert tree(tmp_path / "out") == tree(tmp_path / "wanted") == ["many.glb"]
+    assert (tmp_path / "out" / "many.glb").read_bytes() == (tmp_path / "wanted" / "many.glb").read_bytes()
+    assert {result["source"] for result in results} == {f"{archive}/{inside}many.gltf"}
+    assert tree(tmp_path / "in") == ["scene.zip"] and tree(tmp_path / "scratch") == []
+
+
+def test_what_was_baked_from_a_document_in_an_archive_is_validated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a").mkdir()
+    two_textures(png("normal a"), png("mr")).write(tmp_path / "a" / "bolt", "external")
+    archive = zipped(tmp_path / "bolt.zip", tmp_path / "a")
+    run(capsys, "bake", archive, "-o", tmp_path / "out", *LINEAR)
+    (measured,) = run(capsys, "validate", archive, tmp_path / "out" / "bolt.glb", *QUICK)["results"]
+    assert measured["name"] == "M" and not any("hashes differ" in note for note in measured["notes"])
+
+
+def test_python_reads_documents_in_archives(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    for kind in ("glb", "external", "embedded"):
+        source = two_textures(png("normal a"), png("mr")).write(tmp_path / "a" / "bolt", kind)
+        found = mipbake.load(zipped(tmp_path / f"{kind}.zip", tmp_path / "a"))
+        assert found.source_hash == mipbake.load(source).source_hash
+        source.unlink()
+    path = wood(tmp_path / "wood")
+    found, wanted = mipbake.load(zipped(tmp_path / "wood.zip", tmp_path / "wood", "in/")), mipbake.load(path)
+    assert (found.name, found.source_hash) == (wanted.name, wanted.source_hash) == ("Wood", wanted.source_hash)
+    np.testing.assert_array_equal(found.maps["base_color"].pixels, wanted.maps["base_color"].pixels)
+
+
+def test_every_source_of_an_archive_is_read_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Maps that a document names are of no set of their own, whatever their names and their folder."""
+    inside = tmp_path / "in"
+    for name in ("a", "b"):
+        (inside / name / "textures").mkdir(parents=True)
+        made = two_textures(png("normal a"), png("mr"))
+        gltf = made.write(inside / name / "scene", "external")
+        content = json.loads(gltf.read_text())
+        for each, file in zip(content["images"], ("wood_normal_gl.png", "wood_roughness.png"), strict=True):
+            (gltf.parent / each["uri"].replace("%20", " ")).rename(gltf.parent / "textures" / file)
+            each["uri"] = f"../{name}/textures/{file}"
+        gltf.write_text(json.dumps(content))
+    write_set(inside / "brick")
+    wood(inside / "wood")
+    archive = zipped(tmp_path / "all.zip", inside)
+    results = run(capsys, "inspect", archive)["results"]
+    assert [each["name"] for each in results] == ["M", "M", "Wood", "brick"]
+    assert [Path(each["source"]).relative_to(tmp_path).as_posix() for each in results] == [
+        "all.zip/a/scene.gltf",
+        "all.zip/b/scene.gltf",
+        "all.zip/wood/wood.mtlx",
+        "all.zip",
+    ]
+    assert main(["bake", str(archive), "-o", str(tmp_path / "out"), *LINEAR, "-q"]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["Wood", "a_scene.glb", "b_scene.glb", "brick"]
+
+
+def test_names_are_enough_beside_a_material_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Downloads hold documents that say what the names of the maps say: they are read by name, with every option."""
+    folder = ambientcg(tmp_path / "Metal007_1K-JPG")
+    body = surface().replace("rough.png", "Metal007_1K-JPG_Roughness.png")
+    document(folder, body, name="Metal007_1K-JPG.mtlx")
+    archive = zipped(tmp_path / "in" / "Metal007_1K-JPG.zip", folder)
+    assert main(["inspect", str(archive), "--no-gloss"]) == 0
+    assert "note: Metal007_1K-JPG.mtlx is left out" in capsys.readouterr().out
+    assert mipbake.load(archive).source_hash == mipbake.load(folder).source_hash
+
+
+@pytest.mark.parametrize("uri", ["../../secret.png", "../secret.png", "..%2Fsecret.png", "%2E%2E/secret.png"])
+def test_documents_that_look_out_of_their_archive_are_refused(
+    uri: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gltf = two_textures(png("normal a"), png("mr")).write(tmp_path / "scene", "external")
+    content = json.loads(gltf.read_text())
+    content["images"][0]["uri"] = uri
+    files = [(each.name, each.read_bytes()) for each in tmp_path.iterdir() if each != gltf]
+    archive = written(tmp_path / "a.zip", ("scene.gltf", json.dumps(content).encode()), *files)
+    said = fails(capsys, 3, "bake", archive, "-o", tmp_path / "out", *LINEAR)
+    assert "do not trust it" in said and f"{archive}/scene.gltf" in said and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["../../a.png", "/etc/hostname", "..\\a.png"])
+@pytest.mark.parametrize("include", [False, True])
+def test_material_documents_that_look_out_of_their_archive_are_refused(
+    name: str, include: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = wood(tmp_path / "wood")
+    text = path.read_text()
+    asked = f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{name}"/>'
+    path.write_text(text.replace("<image", f"{asked}<image", 1) if include else text.replace("a.png", name))
+    said = fails(capsys, 3, "inspect", zipped(tmp_path / "wood.zip", tmp_path / "wood"))
+    assert "do not trust it" in said or "expected the relative path" in said
+    assert f"{tmp_path}/wood.zip/wood.mtlx" in said
+
+
+def test_what_lies_beside_a_document_counts_as_unpacked(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archives, "SURELY_FINE", 1 << 20)
+    (scene / "the buffer.bin").write_bytes(bytes(1 << 28))
+    archive = zipped(tmp_path / "scene.zip", scene)
+    assert "so it is not unpacked" in fails(capsys, 3, "inspect", archive)
+
+
+def test_a_broken_document_leaves_the_other_sources(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain_set(tmp_path / "in" / "oak")
+    (tmp_path / "in" / "scene.glb").write_bytes(b"glTF")
+    archive = zipped(tmp_path / "a.zip", tmp_path / "in")
+    assert main(["inspect", str(archive), "--json"]) == 3
+    out, err = capsys.readouterr()
+    assert [each["ok"] for each in json.loads(out)["results"]] == [False, True]
+    assert err.startswith(f"mipbake: {archive}/scene.glb") and err.count("\n") == 1
+
+
+def test_documents_find_their_files_again_once_other_archives_took_the_room(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archives, "KEPT", 1)
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        two_textures(png("normal a"), png("mr")).write(tmp_path / name / name, "external")
+        zipped(tmp_path / f"{name}.zip", tmp_path / name)
+    run(capsys, "bake", tmp_path / "a.zip", tmp_path / "b.zip", "-o", tmp_path / "out", *LINEAR)
+    assert tree(tmp_path / "out") == ["a.glb", "b.glb"]
+
+
+def test_options_are_for_sets_alone(scene: Path, tmp_path: Path) -> None:
+    archive = zipped(tmp_path / "scene.zip", scene)
+    with pytest.raises(mipbake.UsageError, match=r"scene\.zip/many\.gltf says itself how its textures are read"):
+        mipbake.load(archive, normal_convention="directx")
+    with pytest.raises(InputError, match=r"load_all"):
+        mipbake.load(archive)
