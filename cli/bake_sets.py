@@ -24,10 +24,11 @@ from mipbake.io.gltf.write import check_images
 from mipbake.io.map_files import MapFile
 from mipbake.io.publish import published
 from mipbake.jobs import Failure, Job
+from mipbake.manifest import check_output, is_stack_folder
 from mipbake.opacity import shown
 from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset
-from mipbake.stack import MipStack, Provenance, check_output, is_stack_folder
+from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
 DEFECT = 1

@@ -12,7 +12,7 @@ import mipbake
 from mipbake.cli.session import Session
 from mipbake.io.file_info import FileInfo, ImageInfo, file_info, stack_info
 from mipbake.io.layout import MANIFEST, manifests
-from mipbake.stack import manifest_path, read_manifest
+from mipbake.manifest import manifest_path, read_manifest
 
 
 def info(

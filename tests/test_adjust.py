@@ -12,9 +12,10 @@ import mipbake
 from mipbake.adjust import Adjustments, adjusted
 from mipbake.errors import UsageError
 from mipbake.io.read import read_image
+from mipbake.manifest import read_output
 from mipbake.output import Output
 from mipbake.packing import Normals
-from mipbake.stack import MipStack, read_output
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 from .input_files import bytes_of, height_field, write_image

@@ -16,10 +16,11 @@ import mipbake
 from mipbake.cli.session import Stages
 from mipbake.compare.compression import COVERAGE_LIMIT, LIMIT, Cost, Coverage, chosen, cost
 from mipbake.io.containers import FORMATS, format_named
+from mipbake.manifest import read_output
 from mipbake.metrics import PAIR_SETS
 from mipbake.output import GLB_TEXELS, Output
 from mipbake.presets import PRESETS
-from mipbake.stack import MipStack, read_output
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 from .command_line import bumps, write_set

@@ -13,9 +13,10 @@ import pytest
 from mipbake.errors import InputError
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.io.file_info import file_info
+from mipbake.manifest import read_output
 from mipbake.output import Output
 from mipbake.packing import SEPARATE
-from mipbake.stack import MipStack, open_stack, read_output
+from mipbake.stack import MipStack, open_stack
 
 from .gpu_textures import halved, line_psnr, openimageio_levels, psnr, read_ktx2
 from .stacks import made_stack

@@ -16,9 +16,10 @@ from mipbake import material
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.io import publish
 from mipbake.io.containers import FORMATS, format_named
-from mipbake.io.layout import LAYOUTS, extra_layout, from_file, to_file
+from mipbake.io.layout import LAYOUTS, MANIFEST, extra_layout, from_file, to_file
+from mipbake.manifest import check_output
 from mipbake.prefilter.pixel_filter import level_sizes
-from mipbake.stack import MANIFEST, MipStack, Provenance, check_output, open_stack
+from mipbake.stack import MipStack, Provenance, open_stack
 
 SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]

@@ -14,8 +14,9 @@ from mipbake.cli import bake_sets
 from mipbake.cli.main import main
 from mipbake.compare.compression import cost
 from mipbake.compare.written import WORST_DIP, measure_written
+from mipbake.manifest import read_output
 from mipbake.output import Output
-from mipbake.stack import MipStack, read_output
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 from .command_line import write_png, write_set

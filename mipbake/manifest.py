@@ -1,0 +1,147 @@
+"""The file that declares a stack, `stack.json`, and the folder that it makes one of: written, found and read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mipbake.errors import InputError
+from mipbake.io import disk
+from mipbake.io.containers import FORMATS
+from mipbake.io.json_text import parsed
+from mipbake.io.layout import MANIFEST, PARAMETRISATIONS, SCHEMA, manifests
+from mipbake.io.map_files import (
+    CONVENTIONS,
+    MapFile,
+    check_same_sources,
+    described,
+    is_result_folder,
+    normal_convention,
+    read_files,
+)
+from mipbake.io.publish import check_target
+from mipbake.output import Output
+
+if TYPE_CHECKING:
+    from mipbake.stack import MipStack
+
+SCHEMA_VERSION = 2
+
+
+def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
+    """Raises OutputError when a stack cannot be saved to the folder `path`; leaves nothing there.
+
+    Args:
+        path: the folder that `MipStack.save` would be given.
+        sources: source file name to SHA-256, empty where the file has not been read yet: a stack that shares no source
+            file with them is in the way. None leaves that to `MipStack.save`.
+    """
+    target = Path(path)
+    check_target(target, is_stack_folder)
+    if sources is None or not is_stack_folder(target):
+        return
+    check_same_sources(manifests(target), "stack", sources)
+
+
+def is_stack_folder(path: Path) -> bool:
+    """Whether a folder holds a stack, or those of tiles, and nothing else."""
+    return is_result_folder(path, manifests(path), SCHEMA)
+
+
+def manifest_path(path: str | Path) -> Path:
+    """The file that declares a stack: `path` itself, or the only one of that folder. InputError where there is none."""
+    folder = Path(path)
+    if disk.is_file(folder):
+        return folder
+    if not disk.is_dir(folder):
+        raise InputError(f"no such folder: {folder}, expected a folder that holds {MANIFEST}")
+    found = manifests(folder)
+    if not found:
+        nested = sorted(p.parent for p in folder.glob(f"*/{MANIFEST}"))
+        hint = f"; did you mean {nested[0]}?" if nested else ", expected what `mipbake bake` wrote"
+        raise InputError(f"{folder} holds no {MANIFEST}{hint}")
+    if len(found) > 1:
+        raise InputError(f"{folder} holds the stacks of {len(found)} tiles: name one of them, such as {found[0]}")
+    return found[0]
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """What a stack's file declares, from `manifest_path`; InputError where it is broken or of another version."""
+    try:
+        manifest = parsed(disk.read_bytes(path, "what `mipbake bake` wrote"))
+    except ValueError as error:
+        raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise InputError(f"{path} is not the description of a stack: its schema is not {SCHEMA}")
+    if manifest.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(
+            f"{path} has schema version {manifest.get('schema_version')}, expected {SCHEMA_VERSION}: "
+            "open it with the version of mipbake that wrote it, or bake it again"
+        )
+    return manifest
+
+
+def read_output(path: str | Path, index: int) -> list[MapFile]:
+    """The files of one output of a saved stack, in the order in which they were asked for, as they are in the folder.
+
+    Raises:
+        InputError: as `open_stack`. IndexError: the stack has fewer outputs.
+    """
+    file = manifest_path(path)
+    output = read_manifest(file)["outputs"][index]
+    return read_back(file.parent, output)
+
+
+def read_back(folder: Path, output: Mapping[str, Any]) -> list[MapFile]:
+    """The files of an output of a manifest."""
+    return read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])
+
+
+def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The output of a manifest that is the closest to what was baked: floating-point numbers before integers before
+    compressed texels. KeyError or TypeError where there is none.
+    """
+    ranks = ("float", "half", "rgba16f", "16", "8", "rgba8")
+
+    def rank(output: Mapping[str, Any]) -> int:
+        texels = [entry["texels"] for entry in output["maps"].values()]
+        return max((ranks.index(t) if t in ranks else len(ranks)) for t in texels)
+
+    outputs: list[Mapping[str, Any]] = [output for output in manifest["outputs"] if output["maps"]]
+    if not outputs:
+        raise ValueError("it holds no files of maps, only a whole document: bake it in another format, too")
+    return min(outputs, key=rank)
+
+
+def manifest_of(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
+    """Everything a reader must know to sample the maps."""
+    height, width = stack.size
+    return {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "name": stack.name,
+        **({"tile": stack.tile} if stack.tile else {}),
+        "model": stack.model,
+        "parametrisation": PARAMETRISATIONS[stack.model],
+        "width": width,
+        "height": height,
+        "wrap": {"u": stack.wrap[0], "v": stack.wrap[1]},
+        "conventions": {
+            **CONVENTIONS,
+            "levels": "level L measures max(1, width >> L) x max(1, height >> L)",
+            "sampling": "filter trilinearly in the stored channels (colours decoded to linear first), renormalise "
+            "vectors, shade once per pixel; do not filter or sharpen the levels again, and use no MIP bias",
+        },
+        "provenance": {**asdict(stack.provenance), "sources": dict(stack.provenance.sources)},
+        "outputs": [
+            {
+                "format": output.container.name,
+                "packing": output.packing,
+                "normal_convention": normal_convention(files),
+                "maps": described(files),
+            }
+            for output, files in plans
+        ],
+    }
