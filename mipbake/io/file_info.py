@@ -106,7 +106,7 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
     """What a stack's description says; nothing is read beside it.
 
     Args:
-        file: that declares the stack. manifest: what it says, from `mipbake.stack.read_manifest`.
+        file: that declares the stack. manifest: what it says, from `mipbake.manifest.read_manifest`.
 
     Raises:
         InputError: it does not describe a stack, or lists files elsewhere.
