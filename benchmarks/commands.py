@@ -27,7 +27,7 @@ from xml.sax.saxutils import quoteattr
 from timing import cpu_name
 
 import mipbake
-from mipbake.compare.compression import LIMIT
+from mipbake.compare.costs import LIMIT
 from mipbake.convert import TARGETS as MODELS
 from mipbake.packing import PACKINGS
 from mipbake.presets import PRESETS

@@ -17,7 +17,7 @@ from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
-from mipbake.compare.compression import LIMIT
+from mipbake.compare.costs import LIMIT
 from mipbake.glb import output
 from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS

@@ -16,7 +16,8 @@ from mipbake.bake import resolve_target
 from mipbake.cli.folders import file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.compare.compression import Cost, chosen, chosen_all, cost, part_of
+from mipbake.compare.compression import chosen, chosen_all, cost, part_of
+from mipbake.compare.costs import Cost
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
 from mipbake.io.gltf.slots import BASE

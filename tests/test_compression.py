@@ -14,7 +14,8 @@ import pytest
 
 import mipbake
 from mipbake.cli.session import Stages
-from mipbake.compare.compression import COVERAGE_LIMIT, LIMIT, Cost, Coverage, chosen, cost
+from mipbake.compare.compression import chosen, cost
+from mipbake.compare.costs import COVERAGE_LIMIT, LIMIT, Cost, Coverage
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.manifest import read_output
 from mipbake.metrics import PAIR_SETS

@@ -11,7 +11,8 @@ import pytest
 
 import mipbake
 from mipbake.compare.candidates import Candidate
-from mipbake.compare.compression import LIMIT, chosen, cost
+from mipbake.compare.compression import chosen, cost
+from mipbake.compare.costs import LIMIT
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import encoded, output, square
 from mipbake.io import ktx2 as ktx2_file

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +81,21 @@ def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) 
         assert f"[{name}]" in text
         for field in section:
             assert f"\n{field} = " in text
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in sorted(CONFIGS.glob("*.toml")) if "in brackets where it differs" in p.read_text()], ids=str
+)
+def test_brackets_hold_the_defaults(path: Path) -> None:
+    chosen, defaults, section = plain(read_config(path)), plain(TrainingConfig()), ""
+    for line in path.read_text().splitlines():
+        section = line[1:-1] if line.startswith("[") else section
+        if (found := re.fullmatch(r"(\w+) = (?:(?!  ).)+ +# .*?(?: \[(.*)\])?", line)) is not None:
+            default = defaults[section][found[1]]
+            differs = chosen[section][found[1]] != default
+            said = json.dumps(default) if isinstance(default, str | tuple) else str(default)
+            assert (found[2] is not None) == differs, line
+            assert not differs or found[2] in (said, said.strip("[]")) or float(found[2]) == default, line
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("paper-*.toml")), ids=lambda p: p.stem)
