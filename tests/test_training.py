@@ -93,7 +93,7 @@ def test_brackets_hold_the_defaults(path: Path) -> None:
         if (found := re.fullmatch(r"(\w+) = (?:(?!  ).)+ +# .*?(?: \[(.*)\])?", line)) is not None:
             default = defaults[section][found[1]]
             differs = chosen[section][found[1]] != default
-            said = json.dumps(default) if isinstance(default, str | tuple) else str(default)
+            said = json.dumps(default)
             assert (found[2] is not None) == differs, line
             assert not differs or found[2] in (said, said.strip("[]")) or float(found[2]) == default, line
 
