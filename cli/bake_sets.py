@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -16,17 +16,16 @@ from mipbake.bake import resolve_target
 from mipbake.cli.folders import file_hashes
 from mipbake.cli.session import Session, Stages, stages
 from mipbake.cli.tables import map_table, remarks, set_report, sources_of
-from mipbake.compare.compression import chosen, chosen_all, cost, part_of
+from mipbake.compare.checking import Check
+from mipbake.compare.compression import chosen, chosen_all, part_of
 from mipbake.compare.costs import Cost
 from mipbake.compare.ranges import chosen_ranges
-from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document, square
+from mipbake.glb import Encoded, check_file, encoded, multiple_of_side, output, save_document
 from mipbake.io.gltf.slots import BASE
 from mipbake.io.gltf.write import check_images
-from mipbake.io.map_files import MapFile
 from mipbake.io.publish import published
 from mipbake.jobs import Failure, Job
 from mipbake.manifest import check_output, is_stack_folder
-from mipbake.opacity import shown
 from mipbake.output import GLB, Output, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance
@@ -215,39 +214,18 @@ def _write_one(
 ) -> dict[str, Any]:
     """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
     place = folder / texture_set.name
-    seen = shown(texture_set)
+    check = Check(texture_set, stack, partial(baking, "check"))
     asked_for = asked.outputs if writes_maps(job, asked) else ()
-    outputs = chosen_all(seen, stack, asked_for, partial(baking, "texels"))
-    beside, costs = {}, []
-    left_out: tuple[str, ...] = ()
-    if wants_glb(job, asked):
-        inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
-        encoding = partial(baking, "encode")
-        slots = job.bake.slots if job.bake else None
-        lobe = job.bake.lobe if job.bake else BASE
-        ranges = chosen_ranges(seen, inside, part_of(encoding, 0, 4), *asked.finer[-1:])
-        texels = chosen(seen, inside, output(asked.finer), part_of(encoding, 1, 4), ranges).texels
-        textures = encoded(inside, slots, asked.levels, part_of(encoding, 2, 4), lobe, ranges, texels)
-        left_out = () if outputs else textures.left_out
-        lost = part_of(encoding, 3, 4)
-        spoken = f"{GLB}:{asked.finer[0]}" if asked.finer else GLB
-        costs.append(cost(seen, inside, output(), textures.files, asked.levels, spoken, lost, textures.ranges))
-        if job.document is None:
-            beside = {f"{stack.name}.{GLB}": square(stack, textures, texture_set.alpha_cutoff)}
-        else:
-            made.setdefault(job.source, []).append((job, stack, textures))
+    outputs = chosen_all(check.seen, stack, asked_for, partial(baking, "texels"))
+    textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if wants_glb(job, asked) else None
+    if textures is not None and job.document is not None:
+        textures = replace(textures, measured=check.glb(textures))
+        made.setdefault(job.source, []).append((job, stack, textures))
+    beside = textures if job.document is None else None
     files: list[Path] = []
-
-    def checked(index: int, read: Sequence[MapFile]) -> dict[str, Any]:
-        """What an output costs, and what stack.json says of it."""
-        if index == 0:
-            baking("write", 1.0)
-        here = part_of(partial(baking, "check"), index, len(outputs))
-        costs.append(found := cost(seen, stack, outputs[index], read, asked.levels, progress=here))
-        return found.written.to_dict() if found.written else {}
-
     if outputs or beside:
-        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside, measured=checked)
+        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside, measured=check)
+    costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     size = sum(file.stat().st_size for file in files)
     provenance = stack.provenance
     learned = f" with {provenance.weights}" if provenance.weights else ""
@@ -264,7 +242,7 @@ def _write_one(
         f"time: {baking.summary()}",
         *([f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB"] if files and not job.tiled else []),
     )
-    defects = [cost.defect for cost in costs if cost.defect]
+    defects = check.defects
     for line in defects:
         session.fail(f"{place}: {line}", DEFECT)
     return {
@@ -281,6 +259,15 @@ def _write_one(
         "seconds": dict(baking.seconds),
         "set": set_report(texture_set, job),
     }
+
+
+def _textures(job: Job, seen: TextureSet, stack: MipStack, asked: Asked, progress: Callable[[float], None]) -> Encoded:
+    """The textures of a GLB, with the ranges and the texels that cost the least."""
+    inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
+    slots, lobe = (job.bake.slots, job.bake.lobe) if job.bake else (None, BASE)
+    ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), *asked.finer[-1:])
+    texels = chosen(seen, inside, output(asked.finer), part_of(progress, 1, 3), ranges).texels
+    return encoded(inside, slots, asked.levels, part_of(progress, 2, 3), lobe, ranges, texels)
 
 
 def _write_document(
@@ -305,7 +292,9 @@ def _write_document(
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     session.print(f"wrote {path}: {before / 1e6:.2f} MB in, {size / 1e6:.2f} MB out")
     files = [{"path": path, "bytes": size}]
-    return {"source": source, "ok": True, "exit_code": 0, "out": path, "document": True, "files": files}
+    measured = {bake.name: textures.measured for bake, _, textures in results}
+    about = {"document": True, "files": files, "measured": measured}
+    return {"source": source, "ok": True, "exit_code": 0, "out": path, **about}
 
 
 def _chose(preset: Preset | None, cost: Cost) -> Preset | None:

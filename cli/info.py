@@ -99,7 +99,18 @@ def _texels(image: FileInfo | ImageInfo, channels: str = "") -> str:
 
 def _told(about: Mapping[str, Any]) -> str:
     said = {key: ", ".join(map(str, value)) if isinstance(value, list) else value for key, value in about.items()}
-    return ", ".join(f"{key} {value}" for key, value in said.items() if value)
+    measured = said.pop("measured", None)
+    lines = [f"{key} {value}" for key, value in said.items() if value]
+    return ", ".join(lines + ([_measured(measured)] if measured else []))
+
+
+def _measured(figures: Any) -> str:
+    """SNR of level 0 of what was measured; --json has all levels."""
+    try:
+        told = [f"{name} {row[0]} dB" for name, row in figures["snr"].items()]
+    except (AttributeError, IndexError, KeyError, TypeError):
+        return "measured figures that are damaged"
+    return f"SNR at lod 0 {', '.join(told)}"
 
 
 def _counted(count: int, what: str) -> str:

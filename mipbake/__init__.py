@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 # These modules import NumPy and nothing heavier: readers, colour science and torch are imported where they are used.
 from mipbake.bake import bake
+from mipbake.compare.checking import Check
 from mipbake.convert import Material, convert, open_material
 from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.loading import load, load_all
@@ -20,6 +21,7 @@ from mipbake.texture_set import TextureSet
 from mipbake.validate import Validation, validate
 
 __all__ = [
+    "Check",
     "InputError",
     "Material",
     "MipStack",

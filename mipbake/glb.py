@@ -59,12 +59,14 @@ class Encoded:
         files: the same decoded, as they will be sampled, before factors of the material multiply them.
         left_out: which maps of the stack are in none of them, in sentences.
         ranges: those factors.
+        measured: what the files give back, as `mipbake.Check.glb` tells it; None where that was not measured.
     """
 
     maps: Mapping[str, bytes]
     files: tuple[MapFile, ...]
     left_out: tuple[str, ...]
     ranges: Ranges = field(default_factory=Ranges)
+    measured: Mapping[str, Any] | None = None
 
 
 def encoded(
@@ -147,7 +149,13 @@ def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
         alpha_cutoff=0.5 if cutoff is None else cutoff,
         ranges=made.ranges,
     )
-    return standalone(stack.name, made.maps, options, json.loads(stack.about()))
+    return standalone(stack.name, made.maps, options, _about(stack, made))
+
+
+def _about(stack: MipStack, made: Encoded) -> dict[str, Any]:
+    """How textures were made, and what they give back, for `asset.extras.mipbake`."""
+    told: dict[str, Any] = json.loads(stack.about())
+    return told if made.measured is None else {**told, "measured": made.measured}
 
 
 def save_document(
@@ -168,7 +176,7 @@ def save_document(
     check_file(path, document.path)
     about = {
         "version": __version__,
-        "materials": {bake.name: json.loads(stack.about()) for bake, stack, _ in results},
+        "materials": {bake.name: _about(stack, made) for bake, stack, made in results},
     }
     baked = [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results]
     data = rewritten(document, baked, about, averaged_files(document, plain, levels))

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,19 @@ from mipbake.packing import PackedFile, unpacked
 from mipbake.prefilter.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
 from mipbake.presets import preset_named, wanted_outputs
+
+if TYPE_CHECKING:
+    from mipbake.glb import Encoded
+
+
+class Measures(Protocol):
+    """What measures files as they are written: `mipbake.Check`, which stands on this module."""
+
+    def files(self, output: Output, written: Sequence[MapFile]) -> Mapping[str, Any]:
+        """`measured` of an output, plain types for JSON, from its files as they were read back."""
+
+    def glb(self, textures: Encoded) -> Mapping[str, Any]:
+        """The same for the textures of a GLB, decoded."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +147,9 @@ class MipStack:
         format: str | Sequence[Output] | None = None,
         progress: Callable[[float], None] = lambda _share: None,
         levels: int | None = None,
-        beside: Mapping[str, bytes] | None = None,
+        glb: Encoded | None = None,
         preset: str | None = None,
-        measured: Callable[[int, Sequence[MapFile]], Mapping[str, Any]] | None = None,
+        measured: Measures | None = None,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -151,13 +164,14 @@ class MipStack:
                 of the preset, else "exr".
             progress: told the finished share, from 0 to 1.
             levels: how many are written; None for all.
-            beside: name to content of other files of the stack, such as a GLB.
+            glb: textures of the GLB that is written, from `mipbake.glb.encoded`; None for those that suit most stacks,
+                where `format` asks for a GLB.
             preset: a name in `mipbake.presets.PRESETS`: an engine, whose formats, packing, normals and names are
                 written. The first texels that it names are taken: to choose more precise ones takes the source, see
                 `mipbake.compare.compression.chosen_all`. Warns where the engine needs other sides than the stack's.
-            measured: told the index of an output and its files as they were read back, before the folder appears; what
-                it gives, plain types for JSON, becomes `measured` of the output in stack.json. Figures that are not
-                finite must be None.
+            measured: measures every output as it was read back, before the folder appears: `mipbake.Check` of the
+                texture set and this stack. What it finds becomes `measured` of the output in stack.json, and stands in
+                the GLB. None measures nothing.
 
         Returns:
             The files, stack.json first.
@@ -167,30 +181,39 @@ class MipStack:
             OutputError: the folder cannot be written, or holds the stack of other source files.
         """
         target = Path(path)
-        outputs, glb = self._wanted(format, preset)
+        outputs, wants_glb = self._wanted(format, preset)
         check_outputs(outputs, self.model)
         check_output(target, self.provenance.sources)
-        if glb:
-            from mipbake.glb import encoded, square  # which stands on this module
+        if wants_glb and glb is None:
+            from mipbake.glb import encoded  # which stands on this module
 
-            textures = encoded(replace(self, tile=0), None, levels)
-            beside = {f"{self.name}.{GLB}": square(self, textures, self.provenance.alpha_cutoff), **(beside or {})}
+            glb = encoded(replace(self, tile=0), None, levels)
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
         write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
 
         def write(folder: Path) -> None:
             write_all(folder)
+            progress(1.0)
             if measured is not None:
-                for index, entry in enumerate(manifest["outputs"][: len(plans)]):
-                    entry["measured"] = measured(index, read_back(folder, entry))
-            for name, data in (beside or {}).items():
-                (folder / name).write_bytes(data)
+                for (output, _), entry in zip(plans, manifest["outputs"], strict=True):
+                    entry["measured"] = measured.files(output, read_back(folder, entry))
+            if glb is not None:
+                manifest["outputs"].append(self._write_glb(folder, glb, measured))
 
         manifest = manifest_of(self, plans)
-        manifest["outputs"] += [{"format": Path(name).suffix[1:], "files": [name], "maps": {}} for name in beside or {}]
         saved = save_maps(target, manifest_name(self.tile), manifest, write, is_stack_folder)
         progress(1.0)
         return saved
+
+    def _write_glb(self, folder: Path, glb: Encoded, measured: Measures | None) -> dict[str, Any]:
+        """Writes a square with the material, and returns its output for the manifest."""
+        from mipbake.glb import square
+
+        told = glb if measured is None else replace(glb, measured=measured.glb(glb))
+        name = f"{self.name}.{GLB}"
+        (folder / name).write_bytes(square(self, told, self.provenance.alpha_cutoff))
+        found = {} if told.measured is None else {"measured": told.measured}
+        return {"format": GLB, "files": [name], "maps": {}, **found}
 
     def _wanted(self, format: str | Sequence[Output] | None, preset: str | None) -> tuple[tuple[Output, ...], bool]:
         """What `save` writes, and whether a GLB is."""

@@ -10,6 +10,7 @@ import pytest
 import zstandard
 
 from mipbake.cli.main import main
+from mipbake.glb import Encoded
 from mipbake.io import ktx2 as container
 from mipbake.io.gltf.quad import QuadOptions, standalone
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
@@ -25,9 +26,11 @@ def _without_decoder(monkeypatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "alktx2", None)
 
 
+MAPS = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}
+
+
 def glb() -> bytes:
-    maps = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}
-    return standalone("sample", maps, QuadOptions(), {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]})
+    return standalone("sample", MAPS, QuadOptions(), {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]})
 
 
 def shown(capsys, *arguments) -> str:
@@ -39,7 +42,8 @@ def shown(capsys, *arguments) -> str:
 
 def saved(folder, formats=("exr",), **changes):
     """A stack with a GLB beside; `changes` are those of its description."""
-    made_stack((4, 8)).save(folder, ",".join(formats) if formats else (), beside={"sample.glb": glb()})
+    textures = MAPS | {"metallicRoughnessTexture": ktx2(2)}
+    made_stack((4, 8)).save(folder, ",".join(formats) if formats else (), glb=Encoded(textures, (), ()))
     path = folder / "stack.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     return folder
@@ -106,7 +110,7 @@ def test_textures_that_are_not_read_are_described(tmp_path, capsys, data, texels
 def test_stacks_with_a_glb(tmp_path, capsys, formats) -> None:
     out = shown(capsys, saved(tmp_path / "s", formats))
     assert "sample, gltf, 8 x 4, " + ("4 levels" if formats else "5 levels") in out
-    assert "sample.glb: GLB (glTF 2.0), 2 images" in out
+    assert "sample.glb: GLB (glTF 2.0), 3 images" in out
     assert ("exr: normals OpenGL" in out) == ("png: normals OpenGL" in out) == bool(formats)
     assert "glb: normals" not in out
 

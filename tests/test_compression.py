@@ -74,7 +74,7 @@ def leaves() -> tuple[TextureSet, MipStack]:
 def written(made: tuple[TextureSet, MipStack], folder, output: Output, levels: int | None = None) -> Cost:
     texture_set, stack = made
     stack.save(folder, [output], levels=levels)
-    return cost(texture_set, stack, output, read_output(folder, 0), levels)
+    return cost(texture_set, stack, output, read_output(folder, 0))
 
 
 def encoded(stack: MipStack, name: str, srgb: bool) -> list[np.ndarray]:

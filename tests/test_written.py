@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,12 +15,16 @@ from mipbake.cli import bake_sets
 from mipbake.cli.main import main
 from mipbake.compare.compression import cost
 from mipbake.compare.written import WORST_DIP, measure_written
+from mipbake.glb import multiple_of_side
+from mipbake.io.gltf.document import read_document
 from mipbake.manifest import read_output
 from mipbake.output import Output
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 from .command_line import write_png, write_set
+from .gltf_files import png
+from .gltf_results import two_textures
 from .input_files import height_field
 from .stacks import smooth
 
@@ -74,7 +79,7 @@ def test_planted_signs_are_found_in_what_is_read_back(tmp_path: Path, fmt: str) 
 def test_levels_that_are_left_out_are_not_measured(tmp_path: Path) -> None:
     texture_set, stack = steel()
     stack.save(tmp_path / "s", [Output("png:8")], levels=3)
-    found = cost(texture_set, stack, Output("png:8"), read_output(tmp_path / "s", 0), 3)
+    found = cost(texture_set, stack, Output("png:8"), read_output(tmp_path / "s", 0))
     assert found.written is not None and found.written.lods == (0.0, 0.5, 1.0, 1.5, 2.0)
 
 
@@ -107,3 +112,46 @@ def test_a_bake_that_is_wrong_between_levels_says_so(tmp_path, capsys, monkeypat
     made = json.loads((out / "metal" / "stack.json").read_text())["outputs"]
     assert {dip["lod"] for dip in made[0]["measured"]["dips"]} == {0.5}
     assert mipbake.open_stack(out / "metal").size == (16, 16)
+
+
+def test_python_measures_what_the_command_line_measures(tmp_path: Path, capsys) -> None:
+    """In stack.json, and in the GLB itself: a GLB is measured as the files of maps are."""
+    folder = anisotropic_set(tmp_path / "metal")
+    asked = ["--method", "linear", "--format", "png,glb", "--max-level", "2", "--json"]
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), *asked]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    texture_set = multiple_of_side(mipbake.load(folder))
+    stack = mipbake.bake(texture_set, "linear")
+    check = mipbake.Check(texture_set, stack)
+    stack.save(tmp_path / "python", "png,glb", levels=3, measured=check)
+    told, found = (json.loads((tmp_path / at / "stack.json").read_text())["outputs"] for at in ("out/metal", "python"))
+    assert [each["format"] for each in found] == ["png", "glb"]
+    assert found[0] == told[0]
+    for outputs, glb in ((told, tmp_path / "out" / "metal" / "metal.glb"), (found, tmp_path / "python" / "metal.glb")):
+        about = read_document(glb).json["asset"]["extras"]["mipbake"]
+        assert about["measured"] == outputs[1]["measured"]
+        assert about["measured"]["lods"] == [0.0, 0.5, 1.0, 1.5, 2.0]
+        assert set(about["measured"]["snr"]) == {"near-mirror", "hemisphere"}
+        assert main(["info", str(glb)]) == 0
+        assert re.search(r"SNR at lod 0 near-mirror [\d.]+ dB, hemisphere [\d.]+ dB", capsys.readouterr().out)
+    assert [cost.format for cost in check.costs] == [cost["format"] for cost in result["costs"]] == ["png:8", "glb"]
+    assert check.defects == []
+
+
+def test_python_is_told_of_levels_that_do_not_fit_together(tmp_path: Path) -> None:
+    texture_set, stack = steel()
+    check = mipbake.Check(texture_set, wrong := planted(stack, 1))
+    wrong.save(tmp_path / "s", measured=check)
+    (defect,) = check.defects
+    assert "levels of exr:half do not fit together" in defect
+    made = json.loads((tmp_path / "s" / "stack.json").read_text())["outputs"]
+    assert made[0]["measured"]["dips"] == check.costs[0].written.to_dict()["dips"] != []
+
+
+def test_a_document_tells_what_its_textures_give_back(tmp_path: Path, capsys) -> None:
+    source = two_textures(png("normal a"), png("mr")).write(tmp_path / "bolt")
+    assert main(["bake", str(source), "-o", str(tmp_path / "out"), "--method", "linear", "--json"]) == 0
+    *_, result = json.loads(capsys.readouterr().out)["results"]
+    about = read_document(tmp_path / "out" / "bolt.glb").json["asset"]["extras"]["mipbake"]
+    assert result["measured"] == {"M": about["materials"]["M"]["measured"]}
+    assert result["measured"]["M"]["dips"] == [] and len(result["measured"]["M"]["lods"]) == 9

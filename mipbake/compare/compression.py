@@ -120,7 +120,6 @@ def cost(
     stack: MipStack,
     output: Output,
     written: Sequence[MapFile],
-    levels: int | None = None,
     spoken: str | None = None,
     progress: Progress = lambda _share: None,
     ranges: Ranges = Ranges(),  # noqa: B008
@@ -132,7 +131,6 @@ def cost(
         stack: as it was baked.
         output: that was written.
         written: its files, with the levels that came back.
-        levels: how many were written; None for all.
         spoken: what the output is called; None for its format and texels.
         progress: moved by every file, then by every level of detail that is measured.
         ranges: what a material multiplies the values in the files by.
@@ -145,7 +143,6 @@ def cost(
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack
     found = {"written": stored_channels([ranges.shown(file) for file in written], stack)}
-    stack = replace(stack, levels=stack.levels[:levels])
     between = measure_written(texture_set, stack, found["written"], part_of(progress, 2, 4))
     return Cost(
         format=spoken or _spoken(written),
