@@ -214,10 +214,11 @@ def _write_one(
 ) -> dict[str, Any]:
     """Writes the stack of one set, prints what it cost, and returns all of it for JSON."""
     place = folder / texture_set.name
-    check = Check(texture_set, stack, partial(baking, "check"))
     asked_for = asked.outputs if writes_maps(job, asked) else ()
+    with_glb = wants_glb(job, asked)
+    check = Check(texture_set, stack, partial(baking, "check"), len(asked_for) + with_glb)
     outputs = chosen_all(check.seen, stack, asked_for, partial(baking, "texels"))
-    textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if wants_glb(job, asked) else None
+    textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if with_glb else None
     if textures is not None and job.document is not None:
         textures = replace(textures, measured=check.glb(textures))
         made.setdefault(job.source, []).append((job, stack, textures))

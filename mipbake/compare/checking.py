@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mipbake.compare.compression import cost
+from mipbake.compare.compression import cost, part_of
 from mipbake.compare.costs import Cost
 from mipbake.glb import Encoded, output
 from mipbake.io.map_files import MapFile
@@ -29,7 +29,8 @@ class Check:
     Args:
         texture_set: that the stack was baked from.
         stack: that is saved.
-        progress: told the finished share of every output, from 0 to 1.
+        progress: told the finished share, from 0 to 1.
+        outputs: how many will be measured, for `progress`.
 
     Attributes:
         costs: what each output costs and gives back, in the order in which they were written. `Cost.loss` is in dB for
@@ -41,6 +42,7 @@ class Check:
     texture_set: TextureSet
     stack: MipStack
     progress: Callable[[float], None] = lambda _share: None
+    outputs: int = 1
     costs: list[Cost] = field(default_factory=list, init=False)
     seen: TextureSet = field(init=False)
 
@@ -55,15 +57,19 @@ class Check:
 
     def files(self, output: Output, written: Sequence[MapFile]) -> dict[str, Any]:
         """Measures the files of an output, as they were read back; returns `measured` of the output, plain types."""
-        return self._measured(cost(self.seen, self.stack, output, written, progress=self.progress))
+        return self._measured(cost(self.seen, self.stack, output, written, progress=self._share()))
 
     def glb(self, textures: Encoded) -> dict[str, Any]:
         """The same for the textures of a GLB, decoded."""
         finer = next((file.container.texels for file in textures.files if file.container.texels != "uastc"), "")
         spoken = f"{GLB}:{finer}" if finer else GLB
         inside = replace(self.stack, tile=0)  # textures in a GLB have no file names to carry it
-        found = cost(self.seen, inside, output(), textures.files, spoken, self.progress, textures.ranges)
+        found = cost(self.seen, inside, output(), textures.files, spoken, self._share(), textures.ranges)
         return self._measured(found)
+
+    def _share(self) -> Callable[[float], None]:
+        """Progress of the next output."""
+        return part_of(self.progress, len(self.costs), max(self.outputs, len(self.costs) + 1))
 
     def _measured(self, found: Cost) -> dict[str, Any]:
         self.costs.append(found)

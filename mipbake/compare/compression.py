@@ -143,6 +143,7 @@ def cost(
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack
     found = {"written": stored_channels([ranges.shown(file) for file in written], stack)}
+    stack = replace(stack, levels=stack.levels[: len(found["written"])])
     between = measure_written(texture_set, stack, found["written"], part_of(progress, 2, 4))
     return Cost(
         format=spoken or _spoken(written),
