@@ -13,7 +13,7 @@ import ast
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -94,16 +94,13 @@ def together(found: Mapping[str, str]) -> str:
 
 def modules(entry: Entry, root: Path = ROOT) -> list[Path]:
     """Python files that the entry reaches."""
-    todo = [path for name in entry.modules for path in _entry_paths(name, root)]
-    seen: set[Path] = set()
-    while todo:
-        path = todo.pop()
-        if path in seen:
-            continue
-        seen.add(path)
-        names = (name for name in imported(path, root) if not _within(name, BEYOND))
-        todo += [found for name in names for found in _files(name, path, root)]
-    return sorted(seen)
+
+    def imports(path: Path) -> Iterator[Path]:
+        for name in imported(path, root):
+            if not _within(name, BEYOND):
+                yield from _files(name, path, root)
+
+    return sorted(_reached((path for name in entry.modules for path in _entry_paths(name, root)), imports))
 
 
 @cache
@@ -140,16 +137,24 @@ def _exported(root: Path) -> Mapping[str, str]:
 def sources(doors: Iterable[str], root: Path = ROOT) -> list[Path]:
     """C++ files of doors of the native core, with what they include."""
     csrc = root / "csrc"
-    todo = [path for door in doors for pattern in _NATIVE[door] for path in csrc.glob(pattern)]
-    seen: set[Path] = set()
+
+    def includes(path: Path) -> Iterator[Path]:
+        for name in _INCLUDE.findall(path.read_text(encoding="utf-8")):
+            yield from [found for found in (path.parent / name, csrc / name) if found.is_file()][:1]
+
+    beginnings = (path for door in doors for pattern in _NATIVE[door] for path in csrc.glob(pattern))
+    return sorted(path.resolve() for path in _reached(beginnings, includes))
+
+
+def _reached(beginnings: Iterable[Path], leads_to: Callable[[Path], Iterable[Path]]) -> set[Path]:
+    """Files, and all that they lead to, directly or not."""
+    todo, seen = list(beginnings), set[Path]()
     while todo:
         path = todo.pop()
-        if path in seen:
-            continue
-        seen.add(path)
-        for name in _INCLUDE.findall(path.read_text(encoding="utf-8")):
-            todo += [found for found in (path.parent / name, csrc / name) if found.is_file()][:1]
-    return sorted(path.resolve() for path in seen)
+        if path not in seen:
+            seen.add(path)
+            todo += leads_to(path)
+    return seen
 
 
 def _entry_paths(name: str, root: Path) -> Iterator[Path]:

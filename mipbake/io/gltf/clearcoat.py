@@ -12,14 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake.errors import InputError
-from mipbake.io.gltf.bakes import (
-    GltfBake,
-    SkippedError,
-    add_factor,
-    animation_warning,
-    check_shared,
-    sampler_warnings,
-)
+from mipbake.io.gltf import bakes
 from mipbake.io.gltf.document import Document, Json, number
 from mipbake.io.gltf.extracted import Extracted
 from mipbake.io.gltf.references import animated_members
@@ -62,7 +55,7 @@ class _Coat:
 
 def coat_bakes(
     document: Document, images: Extracted, names: set[str], warnings: list[str], broken: dict[str, list[str]]
-) -> list[GltfBake]:
+) -> list[bakes.GltfBake]:
     """The clearcoats of a document that have a normal or a roughness texture, those that share everything as one.
 
     Args:
@@ -79,17 +72,17 @@ def coat_bakes(
                 key = [None if s is None else (images.key(s.image), s.wrap) for s in (coat.normal, coat.roughness)]
                 scale = coat.scale if coat.normal else 1.0
                 groups.setdefault((*key, coat.factor, scale), []).append(coat)
-        except SkippedError as skipped:
+        except bakes.SkippedError as skipped:
             warnings.append(str(skipped))
         except InputError as error:
             broken.setdefault(str(error), []).append(where)
-    bakes = []
+    made = []
     for coats in groups.values():
         try:
-            bakes.append(_bake(document, coats, images, names, animated))
+            made.append(_bake(document, coats, images, names, animated))
         except InputError as error:
             broken.setdefault(str(error), []).extend(coat.name for coat in coats)
-    return bakes
+    return made
 
 
 def _coat(document: Document, index: int, material: Json, images: Extracted, animated: set[str]) -> _Coat | None:
@@ -112,19 +105,19 @@ def _coat(document: Document, index: int, material: Json, images: Extracted, ani
     info = info_of(material, COAT_NORMAL) or {}
     scale = number(info.get("scale", 1.0), f"scale of {COAT_NORMAL} of {where}", path, -1e6, 1e6)
     if normal is not None and scale < 0:
-        raise SkippedError(
+        raise bakes.SkippedError(
             f"{where}: the scale of its {COAT_NORMAL} is {scale:g}, which inverts its bumps along x and y, and is left "
             "as it is: invert red and green of the normal map and make the scale positive to have it baked",
             loud=True,
         )
-    check_shared(where, reference, [roughness] if roughness else [])
+    bakes.check_shared(where, reference, [roughness] if roughness else [])
     shared = red is not None and roughness is not None and images.key(red.image) == images.key(roughness.image)
     return _Coat(index, where, normal, roughness, shared, factor, scale)
 
 
 def _bake(
     document: Document, coats: list[_Coat], images: Extracted, names: set[str], animated: dict[int, set[str]]
-) -> GltfBake:
+) -> bakes.GltfBake:
     first = coats[0]
     maps: dict[str, MapChoice] = dict.fromkeys(("normal", "occlusion", "opacity", "height", "emissive"))
     maps |= {"base_color": 0.0, "metallic": 0.0, "roughness": first.factor}
@@ -139,10 +132,10 @@ def _bake(
     if first.normal is not None:
         images.check_directions(first.normal.image, COAT_NORMAL)
         maps["normal"] = channels(first.normal, "RGB")
-        add_factor(factors, "normal", first.scale)
+        bakes.add_factor(factors, "normal", first.scale)
     if first.roughness is not None:
         maps["roughness"] = channels(first.roughness, "G")
-        add_factor(factors, "roughness", first.factor)
+        bakes.add_factor(factors, "roughness", first.factor)
         if any(coat.amount for coat in coats):
             maps["occlusion"] = channels(first.roughness, "R")
     notes = [
@@ -152,13 +145,13 @@ def _bake(
     if factors:
         shown = ", ".join(f"{role} {value:g}" for role, value in factors.items())
         notes.append(f"factors of the clearcoat are baked into the textures and become 1 there: {shown}")
-    warnings = [text for coat in coats for text in sampler_warnings(coat.name, coat.slots, first.slots[0])]
+    warnings = [text for coat in coats for text in bakes.sampler_warnings(coat.name, coat.slots, first.slots[0])]
     for coat in coats:
         baked = {f"extensions/{CLEARCOAT}/{_FACTOR}": coat.factor}
         if coat.normal is not None:
             baked[f"extensions/{CLEARCOAT}/{COAT_NORMAL}/scale"] = coat.scale
         for member in sorted(animated.get(coat.index, set()) & baked.keys()):
-            warnings.append(animation_warning(coat.name, member, baked[member]))
+            warnings.append(bakes.animation_warning(coat.name, member, baked[member]))
     material = document.all("materials")[first.index].get("name")
     named = f"{material}_clearcoat" if isinstance(material, str) and material else None
     name = unique_name(named, f"material_{first.index}_clearcoat", names)
@@ -174,4 +167,4 @@ def _bake(
     slots = (COAT_ROUGHNESS,) if first.normal is None else (COAT_ROUGHNESS, COAT_NORMAL)
     indices = tuple(coat.index for coat in coats)
     unique = tuple(dict.fromkeys(files))
-    return GltfBake(name, indices, options, unique, slots, tuple(notes), tuple(warnings), COATING)
+    return bakes.GltfBake(name, indices, options, unique, slots, tuple(notes), tuple(warnings), COATING)

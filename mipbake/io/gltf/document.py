@@ -165,19 +165,13 @@ def _check_version(path: Path, parsed: Json) -> None:
 
 
 def _check_arrays(path: Path, parsed: Json) -> None:
-    for kind in _ARRAYS:
+    for kind in (*_ARRAYS, *_EXTENSIONS):
         found = parsed.get(kind, [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        held, expected = (dict, "objects") if kind in _ARRAYS else (str, "names")
+        if not isinstance(found, list) or not all(isinstance(each, held) for each in found):
             raise InputError(
-                f"{path}: its {kind} are no array of objects: the file is broken, check it with the glTF validator and "
-                "export it again"
-            )
-    for kind in _EXTENSIONS:
-        found = parsed.get(kind, [])
-        if not isinstance(found, list) or not all(isinstance(each, str) for each in found):
-            raise InputError(
-                f"{path}: its {kind} are no array of names: the file is broken, check it with the glTF validator and "
-                "export it again"
+                f"{path}: its {kind} are no array of {expected}: the file is broken, check it with the glTF validator "
+                "and export it again"
             )
 
 
