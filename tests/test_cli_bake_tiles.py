@@ -16,7 +16,7 @@ from .gltf_files import check_structure
 from .gpu_textures import halved
 from .input_files import bytes_of, encoded, height_field, plain_set, write_image
 from .packed_sets import grey
-from .test_cli_bake_sources import LINEAR, bake
+from .test_cli_bake_documents import LINEAR, bake
 from .test_presets import run
 
 
