@@ -45,7 +45,6 @@ BEING_REWRITTEN = (
     "docs/conventions.md",
     "docs/files.md",
     "docs/results.md",
-    "benchmarks/RESULTS.md",
     "benchmarks/RESULTS-commands.md",
     "benchmarks/engines/RESULTS.md",
     "benchmarks/engines/RESULTS-cycles.md",

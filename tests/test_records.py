@@ -343,6 +343,21 @@ def test_nobody_chooses_the_sample(module: Callable[[str], ModuleType]) -> None:
 # Pages
 
 
+def test_what_a_benchmark_printed(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
+    views, record = module("records.views").VIEWS, module("records.record")
+    for lines, shown in (
+        (["words " * 30, "", "| " + "cell " * 40 + "|"], ["| cell cell"]),
+        (["a   1 ms", "b  10 ms"], ["```\na   1 ms\nb  10 ms\n```"]),
+    ):
+        made = record.Record(
+            "timing-bake", record.Measured("today", "M", 1.0, ""), {}, {"printed": lines}, folder=tmp_path
+        )
+        made.save()
+        said = views["timing-bake/printed"](module("records.making").Records(tmp_path))
+        assert all(part in said for part in shown) and said.endswith("\n\nMeasured today on M.")
+        assert all(len(line) <= 120 or line.startswith("|") for line in said.splitlines())
+
+
 def test_blocks_are_filled_and_typed_figures_are_seen(module: Callable[[str], ModuleType]) -> None:
     pages = module("records.pages")
     text = """It is 3.1 dB better in 95 % of 40 sets with version 4.2.

@@ -129,11 +129,16 @@ POSE = ("noise", "two phases", "symmetry")
 
 
 def printed(name: str) -> Callable[[Records], str]:
-    """What a benchmark of time printed, with the machine and the day."""
+    """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is."""
 
     def view(records: Records) -> str:
         record = records.record(name)
-        return "\n".join([*record.data["printed"], "", f"Measured {record.measured.on} on {record.measured.machine}."])
+        lines: list[str] = record.data["printed"]
+        if any(line.startswith("|") for line in lines):
+            lines = [line if line.startswith("|") else wrapped(line) for line in lines]
+        else:
+            lines = ["```", *lines, "```"]
+        return "\n".join([*lines, "", f"Measured {record.measured.on} on {record.measured.machine}."])
 
     return view
 
