@@ -42,7 +42,6 @@ LINE = 120
 BEING_REWRITTEN = (
     "README.md",
     "CHANGELOG.md",
-    "docs/conventions.md",
     "docs/files.md",
     "docs/method.md",
     "docs/results.md",
