@@ -7,61 +7,76 @@ measurements that are not there have no section.
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 from records.record import FOLDER
+from records.views import wrapped
 from results_page import charts, models, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
+from results_page.summary import summary
 
 from mipbake.metrics import MEASURES, PAIR_SETS
 
 PAGE = Path(__file__).resolve().parent / "results.md"
 
 _INTRODUCTION = """\
-Every method on {sets} real texture sets that training never saw (those of the README), isotropic glTF target, Gaussian
-pixel filter; [validation](validation.md) says what each figure means. {weights}Made by `benchmarks/results.py` and
-`docs/make_results_page.py`; nothing here is typed in. In texture space {points} pixels a level of detail, 1,024 pairs
-of each kind and {samples} samples a pixel in each of two estimates; renders are spheres of {side} x {side} pixels. Of
-their {scenes} references {converged} reached a standard error of a tenth of the best candidate's error with {passes}
-samples a pixel; the noise of the others counts as error in every measure of a render but SNR.
+Every method was measured on {sets} real texture sets that training never saw, with the target `gltf` and the Gaussian
+pixel filter. {weights}[Validation](validation.md) says what each figure means, and the [glossary](glossary.md)
+explains the terms. `python docs/remake.py` makes this page from the records in `benchmarks/records`.
 
-Intervals are 95 % over texture sets: how far a mean would move with other sets of the same kind. Bold is the best of a
-column. The best of four is the best of `linear` and `lean`, each with the box and with the pixel filter, picked for
-every set and level with the figures in hand.
+Figures of texture space come from {points} pixels for each level of detail and 1,024 light-view pairs of each pair
+set. Each of the two estimates of the reference takes {samples} samples a pixel. Renders are spheres of {side} x {side}
+pixels. They have {scenes} references. {converged} of them reached a standard error of at most a tenth of the error of
+the best candidate within {passes} samples a pixel. The noise of the other references counts as error in every measure
+of a render but SNR.
+
+Intervals are 95 % over texture sets. They say how far a mean would move with other sets of the same kind. Bold is the
+best of a column. The **best of four** is an oracle: for every set and level it is the best of `linear` and `lean`, each
+with the box and with the pixel filter.
 """
 
 _COSTS = """\
-Each bake in a process of its own, which reads the set's channels from a file, on {threads}. Seconds are of the bake
-alone, the import of what it needs included; the machine had other work, so processor seconds are the measure, and
-wall seconds an order of magnitude. Peak memory is that of the whole process. SNR is the mean over sets and levels.
+Each bake ran in a process of its own on {threads}. Seconds are those of the bake alone, with the import of what it
+needs. The machine had other work, so compare processor seconds; wall seconds are an order of magnitude. Peak memory is
+that of the whole process. SNR is the mean over sets and levels.
 """
 
 _LIMIT = """\
-On the middle {side} x {side} texels of each of {sets} sets, where every texel of every level is optimised against
-the reference (`mipbake bake --method optimum`): what a stack of one lobe a texel can reach. It is a lower bound on
-that limit: the descent ends after 40 rounds where it has not settled before, and what it keeps is judged on other
-pairs than those of this table, while the oracle, the best closed form for every set and level, is picked on them.
-{shortfall} The closed gap is how much of the way from the best of four to the optimum a method goes, of the means over
-sets; negative where it is behind, above 100 % where it is ahead. `refine` has the time that two minutes for a set of
-512 x 512 texels leave for so many.
+On the middle {side} x {side} texels of each of {sets} sets, every texel of every level is optimised against the
+reference (`mipbake bake --method optimum`). This shows what a stack of one lobe a texel can reach. It is a lower bound
+of that limit. The descent ends after 40 rounds, settled or not, and other pairs than those of this table decide what it
+keeps. The best of four is picked on the pairs of this table. {shortfall} The closed gap is how much of the way from the
+best of four to the optimum a method goes, in the means over sets. It is negative where the method is behind the best
+of four, and above 100 % where it is ahead of the optimum. `refine` has the time that two minutes for a set of 512 x 512
+texels leave for so many texels.
 """
+
+
+def _wrapped(page: str) -> str:
+    """The page with paragraphs as lines of at most 120 characters; tables, headings and pictures stay as they are."""
+    parts = page.split("\n\n")
+    prose = re.compile(r"[A-Za-z0-9*`\[(]")
+    return "\n\n".join(wrapped(part) + "\n" * part.endswith("\n") if prose.match(part) else part for part in parts)
 
 
 def _ahead(whole: Results, page: Path) -> list[str]:
     """Who wins where."""
     parts = [
         "## Who wins where\n",
-        "Neural against the closed form with the best mean of that very measure and scale, which is another one from "
-        "line to line: stricter than any single rule could be. The difference is the mean over sets, of flicker that "
-        "of the logarithm's distance from 1; somebody is ahead where its interval does not hold 0.\n",
+        "Each line compares the network with the closed form that has the best mean of that very measure and scale. "
+        "Lines have different closed forms, so this is stricter than a comparison with any one of them. The difference "
+        "is the mean over sets. For flicker it is the mean of the distance of the logarithm from 0. A method is ahead "
+        "where the interval of the difference does not hold 0.\n",
         standing.winners(whole),
         "## Against the best of four\n",
         "Means over sets of the difference in dB.\n",
         *(standing.against_four(whole, pairs) for pairs in PAIR_SETS),
         standing.pictures_won(whole),
         "## Figure 5: how far ahead\n",
-        "As figure 5 of Kemppinen et al. 2023: of every set and level, how many dB a method is ahead of a closed form, "
-        "and in renders of spheres how much lower its FLIP is, which stands in for LPIPS.\n",
+        "This is figure 5 of Kemppinen et al. (2023) on these sets. The histograms count sets and levels by how many "
+        "dB a method is ahead of a closed form. They also count renders of spheres by how much lower the FLIP of the "
+        "method is. FLIP stands in for LPIPS.\n",
     ]
     for name in whole.learned:
         file = f"results-figure-5-{name.replace(' ', '-')}.svg"
@@ -139,15 +154,17 @@ def text(folder: Path, page: Path) -> str:
             converged=sum(scene["converged"] for scene in whole.scenes),
             **{name: effort[name] for name in ("points", "samples", "side", "passes")},
         ),
+        "## In short\n",
+        *summary(whole, crop, directed),
         "## What was aimed at\n",
         standing.aims(whole, crop, gain),
         *_ahead(whole, page),
         "## SNR by level of detail\n",
         *(tables.by_lod(whole, pairs) for pairs in PAIR_SETS),
         "## In motion\n",
-        f"Flicker of the sets where that of `{LINEAR}` is above {standing.SHIMMERS:g}: how many are between "
-        f"{standing.STEADY[0]:g} and {standing.STEADY[1]:g}, and from where to where it goes. Near is lod 0, 1:1 lods "
-        "0 to 1.\n",
+        f"This table is about sets that shimmer: the flicker of `{LINEAR}` is above {standing.SHIMMERS:g} there. Each "
+        f"cell says in how many of these sets the flicker of a method is between {standing.STEADY[0]:g} and "
+        f"{standing.STEADY[1]:g}, and from where to where it goes. Near is lod 0; 1:1 is the lods from 0 to 1.\n",
         standing.flicker(whole),
         "## What it costs\n",
         _COSTS.format(threads="one processor" if threads == 1 else f"{threads} processors"),
@@ -160,7 +177,7 @@ def text(folder: Path, page: Path) -> str:
         *_measures(whole),
         *_per_set(whole),
     ]
-    return "\n".join(parts)
+    return _wrapped("\n".join(parts))
 
 
 def main() -> None:

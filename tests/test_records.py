@@ -217,7 +217,7 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     assert "three.js r187 in headless Chromium on M; renderer: R. Pictures of\n96 x 96 pixels" in page
     assert "| neural | all | 1 of 1 | +2.50 dB | +2.5 dB | +2.5 dB | 0 of 1 | +0.0000 |" in page  # as it is shown
     said = " ".join(module("records.views").VIEWS["engines-three/summary"]({"engines-three": {"cells": cells}}).split())
-    assert "FLIP is lower in 0 and 1 of 1: far away in 1 of 1 (`auto`)" in said and "in 1 of them, by 2.5 dB" in said
+    assert "FLIP is lower in 0 views with the network and in 1 with `auto`." in said and "in 1 views, by 2.5 dB" in said
     cycles = script("benchmarks/engines", "cycles_proof")
     data = {"machine": "M", "version": "4.5", "sigma": 0.502, "pixels": 96, "texels": 256, "suns": 3, "samples": 256,
             "columns": ["neural", "reference"], "rows": {"tiles": [10.04, 50.0]}}  # fmt: skip
@@ -341,6 +341,21 @@ def test_nobody_chooses_the_sample(module: Callable[[str], ModuleType]) -> None:
 
 
 # Pages
+
+
+def test_what_a_benchmark_printed(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
+    views, record = module("records.views").VIEWS, module("records.record")
+    for lines, shown in (
+        (["words " * 30, "", "| " + "cell " * 40 + "|"], ["| cell cell"]),
+        (["a   1 ms", "b  10 ms"], ["```\na   1 ms\nb  10 ms\n```"]),
+    ):
+        made = record.Record(
+            "timing-bake", record.Measured("today", "M", 1.0, ""), {}, {"printed": lines}, folder=tmp_path
+        )
+        made.save()
+        said = views["timing-bake/printed"](module("records.making").Records(tmp_path))
+        assert all(part in said for part in shown) and said.endswith("\n\nMeasured today on M.")
+        assert all(len(line) <= 120 or line.startswith("|") for line in said.splitlines())
 
 
 def test_blocks_are_filled_and_typed_figures_are_seen(module: Callable[[str], ModuleType]) -> None:

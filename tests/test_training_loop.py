@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,11 +16,12 @@ import torch
 from mipbake.errors import InputError, UsageError
 from mipbake.material import lift_normal
 from mipbake.models.inference import bake_levels
-from mipbake.models.registry import default_weights, load_network
+from mipbake.models.registry import WeightsInfo, default_weights, list_weights, load_network
 from mipbake.training import data, loop
 from mipbake.training.batches import batch_loss, batches, draw_batch
+from mipbake.training.config import read_config
 from mipbake.training.data import Materials
-from mipbake.training.export import export_weights
+from mipbake.training.export import card, export_weights
 from mipbake.training.procedural import procedural_set
 from mipbake.training.validation import Validator
 
@@ -28,6 +30,7 @@ from .small_training import small_validation, tiny
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
 MODEL_NAMES = ("gltf", "ggx")
+CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 
 
 pytestmark = pytest.mark.usefixtures("small_validation")
@@ -168,6 +171,16 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
         export_weights(tmp_path / "run" / "last.pt", "../evil", tmp_path / "weights", default=False)
     with pytest.raises(InputError, match="no such checkpoint"):
         export_weights(tmp_path / "none.pt", "tiny-2", tmp_path / "weights", default=False)
+
+
+@pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
+def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
+    config = read_config(CONFIGS / f"{'default-ggx' if info.name == 'residual-ggx' else info.name}.toml")
+    text = info.tensors.with_suffix(".md").read_text(encoding="utf-8")
+    validated = re.search(r"mean SNR (\S+) dB", text)  # the one figure that stands nowhere else
+    assert validated and config.network == info.network
+    parameters = sum(value.numel() for value in load_network(info).parameters())
+    assert text == card(info, config, parameters, float(validated[1]))
 
 
 def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:

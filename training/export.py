@@ -18,24 +18,35 @@ from mipbake.training.loop import load_state
 
 _CARD = """# {name}
 
-Weights of mipbake's `neural` method: {parameters} parameters that turn a texture set into a MIP stack, level 0
-included, for rendering with the pixel filter {filters}. They read {encoders} and make {decoders}.
+These are the trained weights of a network, for the method `neural` of mipbake. The network turns a texture set into a
+MIP stack, level 0 included.
 
 | | |
 |---|---|
+| Reads | {encoders} |
+| Makes | {decoders} |
+| Pixel filters | {filters} |
 | Method | {method} |
-| Architecture | {architecture} |
+| Encoder | {encoder} |
+| Latents | {latents} |
+| Decoder | {decoder} |
+| Parameters | {parameters} |
 | Trained on | {data} |
 | Licence of the data | {data_licence} |
-| Training | {steps} steps of {crops} patches of {crop_size} x {crop_size} texels and {pairs} light-view pairs{drawn} |
+| Training | {steps} steps, in each {crops} of {crop_size} x {crop_size} texels |
+| Light-view pairs | {pairs} for each patch, {drawn} |
 | Validation when exported | {validation} |
-| Revision | {commit} |
+| Revision of mipbake | {commit} |
 | Licence of the weights | {licence} |
 | SHA-256 | `{sha256}` |
 
-The weights are a few hundred kilobytes of numbers; they hold no texel of the data. Levels beyond {max_lod}, the last
-seen in training, are extrapolated: the decoder meets averages over ever larger areas. A surface whose normals fall into
-several distinct directions within a pixel cannot be matched by one lobe; there the result is a compromise.
+The weights are numbers of the network and hold no texel of the data.
+
+The training saw levels of detail up to {max_lod}. Coarser levels are extrapolated, because there the decoder meets
+averages over larger areas than it was trained on.
+
+A texel of a stack has one lobe. Where the normals of a surface fall into several distinct directions within a pixel, no
+single lobe can match the surface, and the result is a compromise.
 """
 
 _PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"
@@ -83,7 +94,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         folder.mkdir(parents=True, exist_ok=True)
         # The description last: without it nobody finds half-written weights.
         _write(info.tensors, content)
-        _write(folder / f"{name}.md", _card(info, config, parameters, state.best).encode())
+        _write(folder / f"{name}.md", card(info, config, parameters, state.best).encode())
         _write(folder / f"{name}.json", info.to_json().encode())
     except OSError as error:
         raise OutputError(f"{folder}: the weights cannot be written ({error.strerror})") from error
@@ -107,26 +118,33 @@ def _write(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
-def _card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float) -> str:
-    loss = config.loss
-    drawn = ", drawn for both pair sets by importance"
-    if isinstance(loss, LossConfig):
-        drawn = f", {loss.mirror_pairs} of them near the mirror direction"
+def card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float) -> str:
+    """The model card.
+
+    Args:
+        info: what is said of the weights elsewhere, too.
+        config: of the training.
+        parameters: how many numbers the network has.
+        best: mean SNR in dB of the validation; not finite where there was none.
+    """
+    network, loss = info.network, config.loss
     return _CARD.format(
         name=info.name,
-        parameters=parameters,
+        encoders=_listed(network.encoders),
+        decoders=_listed(network.decoders),
         filters=_listed(info.pixel_filters),
-        encoders=_listed(info.network.encoders),
-        decoders=_listed(info.network.decoders),
-        method=_PAPER if isinstance(info.network, NetworkConfig) else f"averages of moments, corrected; after {_PAPER}",
-        architecture=_architecture(info.network),
+        method=_method(network),
+        encoder=_encoder(network),
+        latents=_latents(network),
+        decoder=_layers(network.decoder_layers, "1 x 1", _decoder_growth(network)),
+        parameters=parameters,
         data=info.data,
         data_licence=info.data_licence,
         steps=info.steps,
-        crops=loss.crops,
+        crops="1 patch" if loss.crops == 1 else f"{loss.crops} patches",
         crop_size=loss.crop_size,
         pairs=loss.pairs,
-        drawn=drawn,
+        drawn=_drawn(loss),
         validation=f"mean SNR {best:.2f} dB on held-out patches" if math.isfinite(best) else "none",
         commit=info.commit,
         licence=info.licence,
@@ -135,15 +153,35 @@ def _card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: floa
     )
 
 
-def _architecture(network: AnyConfig) -> str:
+def _method(network: AnyConfig) -> str:
+    if not isinstance(network, NetworkConfig):
+        return f"averages of moments, corrected; after {_PAPER}"
+    return f"averages of parameters, corrected; after {_PAPER}" if network.residual else _PAPER
+
+
+def _drawn(loss: LossConfig | BalancedLossConfig) -> str:
+    if isinstance(loss, LossConfig):
+        return f"{loss.mirror_pairs} of them near the mirror direction"
+    views = ", and for many-light views" if loss.rooms else ""
+    return f"drawn by importance for both pair sets{views}"
+
+
+def _layers(count: int, size: str, growth: int) -> str:
+    return f"{count} layers of {size}, {growth} new maps in each"
+
+
+def _encoder(network: AnyConfig) -> str:
     if isinstance(network, NetworkConfig):
-        return (
-            f"encoder {network.encoder_layers} layers of 3 x 3, decoder {network.decoder_layers} of 1 x 1, "
-            f"{network.growth} new maps a layer, {network.latent_channels} latent channels, latents downsampled with "
-            f"`{network.latent_filter}`"
-        )
-    return (
-        f"encoder {network.convolutions} layers of 3 x 3 and {network.pointwise} of 1 x 1, {network.growth} new maps a "
-        f"layer; {network.latent_channels} learned latent channels beside {COUNT} moments, filtered with the pixel "
-        f"filter; decoder {network.decoder_layers} layers of 1 x 1, {network.decoder_growth} new maps a layer"
-    )
+        return _layers(network.encoder_layers, "3 x 3", network.growth)
+    return f"{network.convolutions} layers of 3 x 3 and {_layers(network.pointwise, '1 x 1', network.growth)}"
+
+
+def _decoder_growth(network: AnyConfig) -> int:
+    return network.growth if isinstance(network, NetworkConfig) else network.decoder_growth
+
+
+def _latents(network: AnyConfig) -> str:
+    if isinstance(network, NetworkConfig):
+        fixed = f", {network.fixed_latents} of them not learned" if network.fixed_latents else ""
+        return f"{network.latent_channels} channels{fixed}, downsampled with `{network.latent_filter}`"
+    return f"{network.latent_channels} learned channels and {COUNT} moments, filtered with the pixel filter"

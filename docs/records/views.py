@@ -7,14 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
-from records.views_results import (
-    directional_gain,
-    in_three,
-    optimum_left,
-    results_table,
-    where_it_loses,
-    where_it_wins,
-)
+from records.views_results import in_three, results_table, results_words
 
 if TYPE_CHECKING:
     from records.making import Records
@@ -36,22 +29,23 @@ def scales_caption(records: Records) -> str:
     found = records["picture"]["scales"]
     means = {name: sum(each["snr"][name] for each in found.values()) / len(found) for name in (PLAIN, BAKED)}
     return wrapped(
-        "*The same leather from four distances. Top: the maps averaged, as GPUs and most tools do; creases glitter, "
-        "then vanish, and what is left is too glossy. Middle: mipbake's maps in the same renderer. Bottom: the "
-        "reference, every pixel supersampled. Below each sphere is its SNR against the reference: in the mean "
-        f"{means[PLAIN]:.1f} dB with plain maps and {means[BAKED]:.1f} dB with mipbake's. This set of "
-        "[examples/](examples/README.md) gains more than most; the mean over 18 real sets is [below](#how-good-is-it).*"
+        "*The same leather from four distances. Top row: plain MIP maps, which average the texels. The creases glitter "
+        "from near, and the sphere is too glossy from far away. Middle row: the maps of mipbake in the same renderer. "
+        "Bottom row: the reference, which takes many samples in every pixel. The figure below a sphere is its "
+        "signal-to-noise ratio (SNR) against the reference; more is better. The mean of the four is "
+        f"{means[PLAIN]:.1f} dB with plain MIP maps and {means[BAKED]:.1f} dB with mipbake. This example gains more "
+        "than most sets do; [below](#how-good-is-it) are means over real sets.*"
     )
 
 
 def shimmer_caption(records: Records) -> str:
     plain, baked = (records["animation"]["methods"][name] for name in (PLAIN, BAKED))
-    calm = ", calmer than they should be" if baked["flicker"] < 0.85 else ""
+    calm = " This is calmer than it should be." if baked["flicker"] < 0.85 else ""
     return wrapped(
-        f"*In motion, under a lamp: from frame to frame plain MIP maps change {plain['flicker']:.1f} times as much as "
-        f"the reference (mean square), which is shimmer; mipbake's change {baked['flicker']:.2f} times as much{calm}. "
-        f"Their SNR is {plain['snr']:.1f} and {baked['snr']:.1f} dB. `docs/make_picture.py` and "
-        "`docs/make_animation.py` make both pictures; [docs/validation.md](docs/validation.md) explains the figures.*"
+        f"*The same sphere in motion, under a lamp. From frame to frame, plain MIP maps change {plain['flicker']:.1f} "
+        "times as much as the reference does (mean square). This is the shimmer. The maps of mipbake change "
+        f"{baked['flicker']:.2f} times as much.{calm} The SNR is {plain['snr']:.1f} dB with plain MIP maps and "
+        f"{baked['snr']:.1f} dB with mipbake. [docs/validation.md](docs/validation.md) explains the figures.*"
     )
 
 
@@ -135,11 +129,16 @@ POSE = ("noise", "two phases", "symmetry")
 
 
 def printed(name: str) -> Callable[[Records], str]:
-    """What a benchmark of time printed, with the machine and the day."""
+    """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is."""
 
     def view(records: Records) -> str:
         record = records.record(name)
-        return "\n".join([*record.data["printed"], "", f"Measured {record.measured.on} on {record.measured.machine}."])
+        lines: list[str] = record.data["printed"]
+        if any(line.startswith("|") for line in lines):
+            lines = [line if line.startswith("|") else wrapped(line) for line in lines]
+        else:
+            lines = ["```", *lines, "```"]
+        return "\n".join([*lines, "", f"Measured {record.measured.on} on {record.measured.machine}."])
 
     return view
 
@@ -180,12 +179,8 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "failure/table": failure_table,
     "failure/words": failure_words,
     "fitting/table": fitting_table,
-    "results-whole/near-mirror": lambda records: results_table(records, "near-mirror"),
-    "results-whole/hemisphere": lambda records: results_table(records, "hemisphere"),
-    "results-whole/wins": lambda records: wrapped(where_it_wins(records)),
-    "results-whole/loses": lambda records: wrapped(where_it_loses(records)),
-    "results-crop/left": lambda records: wrapped(optimum_left(records)),
-    "results-directional/gain": lambda records: wrapped(directional_gain(records)),
+    "results-whole/table": results_table,
+    "results-whole/words": lambda records: wrapped(results_words(records)),
     "engines-three/summary": lambda records: wrapped(in_three(records)),
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith("timing-")},
 }

@@ -16,26 +16,29 @@ MODELS = {
     "beckmann": ("Figure 9", (LINEAR, "lean (box)")),
     "ggx": ("Figure 10", (LINEAR, "lean (box)")),
 }
-"""Material model to the paper's figure about it and the rivals in it; LEAN, which the paper leaves out for GGX, too."""
+"""Material model to the paper's figure about it, and the rivals shown. The paper leaves out LEAN for GGX."""
 
 _INTRODUCTION = """\
-The sets converted texel by texel to the paper's two material models, the reference in the same model, so that no
-difference between models counts. Not as in the paper: our sets are not boosted; LPIPS, which is defined by trained
-weights that have to be downloaded, is replaced by FLIP; pictures are of spheres, where all angles are seen, rather
-than of planes; and far is level 7. `linear (box)` is the paper's naive linear filtering, `lean (box)` LEAN mapping.
+Each set was converted, texel by texel, to the two material models of the paper. The reference uses the same model, so
+differences between models do not count. Some things differ from the paper. The bumps of our sets are not boosted. FLIP
+replaces LPIPS, because LPIPS is defined by trained weights that have to be downloaded. Pictures show spheres, on which
+all angles are seen, and not planes. Far is level 7. `linear (box)` is what the paper calls naive linear filtering, and
+`lean (box)` is LEAN mapping.
 """
 
 _CORRELATED = """\
-A generated material whose albedo, F0 and anisotropic roughness follow its normals: slopes that face one way are
-glossy, those that face the other way rough and of another colour. Its twin has the very same channels with the normals
-moved by half a period, so that which values meet is chance: what differs between the columns is what going together
-does to a method. Means over {pairs} pairs of sets and all levels of detail, dB, `ggx`.
+This is a generated material whose albedo, F0 and anisotropic roughness follow its normals. Slopes that face one way are
+glossy; slopes that face the other way are rough and have another colour. A twin has the same channels, but its normals
+are moved by half a period, so the values that meet in a texel meet by chance. The difference between the columns says
+how a method takes channels that go together. The figures are means over {pairs} sets and their twins and over all
+levels of detail, in dB, for `ggx`.
 """
 
 _DIRECTIONAL = """\
-Sets with an anisotropy map, or whose slopes vary at least three times as much across their main direction as along it
-in windows of 32 x 32 texels: {real} of the sets and examples, and {generated} of the project's generator that no
-training saw. The same reference for both targets. `gltf` stores one roughness, `gltf-anisotropic` two and a direction.
+These sets have an anisotropy map, or their slopes vary at least three times as much across their main direction as
+along it in windows of 32 x 32 texels. {real} of them are real sets or examples. {generated} come from the project's
+generator, and no training saw them. The reference is the same for both targets. `gltf` stores one roughness;
+`gltf-anisotropic` stores a roughness, a strength and a direction of anisotropy.
 """
 
 

@@ -207,8 +207,11 @@ def shortfall(results: Results) -> str:
     behind = np.concatenate([results.gains(OPTIMUM, pairs).ravel() for pairs in PAIR_SETS])
     lost = behind[behind < -0.25]
     if not len(lost):
-        return f"In none of the {behind.size} cells of set, level and pair set it is behind it by more than 0.25 dB."
+        return (
+            f"In none of the {behind.size} cases of set, level and pair set the optimum is more than 0.25 dB behind "
+            "the best closed form."
+        )
     return (
-        f"In {len(lost)} of the {behind.size} cells of set, level and pair set it is behind that oracle by more than "
-        f"0.25 dB, by {-behind.min():.1f} at worst: there it is no limit."
+        f"In {len(lost)} of the {behind.size} cases of set, level and pair set the optimum is more than 0.25 dB behind "
+        f"the best closed form, by {-behind.min():.1f} dB at worst. It is no limit there."
     )
