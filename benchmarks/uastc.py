@@ -1,21 +1,22 @@
 """What the textures of a GLB lose of the shaded result, set by set: where the loss comes from, and what prevents it.
 
-    python benchmarks/uastc.py MATERIALS            whole sets, before and after
-    python benchmarks/uastc.py MATERIALS --side 256 crops of 256 x 256 from the middle of every set
-    python benchmarks/uastc.py MATERIALS --parts    file by file, 8 bits against UASTC
-    python benchmarks/uastc.py MATERIALS --encoder  efforts of Basis Universal's encoder on the normals (takes hours)
+    python docs/remake.py uastc --materials MATERIALS    measures everything, and makes RESULTS-uastc.md
+    python benchmarks/uastc.py MATERIALS --only SET,SET  measures some sets, and prints the page of them
 
-MATERIALS is a folder of texture sets. Prints Markdown. Losses are in dB of SNR, in the mean of the levels of detail
-that `mipbake bake` measures, near the mirror / over the hemisphere.
+MATERIALS is a folder of texture sets. Losses are in dB of SNR, in the mean of the levels of detail that `mipbake bake`
+measures, near the mirror / over the hemisphere.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,46 +38,142 @@ from mipbake.output import GLB_TEXELS
 
 Loss = Mapping[str, float]
 Levels = list[NDArray[np.float32]]
+TABLES = ("whole", "parts", "encoder")
+
 Columns = Callable[[TextureSet, MipStack], tuple[dict[str, Levels], dict[str, str]]]
 """Of a set and its stack: name of a column to the levels that are measured, and what stands in further columns."""
+
+
+SIDE = 256
+"""Texels a side of the crops on which files and efforts are measured one by one."""
+
+EFFORTS = (0, 3, 5)
+"""Efforts of Basis Universal's encoder that are measured on EFFORT_SETS."""
+
+EFFORT_SETS = ("acg_leather036b", "acg_metal007")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the stack of one set loses.
+
+    Args:
+        losses: column to the losses of all pair sets, dB. further: what stands in further columns.
+    """
+
+    set: str
+    losses: Mapping[str, Loss]
+    further: Mapping[str, str]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("materials", type=Path)
-    parser.add_argument("--side", type=int, default=0, help="of crops; whole sets without it")
-    parser.add_argument("--methods", default="linear,neural")
+    parser.add_argument(
+        "work", type=Path, nargs="?", help="a folder: a run that was stopped goes on from what it holds"
+    )
+    parser.add_argument("--results", type=Path, help="a JSON file of what was measured")
     parser.add_argument("--only", default="", help="names of sets, separated by commas")
-    for table in _TABLES:
-        parser.add_argument(f"--{table}", action="store_true")
     given = parser.parse_args()
-    table = next((name for name in _TABLES if getattr(given, name)), "")
-    columns = _TABLES.get(table, before_and_after)
-    what = f"crops of {given.side} x {given.side}" if given.side else "whole sets"
-    print(f"{what}, {cpu_name()}\n")
-    header: list[str] = []
-    worst: dict[str, list[float]] = {}
+    data: dict[str, Any] = {"machine": cpu_name(), **{table: [] for table in TABLES}}
     for name, read in folder_sets(given.materials).items():
         if given.only and name not in given.only.split(","):
             continue
-        texture_set = middle(read(), given.side) if given.side else read()
-        for method in given.methods.split(","):
-            stack = mipbake.bake(texture_set, method, "gltf")
-            variants, further = columns(texture_set, stack)
-            found = losses(texture_set, opened(stack), variants)
-            if not header:
-                header = ["set", "stack", *variants, *further]
-                print(f"| {' | '.join(header)} |\n|{'---|' * len(header)}", flush=True)
-            cells = [name, method, *(spoken(loss) for loss in found.values()), *further.values()]
-            print(f"| {' | '.join(cells)} |", flush=True)
-            for column, loss in found.items():
-                worst.setdefault(f"{column}, {method}", []).append(max(loss.values()))
-    print(
-        "\n| greater of both losses | sets | at most 0.5 dB | at most 1.5 dB | mean | most |\n|---|---|---|---|---|---|"
-    )
+        kept = given.work / f"{name}.json" if given.work else None
+        if kept and kept.exists():
+            found = json.loads(kept.read_text(encoding="utf-8"))
+        else:
+            found = {table: [asdict(row) for row in rows] for table, rows in measured(name, read()).items()}
+            if kept:
+                kept.write_text(json.dumps(found), encoding="utf-8")
+        for table, rows in found.items():
+            data[table] += rows
+        print(name, file=sys.stderr, flush=True)
+    if given.results:
+        given.results.write_text(json.dumps(data), encoding="utf-8")
+    else:
+        print(page_of(data))
+
+
+def measured(name: str, texture_set: TextureSet) -> dict[str, list[Row]]:
+    """Rows of every table that a set is in."""
+
+    def rows(source: TextureSet, columns: Columns) -> list[Row]:
+        stack = mipbake.bake(source, "neural", "gltf")
+        variants, further = columns(source, stack)
+        return [Row(name, losses(source, opened(stack), variants), further)]
+
+    crop = middle(texture_set, SIDE)
+    return {
+        "whole": rows(texture_set, before_and_after),
+        "parts": rows(crop, parts),
+        "encoder": rows(crop, encoder) if name in EFFORT_SETS else [],
+    }
+
+
+def page_of(data: Mapping[str, Any]) -> str:
+    """The Markdown page of what `main` writes."""
+    tables = {table: [Row(**row) for row in data[table]] for table in TABLES}
+    return f"""# What the textures of a GLB cost
+
+The losses on this page are dB of SNR of the shaded result, in the mean of levels of detail 0, 1 and 3. The first figure
+of a cell is near the mirror and the second is over the hemisphere. A negative loss is a gain. The sets are test sets,
+which no network has seen. They were measured on {data["machine"]}.
+
+## Whole sets
+
+The stacks were baked by `neural`. `plain` is UASTC with the values as they are. `glb` stretches normals and roughness
+over the eight bits. `glb:{GLB_TEXELS[1]}` gives 8 bits to the textures that blocks cost too much. The first normal
+scale is the scale of `glb`, and the second is the scale of `glb:{GLB_TEXELS[1]}`.
+
+{summarised(tables["whole"])}
+
+{listed(tables["whole"])}
+
+## Where the loss comes from
+
+Each column has one file in blocks or in 8 bits, and the other files as they are. Nothing is stretched. The stacks were
+baked from the middle {SIDE} x {SIDE} texels of each set.
+
+{summarised(tables["parts"])}
+
+{listed(tables["parts"])}
+
+## What the encoder's effort brings
+
+The normals of such stacks, alone, were encoded with several efforts of the encoder. They were stretched by the rule for
+stacks that nobody measures. A GLB is written with effort {uastc._EFFORT}.
+
+{listed(tables["encoder"])}
+"""
+
+
+def summarised(rows: Sequence[Row]) -> str:
+    """By column: how many sets are within which loss."""
+    worst: dict[str, list[float]] = {}
+    for row in rows:
+        for column, loss in row.losses.items():
+            worst.setdefault(column, []).append(max(loss.values()))
+    lines = [
+        "| greater of both losses | sets | at most 0.5 dB | at most 1.5 dB | mean | most |",
+        "|---|---|---|---|---|---|",
+    ]
     for column, values in worst.items():
         few, some = (sum(value <= limit for value in values) for limit in (0.5, 1.5))
-        print(f"| {column} | {len(values)} | {few} | {some} | {np.mean(values):.2f} | {max(values):.2f} |")
+        lines.append(f"| {column} | {len(values)} | {few} | {some} | {np.mean(values):.2f} | {max(values):.2f} |")
+    return "\n".join(lines)
+
+
+def listed(rows: Sequence[Row]) -> str:
+    """A line for each row."""
+    if not rows:
+        return ""
+    header = ["set", *rows[0].losses, *rows[0].further]
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    for row in rows:
+        cells = [row.set, *map(spoken, row.losses.values()), *row.further.values()]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def spoken(loss: Loss) -> str:
@@ -123,16 +220,13 @@ def encoder(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels]
     del texture_set
     ranges, usual = usual_ranges(stack.levels, stack.model), uastc._EFFORT
     variants, seconds = {}, {}
-    for effort in (0, 3, 5, 9):
+    for effort in EFFORTS:
         uastc._EFFORT = effort
         start = time.perf_counter()
         variants[f"{effort}"] = _decoded(stack, GpuFile("ktx2", "uastc"), ranges, ("normal",))
         seconds[f"seconds of {effort}"] = f"{time.perf_counter() - start:.1f}"
     uastc._EFFORT = usual
     return variants, seconds
-
-
-_TABLES: Mapping[str, Columns] = {"parts": parts, "encoder": encoder}
 
 
 def _decoded(stack: MipStack, container: Container, ranges: Ranges, names: Sequence[str] = ()) -> Levels:

@@ -218,6 +218,16 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     assert "| neural | all | 1 of 1 | +2.50 dB | +2.5 dB | +2.5 dB | 0 of 1 | +0.0000 |" in page  # as it is shown
     said = " ".join(module("records.views").VIEWS["engines-three/summary"]({"engines-three": {"cells": cells}}).split())
     assert "FLIP is lower in 0 views with the network and in 1 with `auto`." in said and "in 1 views, by 2.5 dB" in said
+    blocks = script("benchmarks", "uastc")
+    lost = blocks.Row(
+        "tiles",
+        {"plain": {"near-mirror": 2.0, "hemisphere": 0.4}, "glb": {"near-mirror": 0.3, "hemisphere": 0.5}},
+        {"in rgba8": "none"},
+    )
+    data = {"machine": "M", **{table: [dataclasses.asdict(lost)] for table in blocks.TABLES}}
+    page = blocks.page_of(json.loads(json.dumps(data)))
+    assert "| tiles | 2.00 / 0.40 | 0.30 / 0.50 | none |" in page
+    assert "| plain | 1 | 0 | 0 | 2.00 | 2.00 |" in page and "| glb | 1 | 1 | 1 | 0.50 | 0.50 |" in page
     cycles = script("benchmarks/engines", "cycles_proof")
     data = {"machine": "M", "version": "4.5", "sigma": 0.502, "pixels": 96, "texels": 256, "suns": 3, "samples": 256,
             "columns": ["neural", "reference"], "rows": {"tiles": [10.04, 50.0]}}  # fmt: skip

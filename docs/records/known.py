@@ -92,6 +92,15 @@ KNOWN: Mapping[str, Known] = {
         ("benchmarks/commands.py", MATERIALS, "--results", OUT),
         None,
     ),
+    "uastc": Known(
+        "what the textures of GLB files cost",
+        ("benchmarks/uastc.py", MATERIALS, WORK, "--results", OUT),
+        Entry(
+            ("benchmarks/uastc.py",),
+            ("mipbake-1",),
+            files=("mipbake/glb.py", "mipbake/io/uastc.py", "mipbake/io/gltf/ranges.py", "mipbake/output.py"),
+        ),
+    ),
     "engines-three": Known(
         "levels in three.js, supersampled by itself",
         ("benchmarks/engines/three_proof.py", MATERIALS, "--results", OUT),

@@ -82,6 +82,7 @@ _PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
     _RESULTS: _results,
     "docs/figure-7.md": _figure_7,
     "benchmarks/RESULTS-commands.md": _from("benchmarks", "commands", "commands", "benchmarks/RESULTS-commands.md"),
+    "benchmarks/RESULTS-uastc.md": _from("benchmarks", "uastc", "uastc", "benchmarks/RESULTS-uastc.md"),
     "benchmarks/engines/RESULTS.md": _from(
         "benchmarks/engines", "three_table", "engines-three", "benchmarks/engines/RESULTS.md"
     ),

@@ -21,6 +21,7 @@ WHOLE: Mapping[str, str] = {
     "docs/results.md": "results-whole",
     "docs/figure-7.md": "figure-7",
     "benchmarks/RESULTS-commands.md": "commands",
+    "benchmarks/RESULTS-uastc.md": "uastc",
     "benchmarks/engines/RESULTS.md": "engines-three",
     "benchmarks/engines/RESULTS-cycles.md": "engines-cycles",
 }
