@@ -91,12 +91,13 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
 ) -> None:
     # It says when the entry point has begun: Python itself takes a moment before.
     program = (
-        "import sys; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
-        "start._fill_descriptors = lambda: print(flush=True); start.run()"
+        "import sys, time; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
+        "start._fill_descriptors = lambda: (print(flush=True), time.sleep({wait})); start.run()"
     )
     for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):
+        waiting = program.format(wait=0 if delay else 60)  # the first signal finds the program where nothing is begun
         running = subprocess.Popen(
-            [sys.executable, "-c", program, "bake", folder, "-o", tmp_path / "out", "--method", "linear"],
+            [sys.executable, "-c", waiting, "bake", folder, "-o", tmp_path / "out", "--method", "linear"],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -114,6 +115,6 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
 def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
     write_set(tmp_path / "set", **bumps(64, 64))
     command = [sys.executable, ROOT / "tests" / "random_kills.py", tmp_path, "30", str(random.randrange(10**6))]
-    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=600, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=1800, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n") <= 2 and "neither" not in done.stdout, (command[-1], done.stdout)

@@ -62,7 +62,7 @@ def bake(folder: Path, out: Path, *options: str, limit: int | None = None, **env
         text=True,
         preexec_fn=limited,
         env={**ENVIRONMENT, **environment},
-        timeout=60,
+        timeout=300,
         check=False,
     )
     return done.returncode, done.stderr
@@ -70,7 +70,7 @@ def bake(folder: Path, out: Path, *options: str, limit: int | None = None, **env
 
 def check_writers(folder: Path, how: str) -> None:
     command = [sys.executable, STEPS, folder, how]
-    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=1200, check=False)
     assert done.returncode == 0 and done.stdout.endswith("writers\n") and done.stdout.count("\n") == 1, done
 
 

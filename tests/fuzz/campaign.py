@@ -24,7 +24,9 @@ from .damage import damaged
 
 CORPUS = Path(__file__).parent / "corpus"
 PATIENCE = 30.0
-"""Seconds after which a reader hangs."""
+"""Seconds of a processor after which a reader hangs."""
+_SILENCE = 300.0
+"""Seconds without an answer after which a reader waits for something: a machine may have other work."""
 _ADDRESS_SPACE = 8 << 30
 _TURNS = {"images": 12, "environment": 2, "gltf": 2, "mesh": 2, "mtlx": 2, "stack-exr": 2}
 """How often a reader's turn comes in a round; others once."""
@@ -117,12 +119,15 @@ def _answers(
                             return
                 if ready and not chunk:
                     code = worker.wait()
+                    if code == -signal.SIGPROF:
+                        yield number, f"defect: takes more than {PATIENCE:g} s of a processor"
+                        return
                     name = signal.Signals(-code).name if code < 0 else f"exit {code}"
                     last = said.read_text(errors="replace").strip().splitlines()[-1:]
                     yield number, f"defect: {name} {' '.join(last)}"
                     return
-                if time.monotonic() - silent_since > PATIENCE + (30 if number == first else 0):
-                    yield number, f"defect: hangs for more than {PATIENCE:g} s"
+                if time.monotonic() - silent_since > _SILENCE:
+                    yield number, f"defect: gives no answer for {_SILENCE:g} s"
                     return
                 if time.monotonic() > end:
                     return
@@ -151,6 +156,7 @@ def work(seed: int, readers: Sequence[str], first: int) -> None:
             path = places[case.reader] / case.file
             whole = path.read_bytes()
             path.write_bytes(case.data)
+            signal.setitimer(signal.ITIMER_PROF, PATIENCE)  # nothing handles it: it ends the process
             try:
                 READERS[case.reader](places[case.reader], path)
                 answer = "read"
