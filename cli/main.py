@@ -39,7 +39,7 @@ EXIT_TERMINATED = 143
 
 _EPILOG = (
     "Exit codes: 0 done, 1 unexpected (a defect, or too little memory), 2 usage, 3 unusable input, 4 unwritable "
-    "output, 5 a condition of --fail-if holds, 130 interrupted, 143 terminated. With several folders, the highest."
+    "output, 5 a condition of --fail-if holds, 130 interrupted, 143 terminated. With several sets, the highest counts."
 )
 
 app = typer.Typer(
@@ -147,7 +147,7 @@ def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error means that is none of mipbake's own, and returns the exit code."""
     if _lacks_memory(error):
         return session.fail(
-            f"there is not enough memory for this ({str(error) or 'no more can be had'}): ask for less, for "
+            f"there is not enough memory for this ({str(error) or 'the system gives no more'}): ask for less, for "
             "example for fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )
