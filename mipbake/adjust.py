@@ -61,7 +61,7 @@ class Adjustments:
         if self.strength < 1:
             lines.append(f"blended towards plain averages: strength {self.strength:g}")
         if self.keep_level0:
-            lines.append("level 0 is that of the source: the pixel filter is not in it")
+            lines.append("level 0 is the source's own: the pixel filter is not in it")
         if self.min_roughness:
             lines.append(f"no roughness is below {self.min_roughness:g}")
         return tuple(lines)

@@ -30,7 +30,7 @@ StageProgress = Callable[[str, float], None]
 
 
 class _Prefiltering:
-    """Progress of the prefilter as that of a stage; notes go through (mipbake.prefilter.base.Notes)."""
+    """Progress of the prefilter as the progress of a stage; notes go through (mipbake.prefilter.base.Notes)."""
 
     def __init__(self, progress: StageProgress) -> None:
         self._progress = progress

@@ -186,7 +186,9 @@ def convert(source: TextureSet | Material, target: str, weights: str | None = No
     model_named(target)
     if isinstance(source, Material):
         if weights is not None:
-            raise UsageError(f"weights convert texture sets alone, and {source.name} is a material that was converted")
+            raise UsageError(
+                f"weights can convert texture sets only, and {source.name} is a material that was converted"
+            )
         given = source.provenance
         made = Conversion(source.model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
         return _converted(source.name, source.stored, target, source.extra, source.wrap, made)
@@ -276,7 +278,7 @@ def open_material(path: str | Path) -> Material:
     try:
         title = str(manifest["name"])
         if title in ("", ".", "..") or any(mark in title for mark in "/\\\0"):  # a folder's, of its own
-            raise ValueError(f"{title!r} is no name of a material")
+            raise ValueError(f"{title!r} is not the name of a material")
         model = model_named(manifest["model"]).name
         container = image_container(model, manifest["format"])
         found = read_files({container.texels: container}.__getitem__, folder, manifest["maps"])

@@ -190,7 +190,7 @@ def check_file(path: Path, source: Path) -> None:
         check_target(path, lambda _: False)
         return
     if path.resolve() == source.resolve():
-        raise OutputError(f"cannot write {path}: it is what is read, choose another output folder")
+        raise OutputError(f"cannot write {path}: it is the source, choose another output folder")
     if not path.is_file() or not _is_ours(path):
         raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
 

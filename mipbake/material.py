@@ -6,9 +6,9 @@ shades. Arrays are `(..., C)` of float32 or float64; every function is pure and 
 | model | channels |
 |---|---|
 | `gltf` | base colour r, g, b (linear Rec.709); metallic; perceptual roughness; normal x, y, z |
-| `gltf-anisotropic` | those of `gltf`; anisotropy direction x, y; anisotropy strength |
+| `gltf-anisotropic` | the channels of `gltf`; anisotropy direction x, y; anisotropy strength |
 | `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
-| `beckmann` | those of `ggx`; g = ln(gamma) |
+| `beckmann` | the channels of `ggx`; g = ln(gamma) |
 
 glTF 2.0, appendix B, with KHR_materials_anisotropy; the log-roughness tensor is equation 6 of Kemppinen et al. 2023:
 S = exp([[a, c], [c, b]]) with eigenvalues alpha_x^2, alpha_y^2, in the tangent frame of the shading normal. gamma is
@@ -301,7 +301,8 @@ def beckmann_to_ggx(stored: Array) -> Array:
 
 
 def convert(stored: Array, source: str, target: str) -> Array:
-    """Stored channels of one model to those of another; `ggx` is the common ground of every pair."""
+    """Converts stored channels of one model to stored channels of another; `ggx` is the common ground of any two
+    models."""
     source, target = model_named(source).name, model_named(target).name
     if source == target:
         return stored

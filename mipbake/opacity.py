@@ -111,7 +111,7 @@ def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
     """Levels (H_L, W_L, 1) of an opacity that is tested against a cutoff, scaled so that as much passes as at level 0.
 
     Averaging lets thin leaves and wires vanish, or fences close, in the distance. Every level is multiplied by the
-    factor that brings the share of texels above the cutoff the nearest to that of level 0 (as the texture tools of
+    factor that brings the share of texels above the cutoff the nearest to the share in level 0 (as the texture tools of
     Castano 2010, "Computing alpha mipmaps", do by search). Level 0 is never altered.
     """
     share = coverage(levels[0], cutoff)

@@ -212,7 +212,7 @@ def load(
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
-        warnings.append("there is no opacity that the alpha cutoff could be of: it is left out")
+        warnings.append("the alpha cutoff is left out, because the set has no opacity")
     return TextureSet(
         found.name,
         maps,
@@ -305,7 +305,7 @@ def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
 
 
 _TOPS = (1, 255, 65535)
-"""What encoded values reach: those of floats, and of 8 and 16 bits."""
+"""The largest encoded value: of floats, of 8 bits and of 16 bits."""
 
 
 def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any]) -> None:

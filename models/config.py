@@ -12,7 +12,7 @@ PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
 """Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
-"""Kernels that latents can be downsampled with; those of mipbake.prefilter.pixel_filter."""
+"""Kernels that latents can be downsampled with; mipbake.prefilter.pixel_filter has them."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class NetworkConfig:
 
     @property
     def fixed_latents(self) -> int:
-        """Latents that are not learned: those of a residual network."""
+        """How many latents are not learned; only a residual network has some."""
         return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
 
     @property
@@ -181,6 +181,6 @@ def made_from(config: NetworkConfig, target: str) -> str:
 
 
 def targets(config: AnyConfig) -> tuple[str, ...]:
-    """Material models that a network can bake: those of its decoders, and what is converted from them."""
+    """Material models that a network can bake: the models of its decoders, and models that are converted from them."""
     converted = (to for to, made in _CONVERTED.items() if made in config.decoders)
     return tuple(dict.fromkeys((*config.decoders, *converted)))

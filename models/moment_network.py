@@ -2,16 +2,16 @@
 
     stack_L = decode(K_L * [moments(theta), encode(theta)], L, p)
 
-The structure is that of Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter.
-It differs from theirs in five ways.
+The structure follows Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter. The
+network differs from theirs in five ways.
 
 - Part of the latent code is not learned (moments.py): what closed forms average.
 - The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
   will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
 - The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
   material is constant: there the result is the averaged input, exactly.
-- How sharp a level is, is the decoder's choice, too: it adds more or less of what sharpening added.
-- Colours of dielectrics stay averages, whose diffuse light is right from every direction; those of metals may change.
+- The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
+- Colours of dielectrics stay averages, whose diffuse light is right from every direction; colours of metals may change.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
 """

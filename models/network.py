@@ -175,9 +175,9 @@ class Network(nn.Module):
     def fit(self, samples: dict[str, dict[str, Tensor]]) -> None:
         """Takes the whitening from samples, and starts the network at linear prefiltering.
 
-        The first latents are the whitened parameters of every model that is read, one after the other: the encoder's
-        own as they are, those of the others as what is linearly nearest. A decoder reads those of its own model, or
-        what is linearly nearest to those of the first.
+        The first latents are the whitened parameters of every model that is read, one after the other: the parameters
+        of the encoder's own model as they are, the parameters of the other models as what is linearly nearest. A
+        decoder reads the parameters of its own model, or what is linearly nearest to the parameters of the first.
 
         Args:
             samples: of each encoder's model, (N, P) parameters of the same materials in every model of the network.

@@ -210,7 +210,8 @@ def test_other_models_stay_as_they_are(model: str) -> None:
 
 
 def test_training_settles_levels_alike() -> None:
-    """Signs and shares of torch's levels are those of NumPy's; both roughnesses keep their gradients."""
+    """Signs and shares of torch's levels equal the signs and shares of NumPy's levels; both roughnesses keep their
+    gradients."""
     levels = []
     for index, each in enumerate(lines("fingerprint", shape=(32, 32))):
         level = gltf_level(each.shape[:2], index, anisotropic=True)

@@ -51,7 +51,7 @@ def test_a_glob_passes_over_what_is_no_input(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     wanted = [tmp_path / name for name in ("b", "deep", "empty", "set")]
     assert expand([f"{tmp_path}/*"]) == sorted([image, document, *wanted])
-    with pytest.raises(InputError, match=r"matches .*README\.md and nothing to bake"):
+    with pytest.raises(InputError, match=r"matches .*README\.md and nothing that can be baked"):
         expand([f"{tmp_path}/*.md"])
 
 
@@ -111,7 +111,7 @@ def test_kinds_by_suffix(tmp_path: Path) -> None:
         (path,) = touch(tmp_path, f"thing{suffix}")
         assert kind(path) == expected
     (other,) = touch(tmp_path, "thing.txt")
-    with pytest.raises(InputError, match=r"thing\.txt is no input.*@FILE"):
+    with pytest.raises(InputError, match=r"thing\.txt is not a source.*@FILE"):
         kind(other)
     with pytest.raises(InputError, match="does not exist"):
         kind(tmp_path / "none")

@@ -54,7 +54,7 @@ def combed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
 
 
 def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
-    """A level with its directions in one half plane: those of a decoder have either sign."""
+    """A level with its directions in one half plane: directions from a decoder have either sign."""
     if model != ANISOTROPIC:
         return level
     out = level.copy()

@@ -300,7 +300,7 @@ def test_options_go_before_a_preset(tmp_path) -> None:
     (output,) = manifest["outputs"]
     assert (output["format"], output["packing"], output["normal_convention"]) == ("png", "orm", "DirectX")
     assert manifest["model"] == "gltf-anisotropic"
-    assert (tmp_path / "out" / "wood" / "wood_BaseMap_mip00.png").exists()  # names stay those of the preset
+    assert (tmp_path / "out" / "wood" / "wood_BaseMap_mip00.png").exists()  # the names still come from the preset
 
 
 def test_an_unknown_preset_is_a_usage_error() -> None:

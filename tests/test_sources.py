@@ -267,7 +267,7 @@ def test_patterns_tell_what_names_do_not(tmp_path: Path, capsys) -> None:
     assert mipbake.load(one, maps={"base_color": "*_clr.png"}).name == "one"
     write_image(one / "Other_clr.png", pixels_for("base_color"))
     said = fails(capsys, 3, "inspect", one, "--map", "base_color=*_clr.png")
-    assert "matches Body_clr.png, Other_clr.png of" in said and "expected one file a set" in said
+    assert "matches Body_clr.png, Other_clr.png of" in said and "expected one file for each set" in said
     assert "with * once" in fails(capsys, 2, "inspect", folder, "--map", "base_color=*_*.png")
 
 

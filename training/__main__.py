@@ -26,7 +26,7 @@ def _arguments() -> argparse.Namespace:
     export.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="best.pt or last.pt of a training")
     export.add_argument("name", metavar="NAME", help="of the weights")
     export.add_argument("--out", type=Path, metavar="DIR", help="(default: where bakes look for weights)")
-    export.add_argument("--default", action="store_true", help="use them when nobody names others")
+    export.add_argument("--default", action="store_true", help="use these weights where no others are named")
     return parser.parse_args()
 
 

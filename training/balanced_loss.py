@@ -4,11 +4,11 @@ As in loss.py a patch is a torus, seen by pixels at random places, and the targe
 0, estimated twice, independently. What differs:
 
 - Every squared error is divided by the error of its patch, level of detail and pair set as the network is now, without
-  the target's noise: the gradient is that of the mean error in decibels.
+  the target's noise: the gradient equals the gradient of the mean error in decibels.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
   sum over the lights: pixel by pixel, over 4 x 4 pixels, and in brightness altogether, which eyes forgive the least.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
-- Some pixels are smaller than a texel. Level 0 is what they look up, too.
+- Some pixels are smaller than a texel. They look up level 0 as well.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
 _LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
 _BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
 _ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
-_OWN = 0.1  # of the mean error of a patch's rooms, added to that of each light: none has all the weight
+_OWN = 0.1  # of the mean error of a patch's rooms, added to the error of each light: none has all the weight
 
 
 @dataclass(frozen=True)

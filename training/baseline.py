@@ -26,7 +26,7 @@ class BaselineConfig(ABC):
 
     @property
     def encoders(self) -> tuple[str, ...]:
-        """The material model that is read: that of the balanced loss."""
+        """The material model that is read, the same as for the balanced loss."""
         return ("gltf",)
 
     @property

@@ -177,7 +177,7 @@ class BalancedLossConfig:
 
     @property
     def pairs(self) -> int:
-        """Pairs a patch, those of rooms included."""
+        """How many pairs a patch has, with the pairs of rooms."""
         return sum(self.kinds) + self.rooms * self.room_lights
 
     @property

@@ -120,7 +120,9 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     state = load_state(path)
     for name in ("network", "data", "loss", "optimiser"):
         if getattr(state.config, name) != getattr(config, name):
-            raise UsageError(f"{path}: made with another [{name}] section; resume with the one it was started with")
+            raise UsageError(
+                f"{path}: made with another [{name}] section; resume with the section that it was started with"
+            )
     if state.config.run.seed != config.run.seed:
         raise UsageError(f"{path}: made with seed {state.config.run.seed}, resumed with {config.run.seed}")
     state.config = config

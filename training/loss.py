@@ -132,7 +132,7 @@ def render_loss(
 ) -> Tensor:
     """Shades texels and compares: the mean over all renders of squared error over norm, a scalar.
 
-    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: that of
+    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: the norm of
     equation 5, `relative_norms`, or `error_norms` where there is an independent target.
 
     Args:
@@ -187,7 +187,8 @@ def relative_norms(prediction: Tensor) -> Tensor:
 
 
 def error_norms(prediction: Tensor, independent: Tensor, mirror: int) -> Tensor:
-    """The error that a prediction has now: over it, the gradient of squared errors is that of the mean in decibels.
+    """The error that a prediction has now: over it, the gradient of squared errors equals the gradient of the mean in
+    decibels.
 
     Equation 5 divides by the energy, so a material that averaging gets nearly right hardly pulls, and a network stays
     imprecise exactly there. Dividing by the error itself makes a decibel count the same everywhere, and bounds the pull

@@ -92,7 +92,7 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
             wanted[name] = possible[name]
         elif name not in METHODS:
             raise UsageError(
-                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or one form of a closed form, for "
+                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or a closed form with its kernel, for "
                 f"example {next(iter(usual))!r}"
             )
         elif METHODS[name].averages:
@@ -215,5 +215,5 @@ def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:
     sentence = "the stack was not baked from this texture set (source hashes differ): its figures mean little"
     height, width = stack.size
     if (width, height) != (texture_set.width, texture_set.height):
-        sentence += f"; it is {width} x {height} and the set {texture_set.width} x {texture_set.height}"
+        sentence += f"; it measures {width} x {height}, and the set measures {texture_set.width} x {texture_set.height}"
     return f"{sentence}."

@@ -86,7 +86,7 @@ def render_view(
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
 
     SNR and flicker take the reference's halves apart, so that its noise biases neither; the other measures take their
-    mean, whose standard error the scene tells beside that of the best candidate.
+    mean, whose standard error the scene tells beside the error of the best candidate.
 
     Args:
         stored: (H, W, C) stored channels of level 0 of the source, of `model`.
@@ -218,7 +218,8 @@ class _Pictures:
         self._exposures = hdr_flip_exposures(lit) if lit.any() else None
 
     def measure(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
-        """Values of all measures but those of frames, and the FLIP map of the whole picture, 0 off the interior."""
+        """Values of all measures except the measures of frames, and the FLIP map of the whole picture, 0 off the
+        interior."""
         flip = np.zeros(self._interior.shape, np.float32)
         if self._empty:
             return {name: math.nan for name, each in MEASURES.items() if each.needs != "frames"}, flip

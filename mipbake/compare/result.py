@@ -23,7 +23,8 @@ SCALES: Mapping[str, tuple[float, float]] = {
 """Name and range of levels of detail of every scale; a set with fewer levels has `far` at its last one."""
 
 SNR_GAIN = "snr-gain"
-"""Measure of a figure that is the subject's SNR minus that of the figure's method, over the same light-view pairs."""
+"""Measure of a figure that is the subject's SNR minus the SNR of the figure's method, over the same light-view
+pairs."""
 
 
 @dataclass(frozen=True)

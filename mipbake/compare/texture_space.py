@@ -6,7 +6,7 @@ differs between them is theirs. With A and B the estimates, M = (A + B) / 2 and 
     (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
 
 what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
-those of `mipbake.metrics.snr_sums` and `flicker_sums`.
+the sums of `mipbake.metrics.snr_sums` and `flicker_sums`.
 
 Light-view pairs are measured in blocks of 64, and every block has surface points of its own. So 1,024 pairs cost no
 more than 64 pairs at as many points, and no figure hangs on how 64 pairs happened to fall.
@@ -210,7 +210,7 @@ def measure(
 
 
 _Collected = dict[tuple[str, str, float], list[Sums]]
-"""Measure, method and level of detail to what the pairs of every block add: those of one set after the other."""
+"""Measure, method and level of detail to what the pairs of every block add, one pair set after the other."""
 
 _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
     "snr": snr_interval,
@@ -316,7 +316,7 @@ def _in_motion(
 ) -> None:
     """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
 
-    Sums are those of one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
+    Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
     them.
     """
     height, width = scene.stored.shape[:2]

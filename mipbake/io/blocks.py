@@ -1,7 +1,7 @@
 """Texels to the bytes that graphics cards sample and back: plain, half-float and block-compressed.
 
 Blocks are 4 x 4 texels; a level whose sides are no multiples of 4 is continued by its last row and column, which nobody
-samples. The encoders are those of other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal (UASTC).
+samples. The encoders come from other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal (UASTC).
 """
 
 from __future__ import annotations

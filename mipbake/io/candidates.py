@@ -39,7 +39,7 @@ class Candidate:
 
 
 def _name_of(folder: Path) -> str:
-    """A set's name: that of its folder; of a `textures` folder that of its parent."""
+    """The name of a set: the name of its folder, or of the folder around a `textures` folder."""
     resolved = disk.resolved(folder)
     name = resolved.parent.name if resolved.name.lower() == "textures" else ""
     return safe_name(name or resolved.name, "texture_set")
@@ -110,7 +110,7 @@ def is_map(file: Path) -> bool:
 
 
 def is_textures(folder: Path) -> bool:
-    """Whether a folder is called so that its maps are those of the folder around it."""
+    """Whether the name of a folder says that its maps belong to the folder around it."""
     return folder.name.lower() == "textures"
 
 
@@ -229,8 +229,8 @@ def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, lo
     if len(first) > 1:
         names = " and ".join(c.header.path.name for c in first)
         raise InputError(
-            f"{names} are both candidates for {role}: choose one with --map {role}=FILE (maps in Python), or give "
-            "each set its own folder"
+            f"{names} all match {role}: choose one with --map {role}=FILE (maps in Python), or give each set its own "
+            "folder"
         )
     return first[0]
 

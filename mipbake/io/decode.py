@@ -77,7 +77,10 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         warnings += tuple(doubts)
     if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
         top = np.iinfo(stored.dtype.name).max
-        warnings += (f"{image.header.path.name}: its values are 0 and 1 of {top}, next to nothing: is 1 meant as all?",)
+        warnings += (
+            f"{image.header.path.name}: its values are 0 and 1 of {top}, which is almost nothing: does 1 stand for the "
+            "maximum?",
+        )
     if source.inverted:
         pixels = np.float32(1) - pixels
     return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
@@ -180,7 +183,7 @@ def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
     if values.shape[-1] == 1 or (not source.channels_named and _is_grey(values)):
         out[..., 0], out[..., 1] = 1, 0
         label = source.path.name if source.path else source.role
-        source = replace(source, notes=(*source.notes, f"{label}: is grey, taken as the strength along +X"))
+        source = replace(source, notes=(*source.notes, f"{label}: it is grey, and is taken as the strength along +X"))
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
     np.clip(values[..., -1], 0, 1, out=out[..., 2])

@@ -46,8 +46,8 @@ class GpuFile:
     def __init__(self, name: str, texels: str) -> None:
         self.name, self.texels = name, texels
         self.summary = {
-            "ktx2": "one KTX 2 file a map, supercompressed with Zstandard",
-            "dds": "one DDS file a map, with the header of Direct3D 10",
+            "ktx2": "one KTX 2 file for each map, supercompressed with Zstandard",
+            "dds": "one DDS file for each map, with the header of Direct3D 10",
         }[name]
         self.exact = texels in ("rgba8", "rgba16f")
         self.encodings = ENCODINGS if texels == "rgba16f" else ENCODINGS - {LOG}

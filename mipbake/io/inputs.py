@@ -71,7 +71,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         return "archive"
     if suffix in IMAGE_SUFFIXES:
         return "file"
-    raise InputError(f"{path} is no input: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
+    raise InputError(f"{path} is not a source: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
 
 
 def _listed(file: Path) -> list[Path]:
@@ -84,18 +84,18 @@ def _listed(file: Path) -> list[Path]:
             else disk.read_text_or_pipe(file, "a text file of paths")
         )
     except UnicodeDecodeError as error:
-        raise InputError(f"the list {name} is not UTF-8 text: expected one path a line") from error
+        raise InputError(f"the list {name} is not UTF-8 text: expected one path on each line") from error
     entries = [entry for line in text.splitlines() if (entry := line.strip()) and not entry.startswith("#")]
     if not entries:
-        raise InputError(f"the list {name} holds no path: expected one a line")
+        raise InputError(f"the list {name} holds no path: expected one on each line")
     return [path for entry in entries for path in _matches(entry, folder)]
 
 
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     if not entry:
-        raise InputError("a source has no name: expected a path, look where the empty one came from")
+        raise InputError("a source has no name: expected a path, look where the empty name came from")
     if "\0" in entry:
-        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can: expected a path")
+        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can hold: expected a path")
     path = folder / entry
     if os.path.lexists(path) or not any(c in entry for c in "*?["):
         return [path]
@@ -111,7 +111,7 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     found = [match for match in matches if _could_be_input(match)]
     if not found:
         raise InputError(
-            f"{path} matches {matches[0]} and nothing to bake: expected folders of maps, documents or maps"
+            f"{path} matches {matches[0]} and nothing that can be baked: expected folders of maps, documents or maps"
         )
     return found
 
@@ -129,7 +129,7 @@ def _unreadable(pattern: str) -> list[Path]:
 
 
 def _could_be_input(path: Path) -> bool:
-    """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
+    """Whether a match is meant: a document or a map by its suffix, or a folder that holds more than other files."""
     try:
         if not disk.is_dir(path):
             return path.suffix.lower() in (*GLTF, MATERIALX, SUFFIX, *IMAGE_SUFFIXES)

@@ -15,7 +15,7 @@ def parsed(text: str | bytes) -> Any:
     """
 
     def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no number in JSON")
+        raise ValueError(f"{constant} is not a number in JSON")
 
     def number_of(digits: str) -> float:
         if not math.isfinite(value := float(digits)):
@@ -26,4 +26,4 @@ def parsed(text: str | bytes) -> Any:
     try:
         return json.loads(text, parse_constant=refuse, parse_float=number_of)
     except RecursionError:
-        raise ValueError("its objects and arrays lie too deeply in each other") from None
+        raise ValueError("its objects and arrays are nested too deeply") from None

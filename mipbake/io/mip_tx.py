@@ -22,7 +22,7 @@ class MipTx(PlainTexels):
     """
 
     name = "tx"
-    summary = "one tiled, MIP-mapped TIFF a map, as Arnold and other renderers read them"
+    summary = "one tiled, MIP-mapped TIFF for each map, as Arnold and other renderers read them"
     complete = False
 
     def __init__(self, texels: str = "half") -> None:

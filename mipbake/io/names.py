@@ -135,7 +135,7 @@ _TRAILING = re.compile(
 _GLUED_RESOLUTION = re.compile(r"(?<=[A-Za-z])\d{1,2}k$", re.IGNORECASE)
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _CHUNK = re.compile(r"[A-Za-z0-9]+")
-# Poliigon ends the names of all maps so, that of the metalness itself too.
+# Poliigon ends the names of all maps so, even the name of the metalness map.
 _WORKFLOW = re.compile(r"(?P<bare>.+)[ _-]\d{1,2}K[ _-]METALNESS", re.IGNORECASE)
 
 

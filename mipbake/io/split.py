@@ -1,4 +1,4 @@
-"""A folder with several texture sets, such as an export of Substance Painter: which files are of which set."""
+"""A folder with several texture sets, such as an export of Substance Painter: which file belongs to which set."""
 
 from __future__ import annotations
 
@@ -114,7 +114,8 @@ def resolved(options: LoadOptions, files: Sequence[Path], what: str) -> LoadOpti
         found = [file for file in files if _expression(role, text).fullmatch(file.name)]
         if len(found) > 1:
             raise InputError(
-                f"--map {role}={text} matches {listed(file.name for file in found)} of {what}: expected one file a set"
+                f"--map {role}={text} matches {listed(file.name for file in found)} of {what}: expected one file for "
+                "each set"
             )
         if found:
             maps[role] = f"{found[0]}{channels[0] if channels else ''}"
@@ -129,7 +130,7 @@ def _expression(role: str, text: str) -> re.Pattern[str]:
     """Of the names of files that a pattern stands for."""
     bare = _CHANNELS.sub("", text)
     if bare.count(_STAR) != 1 or "/" in bare:
-        raise UsageError(f"--map {role}={text} is no pattern of files: expected the name of a file with * once")
+        raise UsageError(f"--map {role}={text} is not a pattern of files: expected the name of a file with * once")
     before, after = (re.escape(part) for part in bare.split(_STAR))
     # Of tiles the name holds <UDIM>, as elsewhere.
     return re.compile(_TILE.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)

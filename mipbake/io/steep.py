@@ -2,7 +2,7 @@
 
 A tangent-space normal has a height z above 0. Exporters and compression leave a few that have not, or none at all, and
 one of them is enough: its slope is without bound, so the mean slope of a pixel is its own, and rules that add up the
-variance of slopes make the pixel as rough as can be, and dark. There is nothing to be read from such a texel but that
+variance of slopes make the pixel as rough as can be, and dark. Such a texel says nothing but that
 it is broken.
 """
 

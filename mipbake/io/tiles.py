@@ -40,7 +40,7 @@ def pattern_files(pattern: str | os.PathLike[str]) -> dict[int, Path]:
     path = Path(pattern)
     parts = _PLACEHOLDER.split(path.name)[::2]
     if len(parts) != 2 or is_pattern(path.parent):
-        raise InputError(f"{path} is no pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
+        raise InputError(f"{path} is not a pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
     before, after = parts
     names = [p.name for p in disk.files_in(path.parent)] if disk.is_dir(path.parent) else []
     found = {}
@@ -139,7 +139,7 @@ def name_with(name: str, tile: int) -> str:
 
 
 def name_without(name: str, tile: int) -> str:
-    """What the set of all tiles is called, from that of one."""
+    """The name of the set of all tiles, from the name of one tile."""
     return name.removesuffix(f"_{tile}")
 
 

@@ -30,7 +30,7 @@ PLAIN = ("linear", "lean")
 every group of pairs."""
 
 BLENDED = ("linear", "lean", "unreal", "godot")
-"""Closed forms that blends are made of, each with the pixel filter; BASE with the box, too."""
+"""Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
 
 _FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
 _MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
@@ -232,7 +232,8 @@ class Bench:
         return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
     def asked(self, which: int, index: int) -> Score:
-        """The least errors of all closed forms: each row of log_errors is that of the best one."""
+        """The least errors of all closed forms: each row of log_errors comes from the closed form that is best
+        there."""
         by_name = self.judged[index] if which else {
             name: self._found[name, 0][index] for name, c in self._candidates.items() if c.closed_form
         }  # fmt: skip

@@ -46,7 +46,7 @@ class Budget:
         samples: reference samples of a pixel of level 0; they double with every second level.
         points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
         window: blocks of large sets are at most so many texels a side.
-        lit: whether renders under a studio's lights, tonemapped, count beside those of pairs (lit_samples.py).
+        lit: whether renders under a studio's lights, tonemapped, count beside the renders of pairs (lit_samples.py).
         seconds: wall-clock limit, checked after each round; None for none. Only without one are results reproducible.
     """
 

@@ -40,9 +40,9 @@ from mipbake.shading.adjoint import shade_adjoint
 
 _SETS = len(PAIR_SETS)
 _BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
-_BEHIND_BRIGHT = 8.0  # that one under the brightest pairs does, or under the studio's lights
-_BEHIND_GROUP = 4.0  # that one does in a group that is behind the best plain form of that very group
-_LIT = 2.0  # that the error under the studio's lights counts, beside each pair set
+_BEHIND_BRIGHT = 8.0  # times that a logarithm under the brightest pairs, or under the studio's lights, counts then
+_BEHIND_GROUP = 4.0  # times that it counts then in a group that is behind the best plain form of that very group
+_LIT = 2.0  # times that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4

@@ -211,7 +211,8 @@ def refine(
 
 
 def lobes_under(problem: Problem) -> list[list[Image]]:
-    """Stacks of `gltf` whose lobes cover those under a texel: that of the mean material, and a wide one of all."""
+    """Two stacks of `gltf` whose lobes cover the lobes under a texel: the lobe of the mean material, and a wide lobe of
+    all."""
     from mipbake.prefilter import METHODS
 
     return [

@@ -3,8 +3,8 @@
 The figure of a set of pairs is the logarithm of the sum of their errors e_k, and what counts is its mean over sets. Its
 derivative by the error of one pair is phi(e_k) = E[1 / (e_k + the sum of 63 others)]: pairs that rule their set
 (grazing views, highlights of mirrors) weigh less than the rest, by what they have more. Plain sums of squares follow
-those few alone. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of the
-expected energy, whose derivative is the same for all pairs, is gained as well.
+only these few pairs. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of
+the expected energy, whose derivative is the same for all pairs, is gained as well.
 
 phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
 them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.

@@ -48,7 +48,7 @@ _TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 
 _LIT_SLACK = 0.1  # by which the logarithm of the error under the studio's lights may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
-_BAKING = 0.75  # of the time, at most, for candidates; those of large sets that take longer are left out
+_BAKING = 0.75  # of the time, at most, for ingredients; an ingredient of a large set that takes longer is left out
 _SETTLING = 0.04  # of the time left after the blend, for judging what was gained
 
 

@@ -69,7 +69,7 @@ def load(folder: Path, key: str) -> dict[str, NDArray[Any]] | None:
     except _UNREADABLE:
         return None
     with suppress(OSError):
-        os.utime(path)  # the age by which files are removed is that of their last use
+        os.utime(path)  # files are removed by the age of their last use
     return arrays
 
 

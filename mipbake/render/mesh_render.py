@@ -1,6 +1,6 @@
 """Renders of a textured mesh: the once-per-pixel candidate and its supersampled, pixel-filtered reference.
 
-Both see the same primitives under the same lights. At every point the tangent frame is that of glTF 2.0: interpolated
+Both see the same primitives under the same lights. At every point the tangent frame follows glTF 2.0: interpolated
 normal and tangent, made orthonormal there, and the bitangent from the handedness; the material is shaded in it. There
 are no shadows and no reflections between surfaces; both sides of a triangle are drawn, and a side that faces away is
 black.

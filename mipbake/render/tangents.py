@@ -24,7 +24,7 @@ _PAIRS = 1 << 20  # of corners at one position, compared at a time
 def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triangles: NDArray[np.int32]) -> Mesh:
     """The mesh with tangents; vertices where two handednesses meet are split, so V may grow, and T stays.
 
-    Arrays as those of `Mesh`.
+    The arrays have the shapes and dtypes of the arrays of `Mesh`.
     """
     place = _places(positions, normals, uv)[triangles]  # (T, 3)
     p, t = positions[triangles], uv[triangles] * [1, -1]  # the frame's second axis points up in the image

@@ -100,6 +100,6 @@ def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], fir
 
 
 def _normalise(planes: NDArray[np.float32]) -> None:
-    """(3, P) vectors to unit length; those of none stay so."""
+    """Scales (3, P) vectors to unit length; vectors of length 0 stay as they are."""
     length = np.sqrt(planes[0] * planes[0] + planes[1] * planes[1] + planes[2] * planes[2])
     planes *= 1 / np.where(length > 0, length, 1)

@@ -361,7 +361,8 @@ def _project(vector: Tensor, derivatives: Tensor | None) -> tuple[Tensor, Tensor
 def _fetch_cube(
     pyramid: Pyramid, level: Tensor, rows: list[Tensor], columns: list[Tensor], face: Tensor
 ) -> list[Tensor]:
-    """The texels at rows x columns, beyond an edge those of the next face; beyond a corner the mean of the others."""
+    """The texels at rows x columns, beyond an edge the texels of the next face; beyond a corner the mean of the
+    others."""
     size = pyramid.width[level]
     texels, corners = [], []
     for row in rows:

@@ -112,7 +112,7 @@ def _ggx_masking(w_n: Tensor, form: Tensor) -> Tensor:
 def _beckmann_masking(w_n: Tensor, form: Tensor) -> Tensor:
     """w_n (1 + 2 Lambda(w)) with Beckmann's Lambda = (erf a - 1) / 2 + exp(-a^2) / (2 a sqrt pi), a = w_n / sqrt(form).
 
-    Walter et al. 2007, section 5.2. It is that of gamma = 1 whatever gamma is: an approximation.
+    Walter et al. 2007, section 5.2. This is masking for gamma = 1, whatever gamma is: an approximation.
     """
     flat = form < 1e-4 * w_n * w_n  # there a is beyond 100, and Lambda is 0
     s = torch.sqrt(torch.where(flat, 1.0, form))

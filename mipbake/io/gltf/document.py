@@ -72,7 +72,7 @@ def read_document(path: Path) -> Document:
     elif data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         chunks = container.Chunks(data, None)
     else:
-        raise InputError(f"{path} is no glTF file: expected JSON, or a GLB that begins with glTF")
+        raise InputError(f"{path} is not a glTF file: expected JSON, or a GLB that begins with glTF")
     parsed = _parsed(path, chunks.text)
     _check_version(path, parsed)
     _check_arrays(path, parsed)
@@ -91,7 +91,7 @@ def view_bytes(document: Document, index: object, where: str) -> bytes:
     data = document.buffers[view["buffer"]]
     if data is None:
         raise InputError(
-            f"{document.path}: {where} lies in buffer {view['buffer']}, for which the file brings no bytes: it is "
+            f"{document.path}: {where} lies in buffer {view['buffer']}, for which the file has no bytes: it is "
             "broken, export it again"
         )
     start = view.get("byteOffset", 0)
@@ -132,10 +132,10 @@ def _parsed(path: Path, text: bytes) -> Json:
             f"{path} holds JSON that is damaged ({one_line(str(error))}): export or download it again"
         ) from error
     if not isinstance(parsed, dict):
-        raise InputError(f"{path} holds JSON that is no object: expected a glTF 2.0 document")
+        raise InputError(f"{path} holds JSON that is not an object: expected a glTF 2.0 document")
     if _is_deeper(parsed, _DEPTH):
         raise InputError(
-            f"{path} holds JSON with more than {_DEPTH} objects in each other: expected fewer, export it flat"
+            f"{path} holds JSON with more than {_DEPTH} objects nested in each other: expected fewer, export it flat"
         )
     return parsed
 
@@ -170,8 +170,8 @@ def _check_arrays(path: Path, parsed: Json) -> None:
         held, expected = (dict, "objects") if kind in _ARRAYS else (str, "names")
         if not isinstance(found, list) or not all(isinstance(each, held) for each in found):
             raise InputError(
-                f"{path}: its {kind} are no array of {expected}: the file is broken, check it with the glTF validator "
-                "and export it again"
+                f"{path}: its {kind} are not an array of {expected}: the file is broken, check it with the glTF "
+                "validator and export it again"
             )
 
 

@@ -27,7 +27,7 @@ class Extracted:
     """Files in a folder, one for each image that is asked for; images of equal bytes are one file.
 
     Args:
-        document: the images are those of.
+        document: the document that the images belong to.
         folder: an existing one, for these files alone.
     """
 
@@ -73,7 +73,7 @@ class Extracted:
             # The extracted file is gone when this is read.
             reason = str(error).replace(str(path), "its data")
             raise InputError(
-                f"{self.document.path}: {label} is no readable image: export it again ({reason})"
+                f"{self.document.path}: {label} is not a readable image: export it again ({reason})"
             ) from error
 
     def _stem(self, image: int) -> str:

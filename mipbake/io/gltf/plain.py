@@ -67,7 +67,7 @@ def plain_textures(
     document: Document, bakes: Sequence[GltfBake], images: Extracted
 ) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
     """The textures of materials that no bake fills and that averages are right for, and what is to be said of all
-    textures beside those of the bakes."""
+    textures beside the textures of the bakes."""
     found: dict[tuple[str, tuple[str, str]], dict[Use, Slot]] = {}
     names: dict[Use, str] = {}
     kept: dict[str, list[str]] = {}

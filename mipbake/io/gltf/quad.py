@@ -35,7 +35,7 @@ class QuadOptions:
         base_color: red, green, blue, alpha, linear: multiplied with the base colour map, or alone.
         roughness, metallic: where there is no metallicRoughness map.
         occlusion: whether the red channel of the metallicRoughness map is ambient occlusion.
-        alpha_mode: "OPAQUE", "MASK" or "BLEND". alpha_cutoff: that of "MASK".
+        alpha_mode: "OPAQUE", "MASK" or "BLEND". alpha_cutoff: the cutoff for "MASK".
         double_sided: whether the back is seen.
         ranges: what the material multiplies the values in its maps by.
     """

@@ -83,9 +83,9 @@ class Lobe:
         normal: slot of its normals.
         roughness: slot whose green channel is the roughness.
         red: slot that may show the red channel of the same image.
-        keys: as those of a `Place`: where the factors are.
-        factors: members that the texture is multiplied with, that of the roughness first, and what each is where it is
-            not given.
+        keys: where the factors are, as in a `Place`.
+        factors: members that the texture is multiplied with, the roughness factor first, and the value of each where it
+            is not given.
     """
 
     normal: str

@@ -39,7 +39,7 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
     if is_remote(uri) or any(_leaves(text, within) for text in _spellings(uri)):
         raise InputError(
             f"{what} of {document} lies at {_short(uri)}: expected a path relative to the file, within its folder, so "
-            "put the file beside it and name it so"
+            "put the file beside the document, and name it by that path"
         )
     named = _existing(uri, document)
     if named is None:

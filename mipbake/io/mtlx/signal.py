@@ -17,7 +17,7 @@ class Texture:
     Args:
         path: the file, or a pattern of tiles.
         node: the image node's name and kind.
-        type: what the node makes of it: "float", "color3", ...
+        type: the type of the node: "float", "color3", ...
         colour_space: as the document names it; None where it says nothing.
         inherited: whether that is said of something around the node only.
         wrap: addressing along u and v: "wrap", "clamp", "mirror" or "constant".

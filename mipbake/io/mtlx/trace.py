@@ -157,7 +157,7 @@ def _normal_map(at: _At) -> Signal:
     if space != "tangent":
         return unread(f"a normal map in {space} space ({at.node.get('name')})")
     if scale is None:
-        return unread(f"a normal map whose scale is no constant ({at.node.get('name')})")
+        return unread(f"a normal map whose scale is not a constant ({at.node.get('name')})")
     return replace(at.given("in"), normal_scale=scale)
 
 

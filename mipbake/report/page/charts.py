@@ -158,7 +158,8 @@ def _line(points: Sequence[Figure], axes: _Axes, name: str, look: Look) -> Html:
 
 
 def _labels(lines: Mapping[str, Sequence[Figure]], axes: _Axes, styles: Mapping[str, Look]) -> Html:
-    """Names beside the ends of lines, pushed apart; those of thin lines are drawn when they come to stand out."""
+    """Names beside the ends of lines, pushed apart; the name of a thin line is drawn when the line comes to stand
+    out."""
     wanted = {name: axes.y(_runs(points, "value")[-1][-1].value) for name, points in lines.items()}
     placed = dict(wanted)
     placed.update(_apart({name: y for name, y in wanted.items() if styles[name].stands_out}))

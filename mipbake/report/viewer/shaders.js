@@ -1,4 +1,4 @@
-// GLSL of the viewer. The formulas, their names and their guards are those of docs/conventions.md.
+// GLSL of the viewer. docs/conventions.md has the formulas, their names and their guards.
 
 const MAX_LIGHTS = 64;
 
@@ -70,7 +70,8 @@ uniform float uBlend;
 out vec4 outColor;
 
 const float PI = 3.14159265358979;
-// tensor: S11, S22, S12; gamma: exponent of the generalised Beckmann distribution, 0 for GGX; norm: 1 / Gamma(1 + 1/gamma).
+// tensor: S11, S22, S12; gamma: exponent of the generalised Beckmann distribution, 0 for GGX; norm: 1 / Gamma(1 +
+// 1/gamma).
 struct Surface { vec3 albedo, f0, normal, tensor; float dielectric, gamma, norm; };
 
 float pow2(float x) { return x * x; }
@@ -132,7 +133,8 @@ float form(vec3 tensor, vec3 w) {
 float masking(Surface s, vec3 w) {
     float square = form(s.tensor, w);
     if (s.gamma == 0.0) return sqrt(w.z * w.z + square);
-    float alpha = sqrt(max(square, 1e-2 * w.z * w.z)), a = w.z / alpha, e = exp(-a * a), t = 1.0 / (1.0 + 0.3275911 * a);
+    float alpha = sqrt(max(square, 1e-2 * w.z * w.z)), a = w.z / alpha, e = exp(-a * a), t = 1.0 / (1.0 + 0.3275911 *
+    a);
     float erfc = e * t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
     return w.z * (1.0 - erfc) + alpha * e * inversesqrt(PI);
 }
@@ -183,7 +185,7 @@ void main() {
     vec3 t = normalize(vTangent - dot(vTangent, n) * n);
     mat3 frame = mat3(t, cross(n, t), n);  // every mesh here has a right-handed frame
     vec3 view = normalize(uEye - vPosition) * frame;
-    // uv / w and 1 / w are linear on the screen, so that their differences are exact where those of uv are not.
+    // uv / w and 1 / w are linear on the screen, so that their differences are exact, and differences of uv are not.
     float w = gl_FragCoord.w;
     vec2 dx = (dFdx(vUv * w) - vUv * dFdx(w)) / w, dy = (dFdy(vUv * w) - vUv * dFdy(w)) / w;
     // The level of detail: the longer axis of the pixel's footprint, in texels of level 0.
