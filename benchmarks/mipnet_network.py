@@ -1,10 +1,12 @@
 """MIPNet (Gauthier et al. 2022, "MIPNet: Neural Normal-to-Anisotropic-Roughness MIP Mapping"), re-implemented.
 
-Written anew. The idea is that of the paper's abstract; the cascade, the clamps and the sizes of the layers are facts
-read in the authors' published scripts. No code of theirs is used, and their weights were never published. What it is:
+This code is written anew. The idea comes from the paper's abstract; the cascade, the clamps and the sizes of the layers
+are facts read in the authors' published scripts. No code of theirs is used, and their weights were never published.
+What it is:
 
 - A texel is five numbers: normal x, y, and the symmetric square root of the 2 x 2 roughness tensor S (a, b, c), whose
-  eigenvalues are those of S, alpha_x^2 and alpha_y^2, under the root. They keep their meaning at every level.
+eigenvalues are the roots of the eigenvalues of S, which are alpha_x^2 and alpha_y^2. They keep their meaning at every
+level.
 - Every level is the 2 x 2 box average of the level before plus what a perceptron sees in it. A single-scale network
   reads windows of 2 x 2 texels: it makes level 1. A multi-scale network, shared by all coarser levels, reads 4 x 4
   texels of two levels before, 2 x 2 of the level before, and what the single-scale network made of these.
@@ -54,7 +56,7 @@ class MipnetConfig(BaselineConfig):
     Args:
         target: one of TARGETS.
         single_layers, single_width: hidden layers of the single-scale network.
-        multi_layers, multi_width: those of the multi-scale network.
+        multi_layers, multi_width: hidden layers of the multi-scale network.
     """
 
     target: str = "gltf"
@@ -204,7 +206,7 @@ def _isotropic(colours: Tensor, state: Tensor) -> Tensor:
 
 
 def _anisotropic(colours: Tensor, state: Tensor) -> Tensor:
-    """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); the inverse map is that of mipbake.material.
+    """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); mipbake.material has the inverse map.
 
     At isotropy, where training starts, strength has no derivative and direction no value, but the lobe has both: axes
     are set apart by a share that does not show, so that what grows there meets what vanishes.

@@ -70,7 +70,7 @@ def middle(texture_set: TextureSet, side: int) -> InModel:
 
 
 def folder_sets(folder: Path, holding: str = "") -> Sets:
-    """Every sub-folder is a set; with `holding`, those that have such a file."""
+    """Every sub-folder is a set; with `holding`, only a sub-folder that has a file of this name."""
     paths = [path for path in sorted(folder.iterdir()) if path.is_dir() and (path / holding).exists()]
     return {path.name: lambda path=path: mipbake.load(path) for path in paths}  # type: ignore[misc]
 

@@ -59,7 +59,7 @@ struct ShadeLitArgs {
     std::int64_t N, K;     // points, lights
     const void* material;  // (N, C) stored channels
     std::int64_t material_strides[2];
-    StridedArray3 frame;  // (N, 3, 3): rows t, b, n, the axes of tangent space in that of view and light
+    StridedArray3 frame;  // (N, 3, 3): rows t, b, n, the axes of tangent space, in the space of view and light
     const void* view;     // (N, 3) unit vectors
     std::int64_t view_strides[2];
     const void* light;     // (K, 3) unit vectors, contiguous
@@ -265,7 +265,7 @@ struct RasterizeBackwardArgs {
     bool shared;
     const std::int32_t* tri;
     const T* rast;
-    const T* grad_rast;  // (batch, height, width, 4), of which u and v count
+    const T* grad_rast;  // (batch, height, width, 4); only u and v count
     const T* grad_db;    // (batch, height, width, 4), or null
     T* grad_pos;         // like pos, overwritten; z receives 0
 };

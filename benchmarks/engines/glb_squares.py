@@ -58,7 +58,8 @@ class _Buffer:
 
 
 def lods() -> list[list[float]]:
-    """Levels of detail of the squares, by row and column: whole ones, ones between, and those of the lit row."""
+    """Levels of detail of the squares, by row and column: whole levels, levels between, and the levels of the lit
+    row."""
     count = SIDE.bit_length()
     return [[float(c) for c in range(count)], [c + 0.5 for c in range(count)], [float(c) for c in range(count)]]
 

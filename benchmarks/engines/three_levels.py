@@ -68,7 +68,7 @@ def _check_generated(page: Any, folder: Path, colour: bool) -> str:
     worst = 0.0
     for level, ours in enumerate(levels):
         image = _flat(page, written, "generated", len(ours), [[1.0, 1.0]])[0][::-1]
-        # Dark colours are stored finely and bright ones coarsely: an error is that of the stored numbers.
+        # Dark colours are stored finely and bright ones coarsely: an error is a difference of stored numbers.
         both = [_encoded(each[..., :3]) if colour else each[..., :3] for each in (image, ours.astype(np.float64))]
         error = float(np.abs(both[0] - both[1]).max())
         assert error <= _GENERATED_TOLERANCE * max(level, 0.2), (

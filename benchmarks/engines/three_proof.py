@@ -49,7 +49,7 @@ CANDIDATES: Mapping[str, tuple[str, str, Adjustments]] = {
     "neural, level 0 kept": ("neural", "gaussian", Adjustments(keep_level0=True)),
     "auto, level 0 kept": ("auto", "gaussian", Adjustments(keep_level0=True)),
 }
-"""Name to method, pixel filter, and what is changed after the bake. `linear` with a box is what an engine makes of
+"""Name to method, pixel filter, and what is changed after the bake. `linear` with a box is what an engine makes from
 level 0.
 """
 

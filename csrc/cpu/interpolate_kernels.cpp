@@ -146,7 +146,7 @@ struct Counts {
 };
 
 // Calls f with the counts of channels and of derivatives as constants where they are common ones: up to four channels
-// with no derivatives, those of the first two (texture coordinates), or all.
+// with no derivatives, with derivatives of the first two (texture coordinates), or of all.
 template <int C, class F>
 auto with_derivatives(int listed, F&& f) {
     if (listed == C) return f(Counts<C, C>());

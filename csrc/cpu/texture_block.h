@@ -309,7 +309,7 @@ void pipeline_taps(const TextureArgs<T>& args, const void* zeros, bool always_bo
 }
 
 // Calls f with the number of channels as a constant where a specialised kernel exists (for texels in float the channel
-// counts of images and of the material models, for others those of colours), or with 0.
+// counts of images and of the material models, for others the channel counts of colours), or with 0.
 template <int C>
 struct Channels {
     static constexpr int value = C;

@@ -1,7 +1,7 @@
 // Rasterisation on the GPU. Each pixel has a 64-bit key, depth above triangle, that triangles lower with atomicMin: the
-// nearest wins, and of equals the lower triangle, in any order of arrival. A thread draws a small triangle; large ones
-// are queued and drawn by many blocks. A last kernel turns keys into barycentrics. Decisions are those of the CPU, from
-// the same headers.
+// nearest wins, and among equals the lower triangle, in any order of arrival. A thread draws a small triangle; large
+// ones are queued and drawn by many blocks. A last kernel turns keys into barycentrics. The same headers make the same
+// decisions on the CPU.
 #include <cuda_runtime.h>
 
 #include <algorithm>

@@ -105,7 +105,7 @@ def modules(entry: Entry, root: Path = ROOT) -> list[Path]:
 
 @cache
 def imported(path: Path, root: Path = ROOT) -> frozenset[str]:
-    """Dotted names that a file imports; those of `mipbake` itself as the names of the modules that define them."""
+    """Dotted names that a file imports; names from `mipbake` itself as the names of the modules that define them."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names: set[str] = set()
     plain = False
