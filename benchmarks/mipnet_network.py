@@ -181,7 +181,7 @@ def _filled(image: Tensor, side: int) -> Tensor:
 
 
 def _axes(state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Of (..., 5): both eigenvalues of the root of the tensor, the larger first, and half their difference; (...)."""
+    """From (..., 5): both eigenvalues of the root of the tensor, the larger first, and half their difference; (...)."""
     a, b, c = state[..., 2:].unbind(-1)
     mean, radius = (a + b) / 2, (((a - b) / 2).square() + c * c + _TINY**2).sqrt() - _TINY
     return mean + radius, mean - radius, radius

@@ -112,8 +112,8 @@ def procedural(seed: int, size: int) -> TextureSet:
 
 
 def directional(sets: Sets, count: int, size: int) -> Iterator[tuple[str, TextureSet]]:
-    """Those of `sets` with an anisotropy map or directional bumps, then `count` generated ones with such bumps, of
-    `size` x `size` texels."""
+    """The sets among `sets` with an anisotropy map or directional bumps, then `count` generated ones with such bumps,
+    of `size` x `size` texels."""
     for name, load in sets.items():
         texture_set = load()
         if texture_set.anisotropic or bumps(texture_set)["directionality"] >= DIRECTIONAL:

@@ -205,7 +205,7 @@ def bake(
 
 
 def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
-    """What a preset chose of what is written for these sources, and what to mind."""
+    """What a preset chose for these sources, and what the user has to mind."""
     outputs = asked.outputs if any(writes_maps(job, asked) for job in found) else ()
     files = [
         f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"

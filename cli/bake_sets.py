@@ -145,7 +145,7 @@ def _bake_tiles(session: Session, jobs: Sequence[Job], out: Path, asked: Asked) 
 
 
 def _gather(result: dict[str, Any], folder: Path, target: Path) -> None:
-    """Moves the files of a tile out of its own folder, into the one of all tiles, which will be called `target`."""
+    """Moves the files of a tile out of its own folder, into the folder of all tiles, which will be called `target`."""
     for each in result["files"]:
         moved = folder / each["path"].name
         if moved.exists():

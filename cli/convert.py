@@ -112,7 +112,7 @@ def convert(
 
 
 def _names(materials: Sequence[Path]) -> list[tuple[str, Path]]:
-    """Of materials that were converted; what is wrong with one is left for when its turn comes."""
+    """The names of converted materials; an error in one of them is left for when its turn comes."""
     named = []
     for path in materials:
         with contextlib.suppress(MipbakeError):
@@ -197,6 +197,6 @@ def _write(
 
 
 def _rule(made: Material) -> str:
-    """How, in a few words."""
+    """How a material was converted, in a few words."""
     by = made.provenance
     return f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"

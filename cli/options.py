@@ -108,7 +108,7 @@ def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Ca
 
 
 def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """With their annotations evaluated, by name: what typer reads."""
+    """Parameters by name, with their annotations evaluated, as typer reads them."""
     hints = get_type_hints(function, include_extras=True)
     return {
         name: p.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)

@@ -1,4 +1,4 @@
-"""What the commands share that read texture sets: what they take, and the run over all that it stands for."""
+"""What the commands share that read texture sets: what they take, and the run over all sets in it."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def sources_of(found: Discovery | TextureSet) -> dict[str, MapSource]:
 
 
 def table(*columns: str) -> Table:
-    """An empty table in the style of all of ours."""
+    """An empty table in the style that all tables share."""
     from rich import box
     from rich.table import Table
 
@@ -34,7 +34,7 @@ def table(*columns: str) -> Table:
 
 
 def map_table(sources: Mapping[str, MapSource]) -> Table:
-    """One row a map: where it comes from, how it is read, and why."""
+    """One row for each map: where it comes from, how it is read, and why."""
     made = table("map", "from", "size", "stored as", "read as", "why")
     for role, source in sources.items():
         size = f"{source.width} x {source.height}" if source.path else ""
@@ -57,7 +57,7 @@ def remarks(found: Discovery | TextureSet) -> list[str]:
 
 
 def set_report(found: Discovery | TextureSet, job: Job | None = None) -> dict[str, Any]:
-    """The same for machines. Paths of files in an archive begin with the archive's."""
+    """The same facts for machines. The path of a file in an archive begins with the path of the archive."""
     archive = job.archive if job else None
     sources = sources_of(found)
     if archive is not None:

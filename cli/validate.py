@@ -54,9 +54,9 @@ def validate(
 ) -> None:
     """Measure stacks against their sources: SNR in dB, higher is better.
 
-    The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
-    with. Of a GLB every material is measured, from the textures that are in the file. A set whose stack cannot be
-    measured is reported, and the others are measured all the same.
+    The reference is the supersampled source, at several levels of detail. Pass the reading options that the stack was
+    baked with. Every material of a GLB is measured, from the textures in the file. A set whose stack cannot be measured
+    is reported, and the other sets are measured all the same.
     """
     chosen = parse_lods(lods)
     if seed < 0:

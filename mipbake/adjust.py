@@ -51,12 +51,12 @@ class Adjustments:
 
     @property
     def any(self) -> bool:
-        """Whether they change anything."""
+        """Whether the adjustments change anything."""
         return self != Adjustments()
 
     @property
     def spoken(self) -> tuple[str, ...]:
-        """What they do, in sentences for the provenance."""
+        """What the adjustments do, in sentences for the provenance."""
         lines = []
         if self.strength < 1:
             lines.append(f"blended towards plain averages: strength {self.strength:g}")
@@ -142,8 +142,8 @@ def _blend(plain: Level, baked: Level, strength: float, model: str) -> Level:
 
 
 def _directions(plain: Level, baked: Level, strength: float) -> Level:
-    """Directions (..., 2) between two of (..., 3): axes have no sign, so doubled angles are mixed, by the strength of
-    the anisotropy.
+    """Directions (..., 2) between two anisotropies (..., 3): axes have no sign, so doubled angles are mixed, by the
+    strength of the anisotropy.
     """
 
     def doubled(direction: Level) -> NDArray[np.float64]:

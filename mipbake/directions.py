@@ -23,7 +23,7 @@ from mipbake.material import MIN_ROUGHNESS, Array
 DIRECTION, STRENGTH, ROUGHNESS = slice(8, 10), slice(10, 11), slice(4, 5)
 
 _TOGETHER = 1 << 18  # texels of the finest level whose signs are settled together; finer ones follow what they lie over
-_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there, too
+_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
 _BETWEEN = 2.0  # what a texel of the next level counts beside a neighbour: a texel has two of these to either side
 
 _AXIS = np.array([[max(-p, 0), 1 - abs(p), max(p, 0)] for p in (-0.25, 0.25)], np.float32)
@@ -153,7 +153,7 @@ def led(levels: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
 
 
 def shares(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Of the anisotropy of each texel the share to keep, (..., H_L, W_L) from 0 to 1; 1 off the cuts.
+    """The share of each texel's anisotropy that is kept, (..., H_L, W_L) from 0 to 1; 1 off the cuts.
 
     Lookups in the square around a texel see the stored vectors, interpolated; the lines themselves, interpolated as
     vectors of twice their angle, are what they should see. The product of the two, each of twice its angle, is what a

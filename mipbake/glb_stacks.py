@@ -152,7 +152,7 @@ class _Reader:
         return number(holder.get(name, default), f"{name} of {self.where}", self.made.path, -most, most)
 
     def factors(self) -> tuple[float, float]:
-        """Of roughness and metallic; a clearcoat has no metallic."""
+        """The factors of roughness and metallic; a clearcoat has no metallic."""
         holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
         first, *others = (self.number(holder, name, default) for name, default in self.lobe.factors)
         return first, others[0] if others else 0.0

@@ -40,12 +40,12 @@ class Output:
 
     @property
     def container(self) -> Container:
-        """Of all files but those that `texels` names."""
+        """The container of all files except the files that `texels` names."""
         return format_named(self.format)
 
 
 GLB = "glb"
-"""What users call glTF files. They are no container of single maps."""
+"""The name of glTF files for users. They are not a container of single maps."""
 
 GLB_TEXELS = ("uastc", "rgba8")
 """Texels of a GLB's textures, the default first. KHR_texture_basisu allows for no others; some engines load them."""

@@ -55,7 +55,7 @@ class Preset:
 
     @property
     def target(self) -> str:
-        """The target that it chooses, a name in `mipbake.bake.TARGETS`."""
+        """The target that the preset chooses, a name in `mipbake.bake.TARGETS`."""
         return "auto" if self.anisotropic else "gltf"
 
     def check(self, width: int, height: int, blocks: bool = True) -> list[str]:
@@ -144,7 +144,7 @@ _ALL = (
 )
 
 PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in _ALL}
-"""By name."""
+"""Preset by name."""
 
 
 def preset_named(name: str) -> Preset:

@@ -74,7 +74,7 @@ class TextureSet:
     alpha_cutoff: float | None = None
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"TextureSet({self.name!r}, {self.width} x {self.height}: {', '.join(self.maps)})"
 
     @property
@@ -276,7 +276,7 @@ _ARRAY_CHANNELS = {role: 3 if role in (*COLOUR_ROLES, "normal", "anisotropy") el
 
 
 def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
-    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value is not the role's."""
+    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value does not fit the role."""
     channels = _ARRAY_CHANNELS[role]
     array = np.array(value, np.float32)
     if array.ndim == 0 and role not in ("normal", "anisotropy", "emissive"):

@@ -77,7 +77,7 @@ class Mosaic:
 
 
 def islands(tiles: Iterable[int]) -> list[list[int]]:
-    """Tile numbers in groups that touch, corners included: what lies apart needs no mosaic in common."""
+    """Tile numbers in groups that touch, corners included: tiles that lie apart need no mosaic in common."""
     left, groups = set(tiles), []
     while left:
         group, reached = [], [min(left)]
@@ -97,15 +97,15 @@ def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
 
     Tiles are resampled to the largest of each map. A map that only some tiles have is a constant in the others
     (anisotropy of strength 0, occlusion, opacity and carried channels 1, emissive 0; a height is continued from the
-    tiles around). Where there is no tile, the maps are continued from those around: nothing foreign is filtered into
-    their borders.
+    tiles around). Where there is no tile, the maps are continued from the tiles around: nothing foreign is filtered
+    into their borders.
 
     Args:
         tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
             mosaic is the rectangle around all of them.
 
     Raises:
-        UsageError: no tiles, a number that is none, or tiles whose opacity is tested against different cutoffs.
+        UsageError: no tiles, a number that is not a tile's, or tiles whose opacity is tested against different cutoffs.
     """
     if not tiles:
         raise UsageError("no tiles were given: expected tile numbers and their texture sets")

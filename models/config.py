@@ -21,7 +21,7 @@ class NetworkConfig:
 
     Args:
         encoders: material models that are read, keys of PARAMETERS; each has an encoder of its own.
-        decoders: material models that are made; each has a decoder of its own, all on the same latents.
+        decoders: material models that are made; each has a decoder of its own, and all decoders read the same latents.
         latent_filter: kernel of the linear downsampling in latent space.
         latent_channels: maps of the latent code; at least as many as the encoders' models have parameters together.
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
@@ -153,7 +153,7 @@ _CONVERTED = {"gltf-anisotropic": "ggx"}
 
 
 _READ = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
-"""Each of these models can say all that those before it can."""
+"""Each of these models can say all that the models before it can."""
 
 
 def reads(config: AnyConfig, source: str) -> bool:
@@ -162,7 +162,8 @@ def reads(config: AnyConfig, source: str) -> bool:
 
 
 def takes(config: AnyConfig, source: str) -> bool:
-    """Whether a network bakes a source. One that makes anisotropic lobes of round ones would lose given ones."""
+    """Whether a network bakes a source. A network that makes anisotropic lobes from round lobes would lose the lobes
+    that were given."""
     return not (isinstance(config, MomentConfig) and config.decoders == ("gltf-anisotropic",)) or source == "gltf"
 
 

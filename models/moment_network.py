@@ -40,7 +40,7 @@ _CODE = 3 + len(FILTERS)
 _OUTPUTS = 16
 
 DETAIL = 8
-"""Of the latents that `with_detail` makes: what sharpening added to the averages of base colour, metallic, roughness,
+"""Latents that `with_detail` adds: what sharpening added to the averages of base colour, metallic, roughness,
 n_x, n_y and 1 - n_z."""
 
 _STEP = 0.1
@@ -74,7 +74,7 @@ class MomentNetwork(nn.Module):
         super().__init__()
         self.config = config
         self.pixel_filters: tuple[str, ...] = ()
-        """What it was trained for, of released weights."""
+        """The pixel filters that it was trained for; only released weights say that."""
         growth, layers = config.growth, config.convolutions + config.pointwise
         self.encoder = nn.ModuleList(
             nn.Conv2d(_INPUTS + growth * i, growth, 3 if i < config.convolutions else 1) for i in range(layers)

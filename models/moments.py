@@ -8,7 +8,7 @@ constant, so that there the averages stay as they are, 0 and 1 included.
 Two more weigh every texel by how bright it gets: by the height of its lobe, 1 / alpha^2, and by the lobe's value where
 light and view mirror each other on the flat surface, alpha^2 / (alpha^2 + |slope|^2)^2. Flat gloss between steep joints
 is seen as a sharp highlight that hardly knows of the joints: its mean slope among all texels is off by more than the
-highlight is wide, among bright ones it is not.
+highlight is wide, among bright texels it is not.
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ class Statistics:
 
 
 def statistics(means: Tensor) -> Statistics:
-    """Of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; everything is cut to its own."""
+    """Statistics of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; every value is cut to
+    its range."""
     base, metallic, roughness = (means[..., i:j].clamp(0, 1) for i, j in ((0, 3), (3, 4), (4, 5)))
     xy, drop, slope = means[..., 5:7], means[..., 7:8], means[..., 8:10]
     quartic = means[..., 13:14].clamp(_MIN_ALPHA2, 1)
@@ -221,7 +222,7 @@ def _among(weight: Tensor, first: Tensor, second: Tensor, slope: Tensor, slopes:
 
 
 def _widening(variance: Tensor, alpha2: Tensor) -> Tensor:
-    """From 0 to 1: how much a variance of slopes widens a lobe, as `freedom` measures it."""
+    """How much a variance of slopes widens a lobe, from 0 to 1, as `freedom` measures it."""
     logarithm = (variance / alpha2).log1p() / 4
     return logarithm / (logarithm + _SOFT)
 

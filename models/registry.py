@@ -1,7 +1,7 @@
 """Released weights: which there are, and loading them with their hash verified.
 
-Three files each, in models/weights or any other folder: `<name>.safetensors` holds the tensors, `<name>.json` the typed
-description below, `<name>.md` the model card.
+Weights have three files, in models/weights or any other folder: `<name>.safetensors` holds the tensors, `<name>.json`
+the typed description below, `<name>.md` the model card.
 """
 
 from __future__ import annotations

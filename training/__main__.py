@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def exit_code(command: Callable[[], object]) -> int:
-    """That of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
+    """The exit code of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
     try:
         command()
     except MipbakeError as error:

@@ -57,7 +57,7 @@ class Band:
 
 
 BANDS = (Band(-0.7, 1.5, 2, 32, 2, 3), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
-"""For patches of 32 x 32 texels; others have as many levels of detail between their ends."""
+"""The bands for patches of 32 x 32 texels; other patches have as many levels of detail between their ends."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class BaselineConfig(ABC):
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Those that are read or made, once."""
+        """The material models that are read or made, each once."""
         return tuple(dict.fromkeys((*self.encoders, *self.decoders)))
 
     @abstractmethod

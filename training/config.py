@@ -167,7 +167,7 @@ class BalancedLossConfig:
 
     @property
     def room_weights(self) -> tuple[float, float, float]:
-        """Of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
+        """Weights of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
         return self.room_weight, self.blur_weight, self.mean_weight
 
     @property

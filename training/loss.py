@@ -31,8 +31,8 @@ from mipbake.training.config import LossConfig
 TORUS = ("wrap", "wrap")
 
 EPSILON = 1e-4
-"""Of equation 5, per summed value: a render whose mean square radiance lies below counts less and less. So a patch that
-is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
+"""Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
+patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
 
 _CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
 

@@ -1,7 +1,7 @@
 """Validation while training: SNR against the supersampled reference on patches the training never sees.
 
-The same measure as `mipbake validate`, smaller: a fixed set of patches, each a torus, and few pairs and samples. The
-references do not depend on the network and are made once.
+It is the same measure as in `mipbake validate`, but smaller: a fixed set of patches, each a torus, and few pairs and
+samples. The references do not depend on the network and are made once.
 """
 
 from __future__ import annotations

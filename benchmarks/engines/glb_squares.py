@@ -113,7 +113,7 @@ def squares_glb(baked: Sequence[EngineMap]) -> bytes:
 
 
 def _square(buffer: _Buffer, repeat: float, material: int) -> dict[str, Any]:
-    """From (0, 0, 0) to (1, 1, 0), facing +z; v runs down."""
+    """A square from (0, 0, 0) to (1, 1, 0), facing +z; v runs down."""
     corner = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
     x, y = corner.T
     attributes = {

@@ -86,7 +86,7 @@ class Reference:
 
     @property
     def snr(self) -> float:
-        """Of the mean of both halves against the truth, from their difference, in dB."""
+        """SNR of the mean of both halves against the truth, from their difference, in dB."""
         a, b = self.first[self.covered], self.second[self.covered]
         return float(10 * np.log10((a * b).sum() / max(np.square(a - b).sum() / 4, 1e-300)))
 

@@ -73,7 +73,7 @@ class Entry:
 
 
 def hashes(entry: Entry, root: Path = ROOT) -> Hashes:
-    """Of all files that the entry reaches, in the order of their names."""
+    """The hashes of all files that the entry reaches, in the order of their names."""
     found = {str(path.relative_to(root)): _python(path) for path in modules(entry, root)}
     doors = {match[1] for name in found if (match := re.match(r"mipbake/(shading|sampling|raster)/", name))}
     found |= {str(path.relative_to(root)): _cpp(path) for path in sources(doors, root)}

@@ -1,4 +1,5 @@
-"""The whole comparison: stacks, figures in texture space, renders with theirs, the paper's figures for one material."""
+"""The whole comparison: stacks, figures in texture space, renders with their figures, the paper's plots for one
+material."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 IN_MOTION = ("flicker", "flicker-snr")
 """Measures of what changes from one picture to the next."""
@@ -51,9 +52,9 @@ class Settings:
         mesh: what is rendered in place of spheres and plane.
         anisotropic: look stacks up 16x anisotropically in renders, rather than trilinearly.
         side: of a square render, in pixels; the plane is 7/4 as wide.
-        max_passes: samples a pixel of a render's reference, at most.
+        max_passes: most samples for each pixel in the reference of a render.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
-        seed: of everything that is drawn.
+        seed: seed of everything that is drawn.
         cache: folder where references of renders are kept for the next comparison; None for nowhere.
 
     Raises:

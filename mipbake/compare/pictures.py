@@ -1,8 +1,8 @@
 """Renders of a view for all candidates at once: their images, the reference, and every measure that applies to renders.
 
 All measures are taken over the interior, the pixels that lie wholly on the mesh: elsewhere a pixel shows an edge, which
-no texture is to blame for. Measures that look at whole pictures see the reference itself outside the interior, in the
-candidate too, so that edges and the background show no difference there; their maps are then averaged over the interior
+no texture is to blame for. Measures that look at whole pictures see the reference itself outside the interior, even in
+the candidate, so that edges and the background show no difference there; their maps are then averaged over the interior
 only. Within some ten pixels of an edge FLIP and SSIM therefore see less of an error than in the open.
 """
 
@@ -27,7 +27,7 @@ from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Frame, Reference
 
 MAX_PASSES = 768
-"""Samples a pixel of a reference, at most, by default."""
+"""Most samples for each pixel of a reference, by default."""
 
 SHIFT = (0.5, 0.0)
 """Pixels, to the right and upwards, between the two renders that flicker is measured of."""
@@ -38,7 +38,7 @@ SHIFTED_SCALES = ("near", "1:1")
 _MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window
 
 Progress = Callable[[str, float], None]
-"""Told what is under way, in a few words, and the finished share of it."""
+"""Is told what is under way, in a few words, and the finished share of it."""
 
 
 @dataclass(frozen=True, eq=False)

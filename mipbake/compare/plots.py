@@ -1,4 +1,4 @@
-"""Three figures of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
+"""Three plots of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
 change under a half-pixel shift (figure 6) and apparent BRDF (figure 8)."""
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mipbake.render import texture_space
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
-"""Samples a pixel of a temporal slice's reference, both halves together."""
+"""Samples for each pixel in the reference of a temporal slice, both halves together."""
 
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
@@ -197,7 +197,8 @@ def _worst(
 
 
 def _factor(values: NDArray[np.floating]) -> float:
-    """To two digits, what scales bright values (the 99.5th percentile of their brightest channel) to _BRIGHT."""
+    """The factor, to two digits, that scales bright values (the 99.5th percentile of their brightest channel) to
+    _BRIGHT."""
     bright = float(np.percentile(values.max(-1), 99.5)) if values.size else 0.0
     if bright <= 0:
         return 1.0

@@ -27,7 +27,7 @@ EXPOSURE = 1.5
 fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
 
 SMALLEST = 16
-"""Pixels a side that a view has at least; SSIM's window takes 11."""
+"""Least pixels along each side of a view; the window of SSIM takes 11."""
 
 _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
 _FILLED = 0.94  # of the picture's half height by the sphere's radius

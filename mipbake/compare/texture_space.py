@@ -1,7 +1,7 @@
 """Measures in texture space, of many candidates at once: every pixel covers 2^lod texels, lit by single directions.
 
-All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so what
-differs between them is theirs. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
+All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so
+whatever differs is a difference of the candidates. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
 
     (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
 
@@ -58,7 +58,7 @@ _LEAST_CHANGE_POINTS = 1024
 _TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""
@@ -343,7 +343,7 @@ def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
 
 
 def _displayed(radiance: Radiance) -> NDArray[np.float64]:
-    """Of the tonemapped error: x / (1 + x), sRGB-encoded. A filter's negative lobes may undershoot 0."""
+    """x / (1 + x), sRGB-encoded, for the tonemapped error. A filter's negative lobes may undershoot 0."""
     lit = np.maximum(radiance, 0)
     return srgb_encode(lit / (1 + lit))
 
@@ -369,5 +369,5 @@ def _a_block(points: int) -> int:
 
 
 def _steps(low: float, high: float) -> tuple[float, ...]:
-    """From low to high, both included, in steps of STEP."""
+    """Numbers from low to high, both included, in steps of STEP."""
     return tuple(dict.fromkeys((*(float(lod) for lod in np.arange(low, high, STEP)), high)))

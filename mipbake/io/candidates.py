@@ -1,4 +1,4 @@
-"""Which file of a folder fills which role: candidates by name, preferences among them, and the user's choices."""
+"""Which file of a folder fills which role: matches by name, preferences among them, and the user's choices."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def is_textures(folder: Path) -> bool:
 
 
 def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
-    """Candidates for every role but those `settled` by option, and the files that are candidates for none."""
+    """Matches for every role except the roles `settled` by option, and the files that match no role."""
     candidates: dict[str, list[Candidate]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
@@ -211,7 +211,7 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
-    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
+    """The one match of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
     variants the first."""
     best = min(c.meaning.rank for c in several)
     first = [c for c in several if c.meaning.rank == best]

@@ -41,7 +41,7 @@ class TextureMap:
     source: MapSource
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width, channels = self.pixels.shape
         origin = self.source.path.name if self.source.path else self.source.reason
         return f"TextureMap({self.source.role}, {width} x {height} x {channels}, {origin})"
@@ -95,7 +95,8 @@ def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
 
 
 def scaled(pixels: Pixels, role: str, factor: float) -> Pixels:
-    """Values of a role times a factor, within the role's range; of normals x and y are scaled, then they are unit."""
+    """Values of a role times a factor, within the role's range; x and y of normals are scaled, then normals are made
+    unit."""
     if role == "normal":
         return normalised(pixels * np.array([factor, factor, 1], np.float32))
     least, most = _RANGES.get(role, (-np.inf, np.inf))

@@ -1,4 +1,4 @@
-"""What a user names as input: folders, files, lists of them, globs; and what kind of input each is."""
+"""What a user names as a source: folders, files, lists of them, globs; and the kind of each source."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ EXPECTED = "a folder of maps, a .gltf, .glb, .mtlx or .zip file, or tiles (<UDIM
 
 
 def expand(sources: Sequence[str]) -> list[Path]:
-    """The inputs that arguments stand for, in their order, each once.
+    """The sources that arguments stand for, in their order, each once.
 
-    An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds one a line, relative to its
-    folder, without empty lines and those that start with #; `@-` reads such a list from the standard input. An argument
-    or a line that exists nowhere and holds *, ? or [ is a glob: what it finds that could be an input, sorted; **
-    crosses folders.
+    An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds, one on each line, relative to
+    its folder, without empty lines and lines that start with #; `@-` reads such a list from the standard input. An
+    argument or a line that exists nowhere and holds *, ? or [ is a glob: it stands for what it finds that could be a
+    source, sorted; ** crosses folders.
 
     Raises:
         InputError: an empty name, a list that cannot be read or is empty, or a glob that finds nothing.
@@ -49,7 +49,7 @@ def expand(sources: Sequence[str]) -> list[Path]:
 
 
 def kind(path: str | os.PathLike[str]) -> Kind:
-    """What an input is: by its suffix, or by the names of the files in a folder.
+    """What a source is: by its suffix, or by the names of the files in a folder.
 
     Raises:
         InputError: it does not exist, or is a file that is none of them.

@@ -41,7 +41,7 @@ class MapFile:
     levels: Levels
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width, channels = self.levels[0].shape
         kind = f"{self.container.name}:{self.container.texels}"
         return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"

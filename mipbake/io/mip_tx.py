@@ -1,4 +1,4 @@
-"""`tx`: one tiled, MIP-mapped TIFF a map, as renderers with OpenImageIO's texture system read them."""
+"""`tx`: one tiled, MIP-mapped TIFF for each map, as renderers with OpenImageIO's texture system read them."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 A name is split at separators; trailing words about resolution, format, colour space or variant are dropped; what
 remains must END in a known word, so that `rusty_metal_02_diff_1k.jpg` is a base colour and `Metal007.png` is nothing.
 Words may be joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `basecolor` are one word. A
-long word counts where nothing sets it off, too: `woodcolor.png` is a base colour unless another file's name says so
+long word counts even where nothing sets it off: `woodcolor.png` is a base colour unless another file's name says so
 more clearly.
 """
 

@@ -77,7 +77,7 @@ class LoadOptions:
     origin: str = "option"
 
     def __post_init__(self) -> None:
-        """UsageError when a value is none of those listed."""
+        """UsageError when a value is not in the list."""
         for role, choice in self.maps.items():
             _check_choice(role, choice)
         _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))

@@ -29,7 +29,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Division:
-    """The sets of a folder, and files that are of none of them."""
+    """The sets of a folder, and files that belong to no set."""
 
     parts: tuple[Part, ...]
     left_out: tuple[Path, ...]
@@ -45,7 +45,7 @@ class _Named:
 
 
 def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None) -> Division | None:
-    """The several sets that files are of, by the words that their names begin with; None where they are one set.
+    """The several sets that files belong to, by the words that their names begin with; None where they are one set.
 
     They are several where two of them are complete, with a normal and a roughness map each, and two files would fill
     one role. `--map ROLE=PATTERN` tells roles of files whose names do not.
@@ -127,7 +127,7 @@ def _is_pattern(choice: MapChoice) -> bool:
 
 
 def _expression(role: str, text: str) -> re.Pattern[str]:
-    """Of the names of files that a pattern stands for."""
+    """A regular expression for the names of files that a pattern stands for."""
     bare = _CHANNELS.sub("", text)
     if bare.count(_STAR) != 1 or "/" in bare:
         raise UsageError(f"--map {role}={text} is not a pattern of files: expected the name of a file with * once")

@@ -134,7 +134,7 @@ def text_of(name: str, tile: int) -> str:
 
 
 def name_with(name: str, tile: int) -> str:
-    """What the set of a tile is called."""
+    """The name of the set of a tile."""
     return f"{name}_{tile}"
 
 

@@ -36,7 +36,7 @@ _RADIANCES = 1 << 17  # at a time: they stay in the cache
 
 @dataclass(frozen=True)
 class Budget:
-    """How long to optimise; whichever ends first.
+    """How much effort an optimisation makes, and how long it may take; whichever ends first.
 
     Args:
         rounds: most rounds of a block. A round draws pixels, pairs and targets anew; after every few of them held-out
@@ -138,7 +138,7 @@ class HeldOut:
         region: where the pixels lie, and for which levels: levels of detail run from the first to the last of them in
             steps of 1/2, and half a level further where there is one more.
         stream: of random numbers.
-        part: divides the budget's points and pairs.
+        part: divides the points and pairs of the effort.
     """
 
     def __init__(self, problem: Problem, region: Region, budget: Budget, stream: list[int], part: int = 1) -> None:

@@ -45,7 +45,7 @@ class LitError:
 
     @property
     def logarithm(self) -> float:
-        """Of squared errors: of pixels, and of the brightness of groups."""
+        """The logarithm of squared errors: of pixels, and of the brightness of groups."""
         groups = float(np.log(np.square(self.brightness) + self.scale).mean())
         return (1 - _BRIGHTNESS) * math.log(self.square) + _BRIGHTNESS * groups
 
@@ -73,7 +73,7 @@ class LitError:
 
 
 def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:
-    """Of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
+    """The error of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
     cosine = np.einsum("nj,nj->n", frame[:, 2], view)
     angles = min(_ANGLES, len(off))
     groups = np.argsort(cosine, kind="stable")[: len(off) // angles * angles].reshape(angles, -1)

@@ -8,7 +8,7 @@ themselves:
 - near-mirror pairs whose views graze, though not so much that no stack shows anything right there. Nearly half of
   all sets hold one;
 - the expected energy of all others near the mirror, for which lights closest to it are drawn more often than they come,
-  and weigh less (Veach and Guibas 1995, the balance heuristic): those that flat gloss reflects;
+  and weigh less (Veach and Guibas 1995, the balance heuristic): flat gloss reflects such lights;
 - the expected energy over the hemisphere, for which lights near the mirror and grazing views are drawn more often.
 """
 
@@ -26,7 +26,7 @@ _TIGHT = 0.03  # spread of the lights closest to the mirror direction
 
 
 KINDS = 2
-"""Of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
+"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
 
 
 def draw_pool(rng: np.random.Generator, each: int, kind: int) -> tuple[LightViewPairs, Array]:

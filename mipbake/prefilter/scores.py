@@ -1,4 +1,4 @@
-"""Scores of candidates against the reference, at many points under many pairs, from looked-up texels alone.
+"""Scores of ingredients and blends against the reference, at many points under many pairs, from looked-up texels alone.
 
 The SNR of a set of pairs varies by decibels from set to set, and on glossy sets from points to points. So each level of
 detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
@@ -7,8 +7,8 @@ Means over groups average both kinds of chance, and their scatter says what is l
 A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
 those. So the energy of errors is measured for such pairs by themselves (pair_pool.py).
 
-Candidates are looked up once at all points. A level that blends candidates blends what was looked up, since lookups are
-linear in stored channels, so blends cost a shading each and no images.
+Ingredients are looked up once at all points. A level that blends ingredients blends what was looked up, since lookups
+are linear in stored channels, so blends cost a shading each and no images.
 
 SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped: dim
 renders and casts of colour count there. So every level of detail is also measured under a studio's lights, on surfaces
@@ -304,7 +304,7 @@ def pooled_rows(error: Array, probe: Probe) -> Array:
     """(2 S, H) pseudo-values of the logarithms of the pooled errors, of (S, G) errors of all groups."""
 
     def log(parts: Array) -> Array:
-        """Of sums over groups: error, noise and signal (3, ...)."""
+        """Logarithms from sums over groups: error, noise and signal (3, ...)."""
         ratio = np.maximum(parts[0], 2 * _RESOLVED * parts[1]) / np.maximum(parts[2], 1e-30)
         return np.where(parts[2] > UNLIT, np.log(np.maximum(ratio, FLOOR)), 0.0)
 

@@ -65,7 +65,7 @@ class Descended:
 
 @dataclass
 class _State:
-    """Of the texels of a level, between rounds."""
+    """State of the texels of a level between rounds."""
 
     held: Tensor | None = None  # (h, w, P, P) curvature of past rounds
     mean: Tensor | None = None  # (h, w, P)

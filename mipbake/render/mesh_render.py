@@ -28,7 +28,7 @@ from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
 
-_FORMAT = 1  # of cached references; to be raised whenever a pass renders anything else
+_FORMAT = 1  # version of cached references; to be raised whenever a pass renders anything else
 
 _HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however long a check is away
 _SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose

@@ -72,7 +72,7 @@ class Surface:
 
 
 def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], first: int) -> Points:
-    """Those of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated."""
+    """The points of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated."""
     covered = np.flatnonzero(rast[..., 3] > 0)
 
     def of(pixels: NDArray[Any]) -> NDArray[Any]:

@@ -1,7 +1,7 @@
 """The plain torch twins of the shading kernels: every model written out as its equations, and nothing native.
 
-It is the oracle of the tests, in float64, and the yardstick of the benchmark. It is differentiable by autograd, in
-the lights and views too, and runs wherever torch does. Equations: docs/conventions.md, section 2.
+They are the oracle of the tests, in float64, and the yardstick of the benchmark. Autograd differentiates them, also in
+the lights and views, and they run wherever torch does. docs/conventions.md, section 2, has the equations.
 """
 
 from __future__ import annotations
@@ -203,4 +203,4 @@ MODELS: Mapping[str, Callable[[Tensor], Surface]] = {
     "ggx": _ggx,
     "beckmann": _beckmann,
 }
-"""What each model makes of its (..., C) stored channels."""
+"""The texel that each model makes from its (..., C) stored channels."""

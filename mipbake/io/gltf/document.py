@@ -40,7 +40,7 @@ class Document:
     chunks: tuple[tuple[bytes, bytes], ...] = ()
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Document({str(self.path)!r}, {len(self.all('materials'))} materials)"
 
     def all(self, kind: str) -> list[Json]:
@@ -49,7 +49,7 @@ class Document:
         return found
 
     def one(self, kind: str, index: object, where: str) -> Json:
-        """An object of a top-level array; InputError, which says `where` it is named, where there is no such one."""
+        """An object of a top-level array; InputError, which says `where` it is named, where there is none."""
         objects = self.all(kind)
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(objects):
             raise InputError(

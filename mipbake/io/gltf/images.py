@@ -102,7 +102,7 @@ def image_files(document: Document, within: Path) -> list[Path]:
 
 
 def image_label(index: object, image: Json) -> str:
-    """How messages call an image."""
+    """The name of an image in messages."""
     name = image.get("name") or image.get("uri")
     return f"image {index} ({name})" if isinstance(name, str) and not name.startswith("data:") else f"image {index}"
 

@@ -109,7 +109,7 @@ def _filled(bakes: Sequence[GltfBake]) -> set[Use]:
 
 
 def _untouched(document: Document, filled: set[Use]) -> set[int]:
-    """Textures that stay as they are because of something else that shows them."""
+    """Textures that stay as they are because something else shows them."""
     known = {}
     for index, material in enumerate(document.all("materials")):
         for name in PLACES:

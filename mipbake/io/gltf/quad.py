@@ -51,7 +51,7 @@ class QuadOptions:
     ranges: Ranges = field(default_factory=Ranges)
 
     def __post_init__(self) -> None:
-        """UsageError when a value is none of those listed."""
+        """UsageError when a value is not in the list."""
         if len(self.wrap) != 2 or any(mode not in WRAP_MODES for mode in self.wrap):
             raise UsageError(f"wrap is {self.wrap!r}: expected two of {', '.join(WRAP_MODES)}")
         if self.alpha_mode not in ALPHA_MODES:

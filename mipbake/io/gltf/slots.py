@@ -136,7 +136,7 @@ class Slot:
 
 
 def label_of(index: int, material: Json) -> str:
-    """How messages call a material."""
+    """The name of a material in messages."""
     name = material.get("name")
     return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
 

@@ -83,7 +83,7 @@ class Document:
 
     @property
     def scope(self) -> Scope:
-        """That of the document itself."""
+        """The scope of the document itself."""
         return Scope(self.root)
 
     def lineage(self, element: Element) -> Iterator[Element]:

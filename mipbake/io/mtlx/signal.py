@@ -132,7 +132,7 @@ def taken(signal: Signal, letters: str) -> Signal:
 
 
 def converted(signal: Signal, kind: str) -> Signal:
-    """As many channels as the type has: one is repeated, a missing alpha is 1, others are cut off."""
+    """The signal with as many channels as the type has: one is repeated, a missing alpha is 1, others are cut off."""
     count = len(LETTERS.get(kind, "RGB"))
     channels = signal.channels * count if len(signal.channels) == 1 else (*signal.channels, number(1))
     return Signal(channels[:count])

@@ -250,4 +250,4 @@ _NODES: Mapping[str, Callable[[_At], Signal]] = {
     "mix": _mixed,
     "clamp": _clamped,
 }
-"""How nodes are read; any other cannot be."""
+"""How nodes are read, by kind; other nodes cannot be read."""
