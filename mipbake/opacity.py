@@ -125,6 +125,6 @@ def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
 def _threshold(level: Image, share: float) -> float:
     """What the nearest to that share of texels lies above: between two values that occur, or beyond all."""
     values, counts = np.unique(level, return_counts=True)
-    above = np.append(np.cumsum(counts[::-1])[::-1], 0) / level.size  # that pass a threshold below values[i]
+    above = np.append(np.cumsum(counts[::-1])[::-1], 0) / level.size  # share that passes a threshold below values[i]
     between = np.concatenate([values[:1] / 2, (values[:-1] + values[1:]) / 2, values[-1:] + 1e-3])
     return float(between[int(np.argmin(np.abs(above - share)))])

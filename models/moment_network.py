@@ -54,8 +54,8 @@ _DECISION = 5.0
 
 _MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
 _MOST_CHANGE = 3.0  # of ln roughness
-_NARROWER = 0.1  # of ln roughness that a lobe may be narrower than those that it stands for
-_FARTHEST = 0.5  # of a lobe's alpha that its normal may move freely
+_NARROWER = 0.1  # ln of roughness: how much narrower a lobe may be than the lobes that it stands for
+_FARTHEST = 0.5  # share of a lobe's alpha by which its normal may move freely
 _CRISP = 3  # how much more sharpening there is of colours, of roughness, and of normals: -1 for none, to 1 for twice
 _DETAIL_SCALE = 8.0
 _MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
@@ -135,7 +135,7 @@ class MomentNetwork(nn.Module):
             pixel_filter: that the latents were filtered with.
         """
         latent, detail = latent[..., :-DETAIL], latent[..., -DETAIL:].detach()
-        found = statistics(latent[..., :COUNT].detach())  # of what is not learned
+        found = statistics(latent[..., :COUNT].detach())  # statistics of the latents that are not learned
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))

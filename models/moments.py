@@ -32,7 +32,7 @@ _MIN_LOG = math.log(MIN_ROUGHNESS)
 _MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
 _FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels
 _SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed
-_CANCELLED = 4e-7  # of a square, what float32 leaves where it is taken from an equal one
+_CANCELLED = 4e-7  # share of a square that float32 leaves where an equal square is taken from it
 _ROUNDING = 2e-6  # what is left of the variance of a constant in float32
 _SOFT_VARIANCE = 0.02  # variance of normals, or of metallic, where half of a change of colour is
 

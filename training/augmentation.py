@@ -26,7 +26,7 @@ _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
 _UNCHANGED = 0.25
 """Share of patches whose roughness, and of others whose normals, are left as they are."""
 
-_MIN_HEIGHT = 0.05  # of augmented normals, cos 87 degrees; slopes are limited accordingly
+_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly
 
 
 def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:

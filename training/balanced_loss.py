@@ -32,10 +32,10 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
-_LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
+_LEAST_ERROR = 0.1  # share of the mean squared difference to an estimate of the target
 _BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
 _ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
-_OWN = 0.1  # of the mean error of a patch's rooms, added to the error of each light: none has all the weight
+_OWN = 0.1  # share of the mean error of a patch's rooms, added to each light's error: none has all the weight
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ GRAZING = 0.4
 
 _WIDER, _LEAST_ALPHA = 1.2, 0.004  # lobes that pairs are drawn from, so that tails are seen and densities stay finite
 _LEAST_COSINE = 2e-3
-_MOST_WEIGHT = 0.5  # of a pair; where the densities of a set are hardly covered, chance would give one pair all
+_MOST_WEIGHT = 0.5  # most weight of a pair; where densities of a set are hardly covered, chance would give one pair all
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ def train(
             state.save(out / BEST)
 
     if not resume:
-        validate()  # of the untrained network: averages of parameters, or of moments with its first guess
+        validate()  # the untrained network makes averages of parameters, or of moments with its first guess
     run, started, first = config.run, time.perf_counter(), state.step
     recent: list[Tensor] = []
     for batch in batches(train_materials, config, first):

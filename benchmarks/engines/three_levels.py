@@ -18,7 +18,7 @@ SIDE = 256
 
 _PIXELS = 32
 _LEVELS = SIDE.bit_length()
-_COLOUR_TOLERANCE = 0.02  # of the mix of two levels: WebGL leaves the precision of a level to its maker
+_COLOUR_TOLERANCE = 0.02  # tolerance for the mix of two levels: WebGL leaves the precision of a level to its maker
 _UNIT = 1 / 255
 _GENERATED_TOLERANCE = 1.5 * _UNIT  # WebGL rounds each level and makes the next from it
 

@@ -255,7 +255,7 @@ def _compared(
                     renders / f"{file_stem(view.name, name)}.exr", frame, made.reference, method=name,
                     pixel_filter=pixel_filter, source_hash=texture_set.source_hash,
                 )  # fmt: skip
-        if made.change is not None and not pictures:  # of the nearest view, where shimmer is the worst
+        if made.change is not None and not pictures:  # only the nearest view, where shimmer is the worst
             pictures.append(plots.half_pixel_shift(made.change))
     scene = (stored, source, texture_set.wrap)
     turning = plots.temporal_slice(

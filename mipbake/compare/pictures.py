@@ -112,7 +112,7 @@ def render_view(
         progress(view.name, told)
 
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
-    part = 0.35 if moving else 0.7  # of the time, by a reference
+    part = 0.35 if moving else 0.7  # share of the time that a reference takes
     still = _render(view, (0.0, 0.0), stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
                     cache, lambda share: tell(part * share))  # fmt: skip
     moved = None

@@ -30,7 +30,7 @@ SMALLEST = 16
 """Least pixels along each side of a view; the window of SSIM takes 11."""
 
 _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
-_FILLED = 0.94  # of the picture's half height by the sphere's radius
+_FILLED = 0.94  # share of the picture's half height that the sphere's radius fills
 _BOTTOM = 35.0  # degrees below the horizon of the lowest row of the plane
 _MESH_ANGLE = 30.0
 _MESH_FROM = (25.0, 15.0)  # azimuth and elevation, degrees

@@ -33,12 +33,12 @@ BLENDED = ("linear", "lean", "unreal", "godot")
 """Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
 
 _FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
-_MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
-_PILOT = 256  # texels a side of the part that says how long a candidate will take
-_MARGIN = 1.1  # of what it says
-_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two candidates are baked at a time
+_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice
+_PILOT = 256  # texels a side of the part that says how long an ingredient will take
+_MARGIN = 1.1  # factor on what that part says
+_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two ingredients are baked at a time
 _WORSE = 3.0  # weight of a logarithm behind the best closed form against one gained
-_WORSE_BRIGHT = 10.0  # of one behind under the brightest pairs, which rule the figure of a set, or under the studio's
+_WORSE_BRIGHT = 10.0  # the same under the brightest pairs, which rule the figure of a set, or under the studio's lights
 WORSE_IN_GROUP = 6.0
 """Weight of a logarithm behind in a group of pairs, where another plain form may be the best than in the mean."""
 

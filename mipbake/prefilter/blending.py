@@ -27,7 +27,7 @@ from mipbake.prefilter.held_out import Image, Problem
 from mipbake.prefilter.scores import Array, Effort, Score, Scores, certainty
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-_CHANCE = 0.5  # of a standard error by which a rival may be ahead
+_CHANCE = 0.5  # standard errors by which a rival may be ahead
 _TIE = 0.01  # logarithm of errors below which two measure the same
 _APART = 0.02  # mean logarithm that is looked into: by how much groups are behind their best plain forms
 

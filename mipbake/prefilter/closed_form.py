@@ -67,7 +67,7 @@ class RoughnessRule:
 
         def read(texels: Array) -> Array:
             own = material.convert(texels, source, target)
-            isotropic = source == "gltf" and target != "beckmann"  # whose alpha is another for the same lobe
+            isotropic = source == "gltf" and target != "beckmann"  # beckmann has another alpha for the same lobe
             alpha2 = roughness_tensor(texels, source) if isotropic else roughness_tensor(own, target)
             spread = unit_normals(texels, source) - centre
             moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)

@@ -22,12 +22,12 @@ Image = NDArray[np.float32]
 SET_SIZE = 64
 """Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set)."""
 
-LOBES = 2  # that half vectors of pixels are drawn from (pixel_samples.py)
+LOBES = 2  # lobes that half vectors of pixels are drawn from (pixel_samples.py)
 
 SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])
 """Additive recurrence of low discrepancy (Roberts 2018): powers of 1 / plastic number."""
 
-QUANTILES = 1 << 14  # of the pixel filter, in a table
+QUANTILES = 1 << 14  # quantiles of the pixel filter in a table
 
 _PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128
 _HELD_OUT_STREAM = 104729  # keeps these pairs apart from every set that pair_set draws

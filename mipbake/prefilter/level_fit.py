@@ -46,8 +46,8 @@ _LIT = 2.0  # times that the error under the studio's lights counts, beside each
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # of weights: they run off where ingredients all but agree
-_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # that rows of Score.means count: near the mirror, over the hemisphere
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree
+_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # what rows of Score.means count: near the mirror, over the hemisphere
 _ROWS = np.array([_BEHIND, _BEHIND, _BEHIND_BRIGHT, 0.5, _BEHIND_BRIGHT, 0.5])  # in addition, while they are behind
 
 

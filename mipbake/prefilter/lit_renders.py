@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
 _ANGLES = 8  # groups of pixels by their angle of view, each of whose brightness is compared
-_DARKER = 0.02  # of a group's brightness that is as good as right
+_DARKER = 0.02  # share of a group's brightness: an error that is as good as none
 _BRIGHTNESS = 0.5  # share of brightness in what is measured
 _LEAST = 1e-7  # squared value as displayed that is as good as none
 

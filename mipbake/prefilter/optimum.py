@@ -39,7 +39,7 @@ from mipbake.prefilter.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.time_budget import seconds_of
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
-_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of a level's change that may be kept
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of a level's change that may be kept
 _WORSE = 10.0  # weight of a logarithm lost against one gained, when shares are chosen
 _DECIBEL = 10 / math.log(10)
 

@@ -27,9 +27,9 @@ from mipbake.prefilter.held_out import SET_SIZE, HeldOut, Image
 from mipbake.prefilter.pixel_samples import Batch
 from mipbake.shading import shade
 
-_POOLED = 1.0  # that the logarithm of the expected energy counts beside the mean over sets
+_POOLED = 1.0  # times that the logarithm of the expected energy counts, beside the mean over sets
 _SETS = 200  # random sets that phi is a mean over
-_FLOOR = 1e-3  # of the mean error: chance makes errors of single pairs vanish
+_FLOOR = 1e-3  # share of the mean error: chance makes errors of single pairs vanish
 _SOLVED = 1e-6  # error in units of the signal that is as good as none
 _RIDGE, _ITERATIONS = 0.1, 20
 _HURRY, _MOST_URGENT = 1.5, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update

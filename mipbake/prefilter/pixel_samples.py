@@ -25,7 +25,7 @@ from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quan
 from mipbake.shading import shade
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
-_RADIANCES = 1 << 16  # of samples, at a time
+_RADIANCES = 1 << 16  # radiances of samples that are computed at a time
 _MOST_SAMPLES = 128
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)

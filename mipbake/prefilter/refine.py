@@ -45,11 +45,11 @@ REFINE_SECONDS = 120.0
 
 _COARSE = 128  # texels a side up to which levels are refined together, and without being asked
 _TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
-_LIT_SLACK = 0.1  # by which the logarithm of the error under the studio's lights may grow
+_LIT_SLACK = 0.1  # how much the logarithm of the error under the studio's lights may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
-_BAKING = 0.75  # of the time, at most, for ingredients; an ingredient of a large set that takes longer is left out
-_SETTLING = 0.04  # of the time left after the blend, for judging what was gained
+_BAKING = 0.75  # most of the time that ingredients take; in a large set, an ingredient that takes longer is left out
+_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Refine:
         problem = Problem(stored, source, target, pixel_filter, wrap)
         learned = self._learned(problem)
         candidates = [*closed_forms(problem), *learned]
-        first = 0.5 if not self.everything else 0.1  # of the progress
+        first = 0.5 if not self.everything else 0.1  # share of the progress
         timed = self.everything and self.seconds is not None
         seconds = self.seconds if timed and self.seconds is not None else math.inf
         # Tensors here are small and many, and two Python threads work on them.

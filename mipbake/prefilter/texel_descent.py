@@ -36,17 +36,17 @@ from mipbake.shading.adjoint import shade_adjoint
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
 
-_LIT, _LIT_BEHIND = 0.5, 2.0  # that the tonemapped error counts beside a pair set; more while above the start's
-_LIT_SLACK = 1.05  # of the start's, squared
-_LIT_PIXELS = 1024  # of a level and round, at least
+_LIT, _LIT_BEHIND = 0.5, 2.0  # times that the tonemapped error counts, beside a pair set; more while above the start's
+_LIT_SLACK = 1.05  # factor on the start's tonemapped error, squared
+_LIT_PIXELS = 1024  # pixels of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 _COMMON, _COMMON_PIXELS = 4, 2048  # times as many common pairs, at most; where pixels are more than this, fewer
-_LEAST_PIXELS = 128  # of a level and round: the coarsest levels have a texel or two
+_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
 _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
-_RECENT = 3.0  # of the average over rounds: the last round counts (_RECENT + 1) / (_RECENT + rounds)
+_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
 _DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
-_TEXELS = 2048  # whose equations are solved at a time: they stay in the cache
+_TEXELS = 2048  # texels whose equations are solved at a time: they stay in the cache
 _STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 

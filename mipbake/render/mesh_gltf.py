@@ -87,7 +87,7 @@ def _parsed(path: Path, data: bytes) -> Any:
                 f"the mesh {path} is cut off: expected {length} bytes, found {len(data)}, so copy or export it again"
             )
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of chunks that extensions define
+            warnings.simplefilter("ignore")  # it warns of chunks that extensions define
             gltf = GLTF2.load_from_bytes(data)
     if not str(gltf.asset.version).startswith("2."):
         raise ValueError(f"it is of glTF version {gltf.asset.version}")

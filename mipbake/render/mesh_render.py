@@ -33,7 +33,7 @@ _FORMAT = 1  # version of cached references; to be raised whenever a pass render
 _HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however long a check is away
 _SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose
 
-_RESOLVED = 1e-4  # of the image's root mean square: a standard error that is as good as none
+_RESOLVED = 1e-4  # share of the image's root mean square: a standard error that is as good as none
 
 # As in mipbake.render.texture_space: Roberts' additive recurrence, here of one offset a pass for the whole image.
 _PLASTIC = 1.32471795724474602596

@@ -18,7 +18,7 @@ from mipbake.render.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-_PAIRS = 1 << 20  # of corners at one position, compared at a time
+_PAIRS = 1 << 20  # pairs of corners at one position that are compared at a time
 
 
 def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triangles: NDArray[np.int32]) -> Mesh:

@@ -17,7 +17,7 @@ from mipbake.render.mesh import Mesh
 # return their memory to the system, whose pages then cost more than what is computed in them.
 _BAND = 1 << 14
 
-_NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # of the attributes
+_NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # slices of the attributes
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ Use: TypeAlias = tuple[int, str]
 
 PREFILTERED = (
     *(NORMAL, METALLIC_ROUGHNESS, ANISOTROPIC, COAT_NORMAL, COAT_ROUGHNESS),
-    *(DIFFUSE, SPECULAR_AND_GLOSS),  # of materials that were not converted, and are left as they are
+    *(DIFFUSE, SPECULAR_AND_GLOSS),  # slots of materials that were not converted, and are left as they are
 )
 """Slots whose averages say something else than their texels: they are baked, or left as they are."""
 

@@ -24,7 +24,7 @@ show it."""
 
 _LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255
-_USUAL_SHARE = 0.9  # of slopes within the scale: the best of the shares tried that fits all sets (benchmarks/uastc.py)
+_USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks/uastc.py)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from mipbake.specular_glossiness import Loss, metallic_roughness
 
 Pixels = NDArray[np.float32]
 
-_HALF_STEP = 0.5 / 65535  # of what is written
+_HALF_STEP = 0.5 / 65535  # half a step of the 16 bits that are written
 
 
 @dataclass(frozen=True)

@@ -167,7 +167,7 @@ def _image(at: _At) -> Signal:
     if not isinstance(file, Value) or not file.text.strip():
         return unread(f"an image node without a file ({node.get('name')})")
     kind = {"gltf_normalmap": "vector3", "gltf_anisotropy_image": "vector3"}.get(node.tag, node.get("type", ""))
-    kind = kind if kind in LETTERS else "color4"  # of several outputs
+    kind = kind if kind in LETTERS else "color4"  # a node of several outputs
     space = document.attribute("colorspace", file.element)
     if space is None or space[1] is not file.element:
         space = document.attribute("colorspace", node) or space

@@ -13,7 +13,7 @@ from mipbake.report.page.methods import Look, looks
 from mipbake.report.page.verdict import PLACES
 
 WIDTH, HEIGHT = 490, 330
-LEFT, RIGHT, TOP, BOTTOM = 38, 124, 30, 38  # of the axes; labels of lines stand to the right
+LEFT, RIGHT, TOP, BOTTOM = 38, 124, 30, 38  # margins of the axes; labels of lines stand to the right
 _LABEL_GAP = 14
 
 
