@@ -167,7 +167,7 @@ constexpr int max_levels = 32;
 
 enum class Storage { float32, float64, float16, bfloat16 };
 enum class Filter { nearest, linear, linear_mipmap_nearest, linear_mipmap_linear, anisotropic };
-// Of one axis. `cube` stands in both, and no other then.
+// The mode of one axis. Where one axis has `cube`, the other has it as well.
 enum class Boundary { wrap, clamp, mirror, zero, cube };
 
 // One level of a MIP stack: texel (i, j) of face f of batch item b begins at texels + b * batch_stride + f *

@@ -90,7 +90,7 @@ def encoded(stack: MipStack, name: str, srgb: bool) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("fmt", ["png:8", "png:16", "ktx2:bc", "ktx2:rgba8", "dds:rgba16f", "tx:8", "exr:half"])
 def test_psnr_is_what_numpy_says(tmp_path, fmt: str) -> None:
-    """Of file values between 0 and 1, over all texels of all levels together."""
+    """PSNR is taken of file values between 0 and 1, over all texels of all levels together."""
     _, stack = plaster()
     found = written(plaster(), tmp_path / "s", Output(fmt))
     assert set(found.psnr) == {"base_color", "metallic", "roughness", "normal", "occlusion"}
@@ -172,7 +172,7 @@ def test_other_formats_are_left_alone(fmt: str) -> None:
 
 
 def test_names_of_files_lead_to_their_texels() -> None:
-    """Also where a preset renames them."""
+    """They do so even where a preset renames files."""
     (preset,) = PRESETS["unreal"].outputs
     output = chosen(*mirror(), Output("dds", "orm", preset.normals, preset.naming, preset.names))
     plain = chosen(*mirror(), Output("dds", "orm", preset.normals))
@@ -309,7 +309,7 @@ def test_warnings_of_coverage_name_what_is_better(fmt: str, alone: bool) -> None
 
 @pytest.mark.parametrize("mode", ["files", "square", "document"])
 def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
-    """Of files, of a GLB of one square, and of a document whose material is masked."""
+    """The coverage of files, of a GLB of one square, and of a document whose material is masked is printed."""
     texture_set, _ = leaves()
     opacity, colour = (np.rint(255 * texture_set.maps[role].pixels) for role in ("opacity", "base_color"))
     leaf = np.dstack([colour, opacity]).astype(np.uint8)

@@ -149,7 +149,7 @@ def test_includes_are_followed_once(folder: Path) -> None:
 
 
 def test_no_document_is_included_twice(folder: Path) -> None:
-    """Nor by itself: every material would come again."""
+    """A document is not even included by itself: every material would come again."""
     document(folder, surface(), XI, "parts.mtlx")
     twice = '<xi:include href="parts.mtlx"/><xi:include href="./parts.mtlx"/><xi:include href="main.mtlx"/>'
     only(document(folder, twice, XI, "main.mtlx"))

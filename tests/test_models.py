@@ -70,7 +70,7 @@ def untrained(model: str = "gltf", **changes: object) -> Network:
 
 
 def perturbed(model: str, **changes: object) -> Network:
-    """As a trained network: every unit has its say, and outputs stay ordinary materials."""
+    """Makes the network like a trained one: every unit has its say, and outputs stay ordinary materials."""
     network = untrained(model, **changes)
     generator = torch.Generator().manual_seed(2)
     for decoder in network.decoders.values():

@@ -26,7 +26,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def assert_same_layer(result: tuple[Tensor, Tensor], twin: tuple[Tensor, Tensor]) -> None:
-    """The same triangles, and equal but for rounding."""
+    """Asserts the same triangles, and values that are equal but for rounding."""
     (rast, db), (expected, expected_db) = result, twin
     assert rast.dtype == expected.dtype and rast.shape == expected.shape and db.shape == expected_db.shape
     assert torch.equal(rast[..., 3], expected[..., 3])

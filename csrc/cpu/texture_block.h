@@ -46,10 +46,10 @@ struct Block {
     int level[2][block_size], height[2][block_size], width[2][block_size];
     int x0[2][block_size], x1[2][block_size], y0[2][block_size], y1[2][block_size];
     T x[2][block_size], y[2][block_size];
-    // As read: derivatives, bias, direction; the face of a direction.
+    // What was read: derivatives, bias, direction; then the face of a direction.
     T da[6][block_size], bias[block_size], direction[3][block_size];
     int face[block_size];
-    // Of taps.
+    // The lookup that each tap belongs to, its number there, its weight and its place.
     int owner[block_size], ordinal[block_size];
     T weight[block_size], place[block_size];
 };
@@ -80,7 +80,7 @@ void find_axes(const TextureArgs<T>& args, Block<T>& block, Axes<T>& axes);
 // The levels and texels of lookups; `always_both` asks for the coarser level also where its share is 0.
 template <class T>
 void locate(const TextureArgs<T>& args, bool always_both, Block<T>& block);
-// Of a plane, and without the columns.
+// The same for a plane, without the columns.
 template <class T>
 void locate_rows(const TextureArgs<T>& args, Block<T>& block);
 // The same for taps, all in one level, with `blend` the share of that level.
@@ -217,7 +217,7 @@ void find_texels(const TextureArgs<T>& args, bool fetch, const S* zeros, BlockQu
         (fetch ? find_planar<false, true, S, T> : find_planar<false, false, S, T>)(args, zeros, b);
 }
 
-// Of cubes. Without a direction all texels are zeros.
+// The same for cubes. Without a direction all texels are zeros.
 template <class S, class T>
 void find_texels(const TextureArgs<T>& args, bool, const S* zeros, BlockQuads<GeneralQuad<S>, T>& b) {
     const Index item = b.block.item;

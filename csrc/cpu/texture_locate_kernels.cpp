@@ -66,7 +66,7 @@ void add_bias(int count, const T* __restrict bias, T* __restrict lod) {
     for (int i = 0; i < count; ++i) lod[i] += bias[i];
 }
 
-// From what was read to u, v, face and lod.
+// Turns what was read into u, v, face and lod.
 template <class T>
 void prepare(const TextureArgs<T>& args, Block<T>& b) {
     const bool is_cube = args.boundary_u == Boundary::cube;

@@ -89,7 +89,7 @@ __device__ void draw_pixel(const RasterizeArgs<float>& args, const Workspace& wo
         const float* const before = args.previous + 4 * pixel;
         if (!(before[3] > 0) || !(depth > before[2])) return;
     }
-    // Of floats turned so that they order as integers.
+    // The bits of a float are turned so that they order as integers.
     const unsigned bits = __float_as_uint(depth), ordered = (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
     const Key key = (Key(ordered) << 32) | static_cast<unsigned>(triangle);
     if (key < workspace.keys[pixel]) atomicMin(workspace.keys + pixel, key);
