@@ -194,7 +194,7 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _mean_of_two(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Means of pairs along an axis, without the last of an odd number; of one texel as it is."""
+    """Means of every two texels along an axis, without the last of an odd number; one texel stays as it is."""
     size = image.shape[axis]
     if size == 1:
         return image

@@ -348,7 +348,7 @@ def _looked_up(
 
 
 def _bilinear(image: NDArray[np.float32], v: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(H, W, C) at every pair of coordinates in [0, 1], clamped: (len(v), len(u), C)."""
+    """(H, W, C) at every combination of coordinates in [0, 1], clamped: (len(v), len(u), C)."""
     for axis, at in ((0, v), (1, u)):
         count = image.shape[axis]
         position = np.clip(at * count - 0.5, 0, count - 1)

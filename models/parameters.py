@@ -89,7 +89,7 @@ def _gltf(parameters: Tensor) -> Tensor:
 
 
 def _gltf_anisotropic(parameters: Tensor) -> Tensor:
-    """The pair of roughnesses from the eigenvalues of the tensor, the direction from its axis of the larger one.
+    """Both roughnesses from the eigenvalues of the tensor, and the direction from the axis of the larger eigenvalue.
 
     Strength and direction have no derivative at isotropy, but what is shaded has: tiny amounts are added, so that the
     factors which grow there stay finite, and meet those which vanish.

@@ -77,10 +77,10 @@ class LossConfig:
         pairs: light-view pairs a patch.
         near_mirror_fraction: share of the pairs whose light lies near the mirror direction of the view.
         lods: levels of detail drawn for each patch.
-        pixel_filter: filter of the target.
-        target_samples: surface samples whose mean is one target pixel; divides `pairs`.
+        pixel_filter: filter of the noisy reference.
+        target_samples: surface samples whose mean is one pixel of the noisy reference; divides `pairs`.
         weighting: what a render's squared error is divided by. "prediction": its own energy, equation 5 of the paper.
-            "error": the error itself, measured with a second, independent target.
+            "error": the error itself, measured with a second, independent noisy reference.
     """
 
     crops: int = 1
@@ -129,7 +129,8 @@ class BalancedLossConfig:
         mirror_weight, hemisphere_weight: weight of the mean errors over those pair sets.
         light_weight: weight of the errors of single lights of rooms.
         room_weight, blur_weight, mean_weight: of the errors of their sums, by pixel, over 4 x 4 pixels and over all.
-        pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
+        pixel_filter: filter of the noisy reference. any_filter: share of the steps with a filter drawn from all of
+            them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
     """
 

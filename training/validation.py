@@ -140,7 +140,7 @@ class Validator:
         return Score(self.models, np.mean(figures, 0), self.linear)
 
     def picture(self, network: Trainable, path: Path) -> None:
-        """Writes a PNG: for some patches a row of prediction (first model), target and 4 x error, near and far."""
+        """Writes a PNG: for some patches a row of prediction (first model), reference and 4 x error, near and far."""
         pairs = pair_set("near-mirror", _SEED, 1)
         centre = (np.arange(_PATCH_SIZE) + 0.5) / _PATCH_SIZE
         uv = np.stack(np.meshgrid(centre, centre), -1).reshape(-1, 2)

@@ -211,8 +211,8 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
-    """The one match of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
-    variants the first."""
+    """The one match of the best rank; of NormalGL and NormalDX the OpenGL map, or what the option says; of variants the
+    first."""
     best = min(c.meaning.rank for c in several)
     first = [c for c in several if c.meaning.rank == best]
     paired = role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}

@@ -155,7 +155,7 @@ def refine(
         progress: told the finished share.
 
     Raises:
-        UsageError: a start that is no complete stack of the target model, or an unknown pixel filter.
+        UsageError: a start that is not a complete stack of the target model, or an unknown pixel filter.
     """
     from mipbake.prefilter.pixel_samples import Lobes
     from mipbake.prefilter.texel_descent import descend

@@ -1,4 +1,4 @@
-"""Pixels with light-view pairs of their own and low-noise targets: what texels are fitted to.
+"""Pixels with light-view pairs of their own and low-noise estimates of the reference: what texels are fitted to.
 
 A texel has a handful of parameters, and what is measured of it hangs on few pairs: those that hit its lobe. So pixels
 of fine levels have pairs of their own, drawn where they count: one part like each pair set, the others with half

@@ -1,9 +1,9 @@
 """Gauss-Newton descent on the texels of a stack (optimum.py says what for).
 
-A round draws pixels, pairs and targets anew (pixel_samples.py) and takes a few steps on them. Each texel is divided by
-a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each weighted by the texel's
-share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled matrix from above: all
-texels step at once without overshooting.
+A round draws pixels, pairs and estimates of the reference anew (pixel_samples.py) and takes a few steps on them. Each
+texel is divided by a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each
+weighted by the texel's share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled
+matrix from above: all texels step at once without overshooting.
 
 The noise of a round is averaged in two ways. Curvature of past rounds holds texels where they are, as in recursive
 least squares, so steps shrink like 1 / rounds; and what is kept is an average over rounds, later ones counting more.
@@ -173,7 +173,7 @@ def _draw(
     turn: int,
     rng: np.random.Generator,
 ) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
-    """The batches of a round, with (K, P, 3) targets."""
+    """The batches of a round, with (K, P, 3) estimates of the reference."""
     out, lit = list[tuple[Batch, Image]](), list[LitBatch]()
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
@@ -195,7 +195,7 @@ class _Drawn:
     """What a round is fitted to.
 
     Args:
-        renders: batches, (K, P, 3) targets, and (K, P) what the squared error of each render counts.
+        renders: batches, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
         lit: batches under the studio's lights. lookups: of all pixels, renders first.
     """
 

@@ -48,7 +48,7 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     sums = np.zeros((2 * (place.max() + 1), 3))
     np.add.at(sums, key.reshape(-1), tangent.reshape(-1, 3))
 
-    # A vertex for each pair of the old one and a side.
+    # A vertex for each combination of an old vertex and a side.
     pair, corner = np.unique(triangles.astype(np.int64) * 2 + (side < 0)[:, None], return_inverse=True)
     corner = corner.reshape(-1)
     old, w = pair // 2, np.where(pair % 2, -1.0, 1.0)
