@@ -5,8 +5,8 @@ are facts read in the authors' published scripts. No code of theirs is used, and
 What it is:
 
 - A texel is five numbers: normal x, y, and the symmetric square root of the 2 x 2 roughness tensor S (a, b, c), whose
-eigenvalues are the roots of the eigenvalues of S, which are alpha_x^2 and alpha_y^2. They keep their meaning at every
-level.
+  eigenvalues are the roots of the eigenvalues of S, which are alpha_x^2 and alpha_y^2. They keep their meaning at every
+  level.
 - Every level is the 2 x 2 box average of the level before plus what a perceptron sees in it. A single-scale network
   reads windows of 2 x 2 texels: it makes level 1. A multi-scale network, shared by all coarser levels, reads 4 x 4
   texels of two levels before, 2 x 2 of the level before, and what the single-scale network made of these.

@@ -4,7 +4,7 @@ As in loss.py a patch is a torus, seen by pixels at random places, and its noisy
 of level 0, estimated twice, independently. What differs:
 
 - Every squared error is divided by the error of its patch, level of detail and pair set as the network is now, without
-the noise of the noisy reference: the gradient equals the gradient of the mean error in decibels.
+  the noise of the noisy reference: the gradient equals the gradient of the mean error in decibels.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
   sum over the lights: pixel by pixel, over 4 x 4 pixels, and in brightness altogether, which eyes forgive the least.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
@@ -236,8 +236,7 @@ def _averaged(radiance: Tensor, lods: int, block: int | None) -> Tensor:
 
 
 def own_errors(first: Tensor, second: Tensor, lods: int) -> Tensor:
-    """(B, K, S): mean squared errors without the noise of the noisy reference, from differences to two independent
-    ones.
+    """(B, K, S): mean squared errors, free of noise, from differences to two independent noisy references.
 
     Of materials that are nearly right most of a difference is noise: divided by its square, they would hardly count.
     The product of both has none in the mean; where chance makes it too small, a share of the square holds.
