@@ -154,7 +154,7 @@ class MipnetNetwork(BaselineNetwork):
         """Every level of the stack of (H, W, C) stored channels of a model, which are read as `gltf`.
 
         Raises:
-            UsageError: sides that are no powers of two.
+            UsageError: sides that are not powers of two.
         """
         channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, "gltf"), np.float32))
         with torch.inference_mode():

@@ -118,7 +118,7 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
         if texture_set.convention.name == "directx":
             vectors[..., 1] *= -1
         again = normalised(vectors)
-        # What was no normal has been filled from around it.
+        # What was not a normal has been filled from around it.
         filled = holes(again, np.linalg.norm(vectors, axis=-1))
         vectors[filled], again[filled] = unit[filled], unit[filled]
     else:

@@ -98,7 +98,7 @@ def signs(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
     goes where ties are weak. Levels finer than _TOGETHER take the sign of what the next coarser level has at the
     texel's centre, interpolated bilinearly.
 
-    The result does not depend on the signs of what is given, but for one common sign, which most of level 0 has.
+    The result does not depend on the signs of what is given, except for one common sign, which most of level 0 has.
 
     Args:
         levels: (..., H_L, W_L, 3) direction x, y and strength, finest first; leading axes are images of their own.

@@ -262,7 +262,8 @@ def _at_size(chain: Levels, size: tuple[int, int], wrap: Wrap) -> Levels:
 
 
 def _resampled(chain: Levels, size: tuple[int, int], wrap: Wrap) -> NDArray[np.float32]:
-    """The coarsest level that is no smaller than a size along either side, averaged; else level 0, interpolated too."""
+    """The coarsest level that is no smaller than a size along either side, averaged; else level 0, which is also
+    interpolated."""
     height, width = size
     level = next((each for each in reversed(chain) if each.shape[0] >= height and each.shape[1] >= width), chain[0])
     larger = upsample(level, max(width, level.shape[1]), max(height, level.shape[0]), wrap)

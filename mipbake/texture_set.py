@@ -333,7 +333,7 @@ def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any])
 
 
 def _are_unit(vectors: NDArray[np.float32]) -> bool:
-    """Whether vectors (H, W, C) have length one, but for rounding to 8 bits and a tenth of outliers."""
+    """Whether vectors (H, W, C) have length one, except for rounding to 8 bits and a tenth of outliers."""
     off = np.abs(np.sqrt(np.einsum("hwc,hwc->hw", vectors, vectors)) - 1)
     return float(np.quantile(off, 0.9)) < 0.05
 

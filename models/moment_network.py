@@ -244,7 +244,8 @@ def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
     freedom = kept * found.freedom + tall * found.tall_freedom + upward * found.upward_freedom
     change = change + freedom * out[..., 4:5].tanh()
     shaded = found.log_roughness.exp()
-    # What lies below the roughness that is shaded is kept beside the change, so that no change is no change.
+    # What lies below the roughness that is shaded is kept beside the change, so that a change of nothing changes
+    # nothing.
     below = found.roughness - found.roughness.clamp(min=MIN_ROUGHNESS)
     least = found.to_narrowest - _NARROWER * freedom
     roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below + more[..., 4:5]).clamp(

@@ -87,7 +87,7 @@ class WeightsInfo:
 
 
 def read_info(path: Path) -> WeightsInfo:
-    """The description in that JSON file; InputError when it is no such thing."""
+    """The description in that JSON file; InputError when it does not hold one."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         described = _tuples(content.pop("network"))

@@ -4,7 +4,7 @@ What counts in a figure is the error summed over a pair set, and most of it come
 narrow lobe, views and lights that graze. Pairs drawn like the sets meet them once in dozens of patches, and a step that
 has none of them is led astray. So part of the pairs are drawn where such things are, and each carries its importance
 weight for each set (the balance heuristic of Veach and Guibas 1995): sums over few pairs then are calm, and unbiased
-but for the few weights that are cut.
+except for the few weights that are cut.
 
 Beside them stand rooms: several lights for one view, whose sum is compared as well. Single lights hide a colour or a
 brightness that is off by a few per cent everywhere; under the many lights of an environment nothing else is left.

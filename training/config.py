@@ -40,7 +40,7 @@ class DataConfig:
         procedural_sets: how many sets the project's own generator makes.
         procedural_size: their side in texels.
         strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
-        plain: share of the patches that are left as they are, but for orientation and the order of colours.
+        plain: share of the patches that are left as they are, except for orientation and the order of colours.
         description, licence: of the data, for the weights' card.
     """
 

@@ -189,7 +189,7 @@ def train(
         fit_whitening(state.network, train_materials, config)
         if start is not None:
             new = start_from(state, start)
-            say(f"weights of {start}" + (f", but for {', '.join(new)}, which are new" if new else ""))
+            say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
         state.average.load_state_dict(state.network.state_dict())
     validator = Validator(held_out, config.network, config.loss.pixel_filter)
     logs = _Logs(out, config.run, state.step)

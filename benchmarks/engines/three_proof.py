@@ -193,7 +193,7 @@ def _snr(image: Image, reference: Reference) -> float:
 
 
 def _cell(name: str, view: EngineView, key: tuple[str, str], image: Image, reference: Reference) -> Cell:
-    # Edges of the surface are no matter of textures: the background is the same in both.
+    # Edges of the surface do not concern textures: the background is the same in both.
     covered = reference.covered[..., None]
     pair = (displayed(np.where(covered, each, 0)) for each in (image, reference.mean))
     flip = ldr_flip(*pair).mean_over(reference.covered)

@@ -183,7 +183,7 @@ def _files(name: str, importer: Path, root: Path) -> list[Path]:
 
 
 def _below(top: Path, parts: Sequence[str], own: bool = False) -> list[Path]:
-    """Files that importing `parts` below a folder runs; a last part that is no module is a name inside one."""
+    """Files that importing `parts` below a folder runs; a last part that is not a module is a name inside one."""
     found = [top / "__init__.py"] if own and (top / "__init__.py").is_file() else []
     at = top
     for part in parts:

@@ -203,7 +203,7 @@ def gaps(results: Results) -> str:
 
 
 def shortfall(results: Results) -> str:
-    """A sentence on where the optimum is behind the oracle: there it is no limit."""
+    """A sentence on where the optimum is behind the oracle: there it is not a limit."""
     behind = np.concatenate([results.gains(OPTIMUM, pairs).ravel() for pairs in PAIR_SETS])
     lost = behind[behind < -0.25]
     if not len(lost):

@@ -216,7 +216,7 @@ class Comparison:
 
 
 def file_stem(*names: str) -> str:
-    """Names of scenes and methods as a part of a file's name: what is no letter or digit becomes a hyphen."""
+    """Names of scenes and methods as a part of a file's name: what is not a letter or digit becomes a hyphen."""
     return "--".join(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image" for name in names)
 
 

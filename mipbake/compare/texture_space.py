@@ -141,7 +141,7 @@ def measure(
     flicker. The tonemapped error takes the mean of both estimates, and counts its noise as error.
 
     For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
-    that noise in one estimate is no change that the other one knows of. Where the set has few pixels at a level of
+    that noise in one estimate is not a change in the other estimate as well. Where the set has few pixels at a level of
     detail, fewer points take many more samples each: the reference hardly changes there, and its noise must be less.
 
     Args:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 _INLINE = 1 << 15
 """So many texels are encoded sooner (0.02 s) than a process starts."""
 
-# Without the working directory: files of the user's are no modules.
+# Without the working directory: files of the user are not modules.
 _WORKER = """
 import sys
 sys.path[:] = [entry for entry in sys.path if entry]

@@ -96,7 +96,7 @@ def refuse_baked(folder: Path) -> None:
 
 
 def _manifest(file: Path, schema: str) -> dict[str, Any] | None:
-    """A manifest of that schema; None where the file is none."""
+    """A manifest of that schema; None where the file is not one."""
     try:
         manifest = parsed(disk.read_bytes(file))
     except (InputError, ValueError):

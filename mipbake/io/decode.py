@@ -156,7 +156,7 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     variance: Pixels | None = None
     warnings: tuple[str, ...] = ()
     if decoded.length is not None and normal_length == "roughness":
-        # What is no normal tells nothing of how normals spread.
+        # What is not a normal tells nothing of how normals spread.
         length = np.where(holes(decoded.vectors, decoded.length), np.float32(1), decoded.length)
         variance = lost_variance(length, length_resolution(source.depth))
         mean = float(variance.mean(dtype=np.float64))

@@ -52,7 +52,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
     """What a source is: by its suffix, or by the names of the files in a folder.
 
     Raises:
-        InputError: it does not exist, or is a file that is none of them.
+        InputError: it does not exist, or is a file of another kind.
     """
     path = Path(path)
     if is_pattern(path):
@@ -147,5 +147,5 @@ def _holds_tiles(folder: Path) -> bool:
         textures = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
         return bool(textures) and _holds_tiles(textures[0])
     tiles = tiles_of(maps)
-    # Numbers in the names of other pictures, years for one, are no tiles.
+    # Numbers in the names of other pictures, years for one, are not tiles.
     return any(interpretations(file.stem) for files in tiles.values() for file in files)

@@ -11,7 +11,7 @@ def parsed(text: str | bytes) -> Any:
     """What a JSON text in UTF-8 holds; every number is finite.
 
     Raises:
-        ValueError: it is no JSON, NaN, Infinity and numbers beyond a float's range included, or is nested too deeply.
+        ValueError: it is not JSON, as with NaN, Infinity and numbers beyond a float's range, or is nested too deeply.
     """
 
     def refuse(constant: str) -> NoReturn:

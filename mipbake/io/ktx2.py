@@ -75,7 +75,7 @@ def _descriptor(made: GpuFormat) -> bytes:
         struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
     )
     size = 24 + len(samples)
-    # KHR_texture_basisu wants the primaries of what is no colour unspecified.
+    # KHR_texture_basisu wants unspecified primaries for anything but colours.
     primaries = _BT709 if made.srgb or made.vulkan else _UNSPECIFIED
     transfer = _SRGB if made.srgb else _LINEAR
     basic = struct.pack("<IHH4B", 0, _DESCRIPTOR_VERSION, size, made.model, primaries, transfer, 0)
@@ -109,7 +109,7 @@ class Outline:
 
 
 def outline(data: bytes, name: str) -> Outline:
-    """What the header of a file tells; InputError, which calls it `name`, where it is none or broken."""
+    """What the header of a file tells; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
     try:
         head = _head(data, name)
     except struct.error as error:
@@ -192,7 +192,7 @@ class StoredTexture:
 
 
 def stored(data: bytes, name: str) -> StoredTexture:
-    """What is in a file, nothing inflated; InputError as for `decoded`, but for streams that are broken."""
+    """What is in a file, nothing inflated; InputError as for `decoded`, except for streams that are broken."""
     try:
         return _stored(data, name)
     except struct.error as error:

@@ -119,7 +119,8 @@ class FileLayout:
 
     @property
     def is_colour(self) -> bool:
-        """Whether the file is a colour image, which integer containers store sRGB-encoded, but for an alpha channel."""
+        """Whether the file is a colour image, which integer containers store sRGB-encoded, except for an alpha
+        channel."""
         return self.channels[0].encoding == COLOUR
 
 

@@ -80,7 +80,7 @@ _CONVENTIONS = {
 _PACKED_LETTERS = {"a": "occlusion", "o": "occlusion", "r": "roughness", "m": "metallic"}
 _PACKED_WORDS = "arm orm rma rmo mra mro"
 
-# Recognised, so that `specular_color` is no base colour and `coat_roughness` no roughness.
+# Recognised, so that `specular_color` is not a base colour and `coat_roughness` not a roughness.
 _UNUSED_OF = "specular spec sheen coat clearcoat subsurface sss transmission detail bent worldspace objectspace"
 _UNUSED_MAPS = "color colour normal normals roughness rough gloss map mask albedo"
 _UNUSED_WORDS = (

@@ -13,7 +13,7 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.read import Image
 
 DATA = "data"
-"""Encoding of maps whose values are no colours: stored linearly."""
+"""Encoding of maps whose values are not colours: stored linearly."""
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
     Args:
         files: of one folder.
         options: choices of maps; roles that they settle for all sets tell nothing.
-        tiles: file to the text of its UDIM tile, which is no part of a set's name.
+        tiles: file to the text of its UDIM tile, which is not a part of a set's name.
 
     Raises:
         UsageError: a pattern has more than one *.

@@ -24,7 +24,8 @@ _NO_LENGTH = 0.02
 
 
 def holes(normals: Vectors, length: NDArray[np.float32] | None = None) -> NDArray[np.bool_]:
-    """(H, W) which of (H, W, 3) unit vectors are no normals; `length` (H, W): theirs before they were made unit."""
+    """(H, W) which of (H, W, 3) unit vectors are not normals; `length` (H, W): their lengths before they were made
+    unit."""
     found = np.asarray(normals[..., 2] < np.float32(MIN_NORMAL_Z))
     return found if length is None else np.asarray(found | (length < np.float32(_NO_LENGTH)))
 

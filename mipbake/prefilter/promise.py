@@ -98,7 +98,7 @@ class Promise:
 
 
 def promise_from(content: object) -> Promise | None:
-    """A promise from what JSON holds; None for none. ValueError, with what was expected, where it is no promise."""
+    """A promise from what JSON holds; None for null. ValueError, with what was expected, where it is not a promise."""
     if content is None:
         return None
     if isinstance(content, dict):

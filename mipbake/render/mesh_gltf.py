@@ -42,7 +42,8 @@ _MALFORMED = (
     ValueError,
     struct.error,
 )
-"""What reading a file as glTF can raise when it is none: values of the wrong type, missing or out of place."""
+"""What reading a file as glTF can raise when the file is not glTF: values of the wrong type, missing or out of
+place."""
 
 
 def read_gltf(path: Path, data: bytes) -> Mesh:
@@ -340,7 +341,7 @@ def _has_volume(matrix: Array) -> bool:
 
 
 def _placed(mesh: Mesh, matrix: Array) -> Mesh:
-    """The mesh in the world; unchanged to the last bit where the transform is none."""
+    """The mesh in the world; unchanged to the last bit where the transform changes nothing."""
     linear = matrix[:3, :3]
     if np.array_equal(matrix, np.eye(4)):
         return mesh

@@ -179,7 +179,8 @@ def reference(
             also beyond max_passes, and what is rendered more is saved.
 
     Raises:
-        UsageError: no candidate or one of another resolution, or numbers of passes or a seed that are no such.
+        UsageError: no candidate or a candidate of another resolution, or numbers of passes or a seed outside their
+            ranges.
     """
     height, width = resolution
     if not candidates:
@@ -313,7 +314,7 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """What every pass renders, but for its offset."""
+    """What every pass renders, except for its offset."""
 
     surface: Surface
     lighting: Lighting

@@ -63,8 +63,8 @@ def read_document(path: Path) -> Document:
     """Reads a .gltf or .glb file, which of them its content tells, with its buffers.
 
     Raises:
-        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it; a
-            texture names an image that is not there.
+        InputError: it is not glTF 2, or it is damaged or cut short; a buffer is missing, or too short for what lies in
+            it; a texture names an image that is not there.
     """
     data = _read(path)
     if data.startswith(container.MAGIC):
@@ -99,7 +99,7 @@ def view_bytes(document: Document, index: object, where: str) -> bytes:
 
 
 def number(value: object, where: str, path: Path, least: float, most: float) -> float:
-    """A number of the JSON; InputError where it is none or lies outside least..most."""
+    """A number of the JSON; InputError where it is not a number or lies outside least..most."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
         raise InputError(
             f"{path}: {where} is {value!r}, expected a number from {least:g} to {most:g}: correct it or export again"
@@ -194,7 +194,8 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
 
 
 def _check_sources(document: Document, index: int, texture: Json) -> None:
-    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that is none."""
+    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that does not
+    exist."""
     extensions = texture.get("extensions")
     named = {f"{name} of texture {index}": e for name, e in extensions.items()} if isinstance(extensions, dict) else {}
     for where, holder in {f"texture {index}": texture, **named}.items():

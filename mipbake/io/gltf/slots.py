@@ -157,7 +157,7 @@ def info_of(material: Json, slot: str) -> Json | None:
         if not isinstance(holder, dict):
             return None
     info = holder.get(slot)
-    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is no texture
+    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is not a texture
 
 
 def made_holder(material: Json, keys: tuple[str, ...]) -> Json:

@@ -46,7 +46,7 @@ _HALF_STEP = 0.5 / 65535  # half a step of the 16 bits that are written
 
 @dataclass(frozen=True)
 class Converted:
-    """A document without specular and glossiness, but for the materials that warnings and errors name.
+    """A document without specular and glossiness, except for the materials that warnings and errors name.
 
     Args:
         document: the same one where it has no such material.

@@ -126,7 +126,7 @@ def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] =
 
 
 def check_map(name: str, slot: str, data: bytes) -> None:
-    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images).
+    """UsageError where KHR_texture_basisu does not take a file in a slot (its section on KTX v2 images).
 
     Plain RGBA of eight bits passes too: the extension has no place for it, but three.js and Babylon.js load it there.
     """
@@ -279,6 +279,6 @@ def _declare(made: Json, before: set[str]) -> None:
 
 
 def _with_provenance(extras: Any, provenance: Mapping[str, Any]) -> Json:
-    """What the asset had, and the provenance; extras that are no object move into one."""
+    """What the asset had, and the provenance; extras that are not an object move into one."""
     kept = extras if isinstance(extras, dict) else {} if extras is None else {"extras": extras}
     return {**kept, "mipbake": dict(provenance)}

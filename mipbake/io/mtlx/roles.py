@@ -35,7 +35,7 @@ class Sources:
         return self.tracer.input(self.node, name, self.scope)
 
     def number(self, name: str, default: float) -> float | None:
-        """The value of a constant input; None where it is none."""
+        """The value of a constant input; None where the input is not constant."""
         signal = self.input(name)
         values = (default,) if signal is None else signal.numbers
         return values[0] if values else None

@@ -97,7 +97,7 @@ def unread(reason: str) -> Signal:
 
 
 def numbers(text: str) -> tuple[float, ...] | None:
-    """The numbers that a value holds; None where they are none, or not finite."""
+    """The numbers that a value holds; None where it holds anything else, or a number that is not finite."""
     if text.strip() in ("true", "false"):
         return (float(text.strip() == "true"),)
     try:

@@ -36,7 +36,7 @@ def write_report(
 
     Args:
         comparison: what was found.
-        stacks: name of a method to its stack, as far as they are at hand. The interactive view holds the subject's, the
+        stacks: name of a method to its stack, as far as there are stacks. The interactive view holds the subject's, the
             best closed form's and the stack of `linear (box)`, cropped where they are large; levels of the subject and
             of `linear (box)` are shown as thumbnails.
         source: level 0 before prefiltering, for the view's reference.
