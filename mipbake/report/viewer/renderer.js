@@ -25,8 +25,7 @@ async function unpackedLevels(base64, sizes, bytesPerTexel) {
 
 function perspective(fieldOfView, aspect, near, far) {  // column-major, as WebGL reads it
     const f = 1 / Math.tan(fieldOfView / 2);
-    return [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (near + far) / (near - far), -1, 0, 0, 2 * near * far / (near - far),
-    0];
+    return [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (near + far) / (near - far), -1, 0, 0, 2 * near * far / (near - far), 0];
 }
 
 function product(a, b) {
@@ -67,11 +66,9 @@ function turnedLights(directions, azimuth, height) {
 class Renderer {
     constructor(canvas, scene) {
         this.scene = scene;
-        this.gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false, preserveDrawingBuffer:
-        true });
+        this.gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
         const gl = this.gl;
-        if (!gl) throw new Error('This browser shows no WebGL 2: open the page in another one, or allow hardware
-        acceleration.');
+        if (!gl) throw new Error('This browser shows no WebGL 2: open the page in another one, or allow hardware acceleration.');
         const full = gl.getExtension('EXT_color_buffer_float');
         if (!full && !gl.getExtension('EXT_color_buffer_half_float')) {
             throw new Error('This device cannot render to floating-point textures, which the comparison needs.');
@@ -113,8 +110,7 @@ class Renderer {
 
     // Offsets and signed weights of the pixel filter at equally likely places, one row of texels.
     filterTable(filter) {
-        const gl = this.gl, table = new Float32Array(filter.offsets.flatMap((offset, i) => [offset,
-        filter.weights[i]]));
+        const gl = this.gl, table = new Float32Array(filter.offsets.flatMap((offset, i) => [offset, filter.weights[i]]));
         const texture = gl.createTexture();
         gl.bindTexture(gl.TEXTURE_2D, texture);
         gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32F, filter.offsets.length, 1, 0, gl.RG, gl.FLOAT, table);
@@ -215,8 +211,7 @@ class Renderer {
     drawSide(index, stack, view, samples, gathered) {
         const gl = this.gl, [front, back] = this.sides[index], [width, height] = this.size;
         const program = this.program(stack.model, VERTEX_SHADER, fragmentShader(stack.model));
-        const shape = SHAPES[view.shape], lights = this.scene.lights[view.lights], { eye, clip } = camera(view, width /
-        height);
+        const shape = SHAPES[view.shape], lights = this.scene.lights[view.lights], { eye, clip } = camera(view, width / height);
         const u = program.uniforms, flat = (rows) => new Float32Array(rows.flat());
         gl.bindFramebuffer(gl.FRAMEBUFFER, back.framebuffer);
         gl.viewport(0, 0, width, height);
@@ -233,8 +228,7 @@ class Renderer {
         const tiling = [tiles, tiles * columns / rows].map((t, i) => (stack.wrap[i] === 'wrap' ? t : 1 / shape.span));
         gl.uniformMatrix4fv(u.uClip, false, clip);
         gl.uniform2f(u.uTiling, ...tiling);
-        gl.uniform2f(u.uShift, ...tiling.map((t, i) => (stack.wrap[i] === 'wrap' ? Math.floor(t * shape.span / 2) :
-        0)));
+        gl.uniform2f(u.uShift, ...tiling.map((t, i) => (stack.wrap[i] === 'wrap' ? Math.floor(t * shape.span / 2) : 0)));
         gl.uniform2f(u.uSigned, ...(stack.half ? [1, 0] : [2, -1]));
         gl.uniform1f(u.uLastLevel, stack.sizes.length - 1);
         gl.uniform3f(u.uEye, ...eye);

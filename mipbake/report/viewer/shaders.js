@@ -70,8 +70,7 @@ uniform float uBlend;
 out vec4 outColor;
 
 const float PI = 3.14159265358979;
-// tensor: S11, S22, S12; gamma: exponent of the generalised Beckmann distribution, 0 for GGX; norm: 1 / Gamma(1 +
-// 1/gamma).
+// tensor: S11, S22, S12; gamma: exponent of the generalised Beckmann distribution, 0 for GGX; norm: 1 / Gamma(1 + 1/gamma).
 struct Surface { vec3 albedo, f0, normal, tensor; float dielectric, gamma, norm; };
 
 float pow2(float x) { return x * x; }
@@ -133,8 +132,7 @@ float form(vec3 tensor, vec3 w) {
 float masking(Surface s, vec3 w) {
     float square = form(s.tensor, w);
     if (s.gamma == 0.0) return sqrt(w.z * w.z + square);
-    float alpha = sqrt(max(square, 1e-2 * w.z * w.z)), a = w.z / alpha, e = exp(-a * a), t = 1.0 / (1.0 + 0.3275911 *
-    a);
+    float alpha = sqrt(max(square, 1e-2 * w.z * w.z)), a = w.z / alpha, e = exp(-a * a), t = 1.0 / (1.0 + 0.3275911 * a);
     float erfc = e * t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
     return w.z * (1.0 - erfc) + alpha * e * inversesqrt(PI);
 }
