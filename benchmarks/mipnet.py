@@ -3,7 +3,7 @@
     python benchmarks/mipnet.py train --data SETS --out FOLDER [--target gltf-anisotropic] [--resume]
     python benchmarks/mipnet.py evaluate SETS RESULTS_FOLDER CHECKPOINT [CHECKPOINT ...]
 
-`train` takes data, loss and length from the configuration of `mipbake-1`, but for what MIPNet does not know of: all
+`train` takes data, loss and length from the configuration of `mipbake-1`, except for what MIPNet does not know of: all
 steps are for the Gaussian pixel filter. It writes the files that `python -m mipbake.training` writes. `evaluate`
 measures the SNR of `texture_space.measure` on every set of a folder, a JSON file a set, and prints tables in Markdown.
 Sets whose file says that it was measured with the same checkpoints, methods and settings are left alone. Checkpoints

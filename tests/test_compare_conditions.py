@@ -96,8 +96,8 @@ def test_conditions_mean_what_they_say(text: str, failed: bool, value: float) ->
 def test_sentences_say_whose_figure_it_is() -> None:
     said = parse("near_mirror@0.25 - linear (box) < 1").check(comparison()).sentence
     assert "SNR of neural (near-mirror, lod 0.25) is 11.75 dB (95 % interval 10.75 to 12.75)" in said
-    assert "that of linear (box) 9.75 dB" in said
-    assert "the difference 2" in said
+    assert "and linear (box) has 9.75 dB" in said
+    assert "the difference is 2" in said
     assert "FLIP of neural (plane) is 0.5" in parse("plane.flip > 1").check(comparison()).sentence
     assert "Flicker of neural (near-mirror, 1:1) is 1.5" in parse("flicker@1:1 > 1").check(comparison()).sentence
 

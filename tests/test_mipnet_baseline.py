@@ -294,7 +294,7 @@ def test_only_a_process_that_has_it_knows_it(small_validation: None, tmp_path: P
 
 
 def test_it_is_trained_as_mipbake_1_is() -> None:
-    """Equal data, loss and length, but for the filters that it does not know of; and no other loss."""
+    """Data, loss and length are equal, except for the filters that it does not know of; no other loss is taken."""
     ours = read_config(mipnet.OURS)
     config = mipnet.configured(ours, "gltf-anisotropic", None)
     assert config.network == mipnet_network.MipnetConfig("gltf-anisotropic")

@@ -1,4 +1,4 @@
-"""What the file system refuses, and what is no file, gets one sentence and the exit code of unusable input."""
+"""What the file system refuses, and what is not a file, gets one sentence and the exit code of unusable input."""
 
 from __future__ import annotations
 

@@ -186,7 +186,7 @@ class Condition:
 
         text = f"{measure.title} of {figure.method} ({figure.view}{place}) is {spoken(figure)}"
         if less is not None:
-            text += f", that of {less.method} {spoken(less)}, the difference {value:.6g}"
+            text += f", and {less.method} has {spoken(less)}: the difference is {value:.6g}"
         return text
 
 
