@@ -139,7 +139,7 @@ def _bake(
         if any(coat.amount for coat in coats):
             maps["occlusion"] = channels(first.roughness, "R")
     notes = [
-        f"{listed(coat.name for coat in coats)}: normals and roughness are filtered together, as those of a dielectric "
+        f"{listed(coat.name for coat in coats)}: normals and roughness are filtered together, as in a dielectric "
         "without a colour"
     ]
     if factors:
