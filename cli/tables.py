@@ -47,9 +47,8 @@ def map_table(sources: Mapping[str, MapSource]) -> Table:
 def remarks(found: Discovery | TextureSet) -> list[str]:
     """What was assumed, what to look at, and what was left out, one line each."""
     convention = found.convention
-    lines = [
-        f"normal convention: {convention.name}, by {convention.decided_by} (confidence {convention.confidence:.2f})"
-    ]
+    decision = DECISIONS[convention.decided_by]
+    lines = [f"normal convention: {convention.name}, {decision} (confidence {convention.confidence:.2f})"]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"warning: {warning}" for warning in found.warnings]
     lines += [f"ignored: {_name(item.path)}, {item.reason}" for item in found.ignored]

@@ -7,8 +7,8 @@ where a = 1/12. The source is also interpolated bilinearly, where `resample_weig
 (1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that: a = 1/12 - 4^-L / 24.
 
 Most lookups lie between two levels, and mix a kernel that is too narrow with one that is too wide. Variances add up to
-more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail is that
-of its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
+more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail follows
+its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
 
 Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
 """

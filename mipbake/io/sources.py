@@ -69,6 +69,17 @@ class NormalConvention:
     confidence: float
 
 
+DECISIONS = {
+    "option": "as the option says",
+    "document": "as the document says",
+    "name": "as the file's name says",
+    "pixels": "as the curl of its slopes shows",
+    "assumed": "which is assumed",
+    "flat": "which is assumed, because all normals are the same",
+}
+"""`NormalConvention.decided_by` to words that follow the name of a convention."""
+
+
 @dataclass(frozen=True)
 class IgnoredFile:
     """A file that fills no role, and why."""
