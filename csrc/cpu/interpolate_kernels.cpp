@@ -17,8 +17,8 @@ using Index = std::int64_t;
 
 constexpr int block_size = 64;
 
-// The triangles of consecutive pixels, -1 where there is none, and where the attributes of their vertices begin. Found
-// for all of them before any is used: the lookups then do not wait for one another.
+// The triangles of consecutive pixels, -1 where there is none, and where the attributes of their vertices begin. They
+// are found for all pixels before any is used: the lookups then do not wait for one another.
 template <class T>
 struct Block {
     std::int32_t triangle[block_size];

@@ -86,12 +86,12 @@ void locate_rows(const TextureArgs<T>& args, Block<T>& block);
 // The same for taps, all in one level, with `blend` the share of that level.
 template <class T>
 void locate_in_level(const TextureArgs<T>& args, int level, Block<T>& block);
-// Writes the gradients of a block's lookups. `axes` is null but for anisotropic filtering.
+// Writes the gradients of a block's lookups. `axes` is null except for anisotropic filtering.
 template <class T>
 void write_slopes(const TextureArgs<T>& args, const TextureGrads<T>& grads, const Block<T>& block, const Axes<T>* axes,
                   const Slopes<T>& slopes);
 
-// NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does one without a direction.
+// NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does a lookup without a direction.
 template <class T>
 bool is_void(const TextureArgs<T>& args, const Block<T>& block, int i) {
     const T sum = block.x[0][i] + block.y[0][i] + block.blend[i];  // each is in [0, 1] or NaN

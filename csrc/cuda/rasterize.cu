@@ -51,7 +51,7 @@ __device__ const float* positions_of(const float* pos, bool shared, Index vertic
     return pos + (shared ? 0 : item) * vertices * 4;
 }
 
-// False where an index is of no vertex.
+// False where an index belongs to no vertex.
 __device__ bool load_corners(const std::int32_t* tri, Index triangle, Index vertices, Index (&corners)[3]) {
     bool good = true;
     for (int i = 0; i < 3; ++i) {

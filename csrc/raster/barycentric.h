@@ -36,8 +36,8 @@ MIPBAKE_INLINE void barycentric_derivatives(const Edges& e, const Barycentrics& 
     out[3] = y[1];
 }
 
-// Adds the gradient by the coefficients of the edge functions, from that by u and v (g) and by their derivatives (h).
-// Eq. 2 of the paper is this and pull_back.
+// Adds the gradient by the coefficients of the edge functions, from the gradient by u and v (g) and by their
+// derivatives (h). Eq. 2 of the paper is this and pull_back.
 template <bool kDerivatives>
 MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, const Barycentrics& b, double gu,
                                         double gv, const double (&h)[4], Edges& sums) {
@@ -63,7 +63,7 @@ MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, co
     }
 }
 
-// The gradient by the coefficients that edges_of gave, as one by (x, y, w) of each vertex.
+// Turns the gradient by the coefficients that edges_of gave into a gradient by (x, y, w) of each vertex.
 MIPBAKE_INLINE void pull_back(const ClipVertex (&v)[3], const Edges& sums, double turn, double width, double height,
                               Vec3<double> (&out)[3]) {
     for (int i = 0; i < 3; ++i) out[i] = {0, 0, 0};

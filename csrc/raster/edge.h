@@ -247,7 +247,7 @@ MIPBAKE_INLINE bool prepare(Triangle& t, double width, double height) {
         d.a = d.b = 0;
         d.c = 0.5 * (d.low + d.high);
     }
-    // Vertices on a plane, such as a sky's on the far one, are never clipped by it, whatever the rounding.
+    // Vertices on a plane, as a sky's vertices on the far plane, are never clipped by it, whatever the rounding.
     const bool cuts_near = !(-z0 <= w0 && -z1 <= w1 && -z2 <= w2), cuts_far = !(z0 <= w0 && z1 <= w1 && z2 <= w2);
     d.nearest = cuts_near ? -1.0 : -HUGE_VAL;
     d.farthest = cuts_far ? 1.0 : HUGE_VAL;

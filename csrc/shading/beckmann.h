@@ -1,5 +1,6 @@
-// `beckmann`: 12 channels. Those of `ggx`, and g = ln(gamma), the exponent of the generalised Beckmann distribution
-// (Aittala, Weyrich and Lehtinen 2015, "Two-shot SVBRDF capture for stationary materials"; docs/conventions.md).
+// `beckmann`: 12 channels. The channels of `ggx`, and g = ln(gamma), the exponent of the generalised Beckmann
+// distribution (Aittala, Weyrich and Lehtinen 2015, "Two-shot SVBRDF capture for stationary materials";
+// docs/conventions.md).
 #pragma once
 
 #include "shading/beckmann_lobe.h"
