@@ -313,7 +313,11 @@ def _cost_lines(cost: Cost) -> list[str]:
         for name, psnr in cost.psnr.items()
     )
     covered = [f"  {cost.coverage}"] if cost.coverage else []
-    return [f"{cost.format} costs, shaded: {', '.join(losses)}; PSNR of the files:", *files, *covered]
+    return [
+        f"{cost.format} costs in SNR of the shaded result: {', '.join(losses)}; PSNR of the files:",
+        *files,
+        *covered,
+    ]
 
 
 def _promise(provenance: Provenance) -> list[str]:
