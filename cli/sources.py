@@ -19,8 +19,8 @@ Sources = Annotated[
     list[str],
     typer.Argument(
         metavar="SOURCE",
-        help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern with "
-        "<UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
+        help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern "
+        "with <UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
         "names a list of paths, and @- a list on stdin.",
         show_default=False,
     ),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.io.sources import Discovery, MapSource
+from mipbake.io.sources import DECISIONS, Discovery, MapSource
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 

@@ -171,7 +171,7 @@ def test_a_member_that_is_larger_than_it_says_is_refused(tmp_path: Path, capsys)
         (b"no archive", "is not a ZIP archive"),
         (b"", "is not a ZIP archive"),
         ((("a.txt", b"x"),), "holds neither an image nor a document: expected the maps of texture sets"),
-        ((("a/scene.glb", b"x"),), "a.zip/a/scene.glb is no glTF file"),
+        ((("a/scene.glb", b"x"),), "a.zip/a/scene.glb is not a glTF file"),
     ],
 )
 def test_archives_of_nothing(content, told: str, tmp_path: Path, capsys) -> None:
