@@ -33,7 +33,7 @@ from mipbake.packing import PACKINGS
 from mipbake.presets import PRESETS
 
 FORMATS = "exr,tx,ktx2,dds,png,glb"
-"""All of them, as one bake writes them."""
+"""All formats, as one bake writes them."""
 
 MTLX_INPUTS = {"base_color": "color3", "metallic": "float", "roughness": "float"}
 """Inputs of glTF's shader in MaterialX that a set's maps go to, and their types."""
@@ -183,7 +183,7 @@ def run(name: str, command: str, arguments: Sequence[str], out: Path) -> Run:
 
 
 def _results(printed: str) -> list[dict[str, Any]]:
-    """Of the JSON that a command printed; none where it is not one of sets."""
+    """The results in the JSON that a command printed; none where it is not about sets."""
     given = json.loads(printed) if printed.strip() else {}
     return given.get("results", []) if isinstance(given, dict) else []
 

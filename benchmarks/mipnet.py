@@ -3,12 +3,12 @@
     python benchmarks/mipnet.py train --data SETS --out FOLDER [--target gltf-anisotropic] [--resume]
     python benchmarks/mipnet.py evaluate SETS RESULTS_FOLDER CHECKPOINT [CHECKPOINT ...]
 
-`train` takes data, loss and length from the configuration of `mipbake-1`, but for what MIPNet does not know of: all
+`train` takes data, loss and length from the configuration of `mipbake-1`, except for what MIPNet does not know of: all
 steps are for the Gaussian pixel filter. It writes the files that `python -m mipbake.training` writes. `evaluate`
 measures the SNR of `texture_space.measure` on every set of a folder, a JSON file a set, and prints tables in Markdown.
 Sets whose file says that it was measured with the same checkpoints, methods and settings are left alone. Checkpoints
 are `best.pt` or `last.pt` of trainings, whose averaged weights are taken. All other methods are baked for isotropic
-`gltf`, and beside a checkpoint for `gltf-anisotropic` `lean` for that, too.
+`gltf`. Beside a checkpoint for `gltf-anisotropic`, `lean` is baked for that target as well.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def trained(arguments: Sequence[str]) -> int:
     parser.add_argument("--data", required=True, metavar="SETS", help="folder of texture sets")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for checkpoints and logs")
     parser.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
-    parser.add_argument("--like", type=Path, default=OURS, metavar="CONFIG", help="(default: that of mipbake-1)")
-    parser.add_argument("--steps", type=int, help="(default: those of CONFIG)")
+    parser.add_argument("--like", type=Path, default=OURS, metavar="CONFIG", help="(default: as mipbake-1)")
+    parser.add_argument("--steps", type=int, help="(default: as many as CONFIG has)")
     parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.pt, with its configuration")
     options = parser.parse_args(arguments)
     if options.resume:

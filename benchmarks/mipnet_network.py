@@ -1,10 +1,12 @@
 """MIPNet (Gauthier et al. 2022, "MIPNet: Neural Normal-to-Anisotropic-Roughness MIP Mapping"), re-implemented.
 
-Written anew. The idea is that of the paper's abstract; the cascade, the clamps and the sizes of the layers are facts
-read in the authors' published scripts. No code of theirs is used, and their weights were never published. What it is:
+This code is written anew. The idea comes from the paper's abstract; the cascade, the clamps and the sizes of the layers
+are facts read in the authors' published scripts. No code of theirs is used, and their weights were never published.
+What it is:
 
 - A texel is five numbers: normal x, y, and the symmetric square root of the 2 x 2 roughness tensor S (a, b, c), whose
-  eigenvalues are those of S, alpha_x^2 and alpha_y^2, under the root. They keep their meaning at every level.
+  eigenvalues are the roots of the eigenvalues of S, which are alpha_x^2 and alpha_y^2. They keep their meaning at every
+  level.
 - Every level is the 2 x 2 box average of the level before plus what a perceptron sees in it. A single-scale network
   reads windows of 2 x 2 texels: it makes level 1. A multi-scale network, shared by all coarser levels, reads 4 x 4
   texels of two levels before, 2 x 2 of the level before, and what the single-scale network made of these.
@@ -54,7 +56,7 @@ class MipnetConfig(BaselineConfig):
     Args:
         target: one of TARGETS.
         single_layers, single_width: hidden layers of the single-scale network.
-        multi_layers, multi_width: those of the multi-scale network.
+        multi_layers, multi_width: hidden layers of the multi-scale network.
     """
 
     target: str = "gltf"
@@ -152,7 +154,7 @@ class MipnetNetwork(BaselineNetwork):
         """Every level of the stack of (H, W, C) stored channels of a model, which are read as `gltf`.
 
         Raises:
-            UsageError: sides that are no powers of two.
+            UsageError: sides that are not powers of two.
         """
         channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, "gltf"), np.float32))
         with torch.inference_mode():
@@ -179,7 +181,7 @@ def _filled(image: Tensor, side: int) -> Tensor:
 
 
 def _axes(state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Of (..., 5): both eigenvalues of the root of the tensor, the larger first, and half their difference; (...)."""
+    """From (..., 5): both eigenvalues of the root of the tensor, the larger first, and half their difference; (...)."""
     a, b, c = state[..., 2:].unbind(-1)
     mean, radius = (a + b) / 2, (((a - b) / 2).square() + c * c + _TINY**2).sqrt() - _TINY
     return mean + radius, mean - radius, radius
@@ -204,7 +206,7 @@ def _isotropic(colours: Tensor, state: Tensor) -> Tensor:
 
 
 def _anisotropic(colours: Tensor, state: Tensor) -> Tensor:
-    """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); the inverse map is that of mipbake.material.
+    """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); mipbake.material has the inverse map.
 
     At isotropy, where training starts, strength has no derivative and direction no value, but the lobe has both: axes
     are set apart by a share that does not show, so that what grows there meets what vanishes.

@@ -2,8 +2,8 @@
 
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER
 
-`python docs/remake.py results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record, of which
-docs/results.md and other pages are made.
+`python docs/remake.py results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record;
+docs/results.md and other pages are made from the record.
 
 Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, each in a folder of its own:
 
@@ -39,7 +39,7 @@ def narrow(threads: int) -> None:
 
 
 def processor_seconds() -> float:
-    """Of this process and of those that it has started and seen end."""
+    """Processor time of this process and of the processes that it has started and seen end."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)
 

@@ -1,7 +1,7 @@
 """Which methods a measurement takes, by name, and their bakes, each in a process of its own that is timed.
 
-Names are those of `mipbake compare`, and two more: `neural:WEIGHTS` is a network by the name of its weights, and
-`refine@2m` a method within that budget. Networks without weights for the target are left out.
+The names are as for `mipbake compare`, with two kinds more: `neural:WEIGHTS` is a network by the name of its
+weights, and `refine@2m` is a method within that budget. Networks without weights for the target are left out.
 
 Run as a script, this file bakes one request: it is the process of its own.
 """
@@ -87,7 +87,7 @@ def specs(
     """What the names stand for, each once; without the networks that have no weights for the target.
 
     Args:
-        folders: of weights, beside those of the release.
+        folders: folders of weights, beside the weights of the release.
 
     Raises:
         UsageError: a name that means no method.

@@ -70,7 +70,7 @@ def middle(texture_set: TextureSet, side: int) -> InModel:
 
 
 def folder_sets(folder: Path, holding: str = "") -> Sets:
-    """Every sub-folder is a set; with `holding`, those that have such a file."""
+    """Every sub-folder is a set; with `holding`, only a sub-folder that has a file of this name."""
     paths = [path for path in sorted(folder.iterdir()) if path.is_dir() and (path / holding).exists()]
     return {path.name: lambda path=path: mipbake.load(path) for path in paths}  # type: ignore[misc]
 
@@ -112,8 +112,8 @@ def procedural(seed: int, size: int) -> TextureSet:
 
 
 def directional(sets: Sets, count: int, size: int) -> Iterator[tuple[str, TextureSet]]:
-    """Those of `sets` with an anisotropy map or directional bumps, then `count` generated ones with such bumps, of
-    `size` x `size` texels."""
+    """The sets among `sets` with an anisotropy map or directional bumps, then `count` generated ones with such bumps,
+    of `size` x `size` texels."""
     for name, load in sets.items():
         texture_set = load()
         if texture_set.anisotropic or bumps(texture_set)["directionality"] >= DIRECTIONAL:

@@ -41,7 +41,7 @@ Levels = list[NDArray[np.float32]]
 TABLES = ("whole", "parts", "encoder")
 
 Columns = Callable[[TextureSet, MipStack], tuple[dict[str, Levels], dict[str, str]]]
-"""Of a set and its stack: name of a column to the levels that are measured, and what stands in further columns."""
+"""For a set and its stack: name of a column to the levels that are measured, and what stands in further columns."""
 
 
 SIDE = 256

@@ -50,15 +50,18 @@ def bake(
     load: LoadOptions,
     sources: Sources,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="OUT", help="Where the stacks go: OUT/<set>/.", show_default=False)
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
+        ),
     ],
     method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
     target: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(TARGETS),
-            help=f"Material model of the stack; {AUTO_TARGET} is gltf-anisotropic for sets with an anisotropy map, "
-            "else gltf.",
+            help=f"Material model of the stack; {AUTO_TARGET} means gltf-anisotropic for sets with an anisotropy map, "
+            "and gltf for others.",
             show_default=AUTO_TARGET,
         ),
     ] = None,
@@ -70,8 +73,8 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(PRESETS),
-            help="Engine that loads the stack: chooses target, formats, packing, normals and names, unless you do; "
-            "see `mipbake presets`.",
+            help="Engine that loads the stack. Its preset chooses target, formats, packing, normals and names unless "
+            "you do; see `mipbake presets`.",
             show_default=False,
         ),
     ] = None,
@@ -79,19 +82,18 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar="FORMAT[:TEXELS],...",
-            help=f"{_FORMATS}; {GLB}: a glTF source with its textures replaced by KTX 2 ones, or a square with the "
-            f"material (texels {', '.join(GLB_TEXELS)}; with the latter, textures that blocks cost too much have 8 "
-            "bits, which glTF's standard has no place for, and three.js and Babylon.js load). The first texels are the "
-            "default; for ktx2 and dds alone they are the smallest that "
-            f"cost no more than {LIMIT:g} dB.",
-            show_default=f"{GLB} of glTF sources, {DEFAULT_FORMAT} of others",
+            help=f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows "
+            f"the material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures that lose too much as blocks have 8 "
+            "bits; the glTF standard does not allow these, but three.js and Babylon.js load them). The first texels "
+            f"named are the default. Without texels, ktx2 and dds take the smallest that cost at most {LIMIT:g} dB.",
+            show_default=f"{GLB} for glTF sources, {DEFAULT_FORMAT} for others",
         ),
     ] = None,
     packing: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(PACKINGS),
-            help="Which channels share a file: as in the source, a file a map, or as engines expect it.",
+            help="Which channels share a file: as in the source, none, or as engines expect it.",
             show_default=SOURCE,
         ),
     ] = None,
@@ -100,14 +102,14 @@ def bake(
         typer.Option(
             metavar=one_of((SOURCE, *NORMAL_CONVENTIONS)),
             help="Whether green points up (opengl) or down (directx) in what is written.",
-            show_default=f"{SOURCE}, which is as in the set",
+            show_default=f"{SOURCE}: as in the set",
         ),
     ] = None,
     alpha_cutoff: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option(
             metavar="0..1",
-            help="What the renderer tests opacity against: every level then keeps its coverage.",
+            help="Opacity from which the renderer draws a texel. Every level then keeps the coverage of level 0.",
             show_default="opacity is blended",
         ),
     ] = None,
@@ -116,40 +118,45 @@ def bake(
         typer.Option(
             min=0,
             metavar="LEVEL",
-            help="The last level that is written; exr files hold all.",
+            help="The last level that is written; exr files hold all levels.",
             show_default="down to 1 x 1",
         ),
     ] = None,
     keep_level0: Annotated[
-        bool, typer.Option("--keep-level0", help="Leave level 0 as the source has it: the pixel filter is not in it.")
+        bool,
+        typer.Option("--keep-level0", help="Keep the level 0 of the source, which the pixel filter has not changed."),
     ] = False,
     strength: Annotated[
-        float, typer.Option(metavar="0..1", help="1 writes what was baked, 0 plain averages, else a mixture.")
+        float,
+        typer.Option(
+            metavar="0..1",
+            help="1 writes what was baked, 0 writes plain averages, and a number between them mixes both.",
+        ),
     ] = 1.0,
     min_roughness: Annotated[
-        float, typer.Option(metavar="0..1", help="Perceptual roughness that no texel falls below.")
+        float, typer.Option(metavar="0..1", help="The least perceptual roughness that a texel may have.")
     ] = 0.0,
     weights: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar="NAME",
             help=f"Trained weights, for {_some_of('weights')}.",
-            show_default="those of the target and the filter",
+            show_default="the weights for the target and the filter",
         ),
     ] = None,
     budget: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=f"30s|2m|{BEST}",
-            help=f"Time that {_some_of('budget')} may take to optimise: any number of seconds or minutes, or {BEST}, "
-            "until nothing improves any more.",
-            show_default="the method's own",
+            help=f"Time that {_some_of('budget')} may spend on optimising: a number of seconds or minutes, or {BEST}, "
+            "which goes on until nothing improves.",
+            show_default="the default of the method",
         ),
     ] = None,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
-    A set that cannot be baked is reported and the others are baked all the same.
+    A set that cannot be baked is reported, and the other sets are baked all the same.
     """
     session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
@@ -198,7 +205,7 @@ def bake(
 
 
 def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
-    """What a preset chose of what is written for these sources, and what to mind."""
+    """What a preset chose for these sources, and what the user has to mind."""
     outputs = asked.outputs if any(writes_maps(job, asked) for job in found) else ()
     files = [
         f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"

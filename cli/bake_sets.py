@@ -32,7 +32,7 @@ from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
 DEFECT = 1
-"""Exit code where what was written shows a defect of mipbake: that of any other defect."""
+"""Exit code where what was written shows a defect of mipbake; any other defect has the same code."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _bake_tiles(session: Session, jobs: Sequence[Job], out: Path, asked: Asked) 
 
 
 def _gather(result: dict[str, Any], folder: Path, target: Path) -> None:
-    """Moves the files of a tile out of its own folder, into the one of all tiles, which will be called `target`."""
+    """Moves the files of a tile out of its own folder, into the folder of all tiles, which will be called `target`."""
     for each in result["files"]:
         moved = folder / each["path"].name
         if moved.exists():
@@ -284,7 +284,8 @@ def _write_document(
     path = out / f"{first.place}.{GLB}"
     if len(parts) < sum(job.source == source for job in found):
         raise InputError(
-            f"{path} is not written, for not everything in it could be read and baked: see what is said of the rest"
+            f"{path} is not written, because some of its materials could not be read or baked: see the errors about "
+            "them"
         )
     if first.document is None:
         raise AssertionError("only documents are collected")
@@ -312,7 +313,11 @@ def _cost_lines(cost: Cost) -> list[str]:
         for name, psnr in cost.psnr.items()
     )
     covered = [f"  {cost.coverage}"] if cost.coverage else []
-    return [f"{cost.format} costs, shaded: {', '.join(losses)}; PSNR of the files:", *files, *covered]
+    return [
+        f"{cost.format} costs in SNR of the shaded result: {', '.join(losses)}; PSNR of the files:",
+        *files,
+        *covered,
+    ]
 
 
 def _promise(provenance: Provenance) -> list[str]:
@@ -321,9 +326,10 @@ def _promise(provenance: Provenance) -> list[str]:
     if promise is None:
         return []
     lines = [
-        f"measured at levels and between them, beside the best closed form there, {name}: {promise.summary(name)}"
+        f"measured at levels and between levels, compared with the best closed form there, {name}: "
+        f"{promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
     if promise.left_out:
-        lines.append(f"not measured, for want of time: {', '.join(promise.left_out)}")
+        lines.append(f"not measured, because the time ran out: {', '.join(promise.left_out)}")
     return lines

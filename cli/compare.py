@@ -58,7 +58,8 @@ def compare(
             "--out",
             "-o",
             metavar="REPORT",
-            help="Folder of the report: index.html, results.json, images; of several sets REPORT/<set>/.",
+            help="Folder of the report: index.html, results.json, images. With several sets, each has its own in "
+            "REPORT/<set>/.",
             show_default=False,
         ),
     ],
@@ -66,34 +67,38 @@ def compare(
         Optional[Path],  # noqa: UP045
         typer.Option(
             metavar="STACK",
-            help="A stack that was baked from the set, OUT/<set>: compared as `baked`, and what the verdict is about; "
-            "of several sets OUT, the folder that they were baked into.",
+            help="A stack that was baked from the set, OUT/<set>. Its name in the report is `baked`, and the verdict "
+            "is about it. With several sets, give OUT, the folder that they were baked into.",
         ),
     ] = None,
     methods: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar="NAMES",
-            help=f"What is baked: {_LIST}, of {', '.join(METHODS)}, or one form of a closed form, as 'lean (box)'.",
-            show_default="auto, neural and all closed forms; with --baked without auto",
+            help=f"What is baked: {_LIST}, of {', '.join(METHODS)}, or a closed form with its kernel, such as 'lean "
+            "(box)'.",
+            show_default="auto (not with --baked), neural and all closed forms",
         ),
     ] = None,
     target: Annotated[
         str,
-        typer.Option(metavar=one_of(TARGETS), help="Material model of the stacks; that of --baked where it is given."),
+        typer.Option(
+            metavar=one_of(TARGETS), help="Material model of the stacks; with --baked, the model of that stack."
+        ),
     ] = AUTO_TARGET,
     pixel_filter: Annotated[
         str,
         typer.Option(
             "--filter",
             metavar=one_of(FILTERS),
-            help="Pixel filter of the reference; that of --baked where it is given.",
+            help="Pixel filter of the reference; with --baked, the filter of that stack.",
         ),
     ] = DEFAULT_FILTER,
     fail_if: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(
-            metavar="CONDITION", help=f"End with exit code {EXIT_CONDITION} when it holds; repeat for more. {GRAMMAR}"
+            metavar="CONDITION",
+            help=f"End with exit code {EXIT_CONDITION} when the condition holds; repeat for more conditions. {GRAMMAR}",
         ),
     ] = None,
     light: Annotated[
@@ -110,7 +115,8 @@ def compare(
     anisotropic: Annotated[
         bool,
         typer.Option(
-            "--anisotropic", help="Look stacks up 16x anisotropically in renders, as engines can, not trilinearly."
+            "--anisotropic",
+            help="Look stacks up with 16x anisotropic filtering in renders, not with trilinear filtering.",
         ),
     ] = False,
     keep_renders: Annotated[
@@ -121,22 +127,26 @@ def compare(
     ] = False,
     size: Annotated[int, typer.Option(help="Height of the renders in pixels; 16 or more.")] = SPHERE_RESOLUTION[0],
     passes: Annotated[
-        int, typer.Option(help="Samples a pixel of a render's reference, at most; even, 32 or more.")
+        int, typer.Option(help="Most samples per pixel in the reference of a render; an even number, 32 or more.")
     ] = MAX_PASSES,
     points: Annotated[
         int, typer.Option(help="Pixels per level of detail in texture space; 1 or more.")
     ] = DEFAULT_POINTS,
     samples: Annotated[
-        int, typer.Option(help="Samples per pixel in each of two estimates of the reference there; 1 or more.")
+        int,
+        typer.Option(
+            help="Samples per pixel in each of the two estimates of the reference in texture space; 1 or more."
+        ),
     ] = DEFAULT_SAMPLES,
-    seed: Annotated[int, typer.Option(help="Fixes everything that is drawn at random; 0 or more.")] = DEFAULT_SEED,
+    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = DEFAULT_SEED,
     cache: Annotated[
         bool, typer.Option("--cache/--no-cache", help="Keep references of renders for the next comparison.")
     ] = True,
 ) -> None:
-    """Compare methods on texture sets, each in a report for the browser.
+    """Compare methods on texture sets, and write a report for the browser.
 
-    Measures, renders, and a verdict. A set that cannot be compared is reported, and the others are all the same.
+    The report of a set holds measures, renders and a verdict. A set that cannot be compared is reported, and the other
+    sets are compared all the same.
     """
     session.in_files = True
     conditions = [parse(text) for text in fail_if or []]

@@ -48,13 +48,17 @@ def convert(
     sources: Sources,
     to: Annotated[str, typer.Option("--to", metavar=one_of(TARGETS), help="Material model.", show_default=False)],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="OUT", help="Where the materials go: OUT/<set>/.", show_default=False)
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="OUT", help="Folder for the materials, each in OUT/<set>/.", show_default=False
+        ),
     ],
     format: Annotated[
         str,
         typer.Option(
             metavar=one_of(IMAGE_FORMATS),
-            help="exr: half floats, colours linear; png: 8 bits, colours sRGB-encoded, for gltf and gltf-anisotropic.",
+            help="exr: half floats and linear colours; png: 8 bits and sRGB-encoded colours, for gltf and "
+            "gltf-anisotropic.",
         ),
     ] = DEFAULT_FORMAT,
     weights: Annotated[
@@ -62,14 +66,14 @@ def convert(
         typer.Option(
             metavar="NAME",
             help="Trained weights that fit how the surface reflects under the pixel filter, such as paper-cross.",
-            show_default="none: by formula, texel by texel, nothing filtered",
+            show_default="none: a formula converts each texel, and nothing is filtered",
         ),
     ] = None,
 ) -> None:
-    """Convert texture sets, or materials that were converted before, to another material model, level 0 alone.
+    """Convert texture sets, or materials that were converted before, to another material model.
 
-    By formula, texel by texel, and nothing is filtered, or by trained weights. A set that cannot be converted is
-    reported and the others are converted all the same.
+    Only level 0 is made. A formula converts each texel, and nothing is filtered; with --weights, a trained network
+    converts the set. A set that cannot be converted is reported, and the other sets are converted all the same.
     """
     session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
@@ -108,7 +112,7 @@ def convert(
 
 
 def _names(materials: Sequence[Path]) -> list[tuple[str, Path]]:
-    """Of materials that were converted; what is wrong with one is left for when its turn comes."""
+    """The names of converted materials; an error in one of them is left for when its turn comes."""
     named = []
     for path in materials:
         with contextlib.suppress(MipbakeError):
@@ -124,8 +128,8 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
     """Converts what was converted before, prints what happened, and returns it for JSON."""
     if load != LoadOptions():
         raise UsageError(
-            f"{source} holds a converted material, which says itself how it is read: leave the options for reading a "
-            "set out"
+            f"{source} holds a converted material, which says itself how it is read: leave out the options for "
+            "reading a set"
         )
     with stages(session, source.name) as reading:
         reading("read", 0.0)
@@ -133,7 +137,9 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
         reading("read", 1.0)
     place = out / given.name
     if os.path.realpath(place) == os.path.realpath(source):
-        raise UsageError(f"{source} would be replaced by what is made of it, which may hold less: choose another --out")
+        raise UsageError(
+            f"{source} would be replaced by the converted material, which may hold less: choose another --out"
+        )
     check_material_output(place, given.provenance.sources)
     height, width = given.stored.shape[:2]
     session.print(f"{source}: {width} x {height}, {given.model}")
@@ -191,6 +197,6 @@ def _write(
 
 
 def _rule(made: Material) -> str:
-    """How, in a few words."""
+    """How a material was converted, in a few words."""
     by = made.provenance
     return f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"

@@ -26,13 +26,11 @@ def info(
             readable=False,  # the library says what is wrong
         ),
     ],
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
 ) -> None:
     """Show what is in a texture file, or in every file of a stack.
 
-    Levels, formats, conventions, provenance.
+    It lists levels, formats, conventions and provenance.
     """
     session: Session = context.obj
     session.configure(False, json)

@@ -19,7 +19,7 @@ from mipbake.texture_set import TextureSet
 def inspect(session: Session, sources: Sources, load: LoadOptions) -> None:
     """Show what is found in texture sets and why.
 
-    Every map is decoded, so that damaged files are found. Writes nothing.
+    Every map is decoded, so that damaged files are found. Nothing is written.
     """
 
     def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:

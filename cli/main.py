@@ -39,7 +39,7 @@ EXIT_TERMINATED = 143
 
 _EPILOG = (
     "Exit codes: 0 done, 1 unexpected (a defect, or too little memory), 2 usage, 3 unusable input, 4 unwritable "
-    "output, 5 a condition of --fail-if holds, 130 interrupted, 143 terminated. With several folders, the highest."
+    "output, 5 a condition of --fail-if holds, 130 interrupted, 143 terminated. With several sets, the highest counts."
 )
 
 app = typer.Typer(
@@ -64,8 +64,8 @@ class _Stopped(BaseException):
     """
 
     latest: int | None = None
-    """That of the latest signal. Where the exception was raised may turn it into another, as a module that is being
-    loaded does."""
+    """Exit code of the latest signal. The code that the exception passes through may turn it into another exception, as
+    a module that is being loaded does."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -108,7 +108,7 @@ def main(arguments: Sequence[str]) -> int:
         # Without arguments, help is what is wanted.
         result = command.main(list(arguments) or ["--help"], "mipbake", standalone_mode=False, obj=session)
         code = session.exit_code
-        if result == EXIT_INTERRUPTED:  # what newer versions of typer make of Ctrl-C
+        if result == EXIT_INTERRUPTED:  # newer versions of typer raise this for Ctrl-C
             raise KeyboardInterrupt
     except MipbakeError as error:
         code = session.fail(str(error), error.exit_code)
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _stopped_message(code: int) -> str:
-    """That the run was stopped, and what is left of what it had begun."""
+    """A sentence: the run was stopped, and this is left of what it had begun."""
     if unfinished():
         gc.collect()  # a block that was stopped as it was entered is left when it is collected
     left = [str(path) for path in unfinished()]
@@ -144,10 +144,10 @@ def _stopped_message(code: int) -> str:
 
 
 def _unforeseen(session: Session, error: Exception) -> int:
-    """Says what an error means that is none of mipbake's own, and returns the exit code."""
+    """Says what an error that is not mipbake's own means, and returns the exit code."""
     if _lacks_memory(error):
         return session.fail(
-            f"there is not enough memory for this ({str(error) or 'no more can be had'}): ask for less, for "
+            f"there is not enough memory for this ({str(error) or 'the system gives no more'}): ask for less, for "
             "example for fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )

@@ -28,9 +28,9 @@ def _reading(
         typer.Option(
             "--map",
             metavar="ROLE=SOURCE",
-            help="Fill a role yourself; repeat for more. SOURCE is a file of the folder (FILE, or FILE:G for one "
-            "channel), a number from 0 to 1, or none; in a folder of several sets '*_FILE', where * is the name of a "
-            f"set. Roles: {', '.join(ROLES)}.",
+            help="Fill a role yourself; repeat for more roles. SOURCE is a file of the folder (FILE, or FILE:G for one "
+            "channel), a number from 0 to 1, or none. In a folder of several sets it is '*_FILE', where * stands for "
+            f"the name of a set. Roles: {', '.join(ROLES)}.",
             show_default="by file name",
         ),
     ] = None,
@@ -40,7 +40,7 @@ def _reading(
             metavar="NAME",
             help="Colour space of base colour and emissive: a name of colour-science, with 'linear ' before it for its "
             "linear values.",
-            show_default="by file name, else sRGB in 8 and 16 bit files, linear Rec.709 in float files",
+            show_default="by file name, else sRGB for files of 8 or 16 bits and linear Rec.709 for float files",
         ),
     ] = DEFAULTS.colour_space,
     normal_convention: Annotated[
@@ -55,7 +55,7 @@ def _reading(
         str,
         typer.Option(
             metavar=one_of(NORMAL_LENGTHS),
-            help="What becomes of normals shorter than one: renormalised, or also turned into roughness.",
+            help="What happens to normals shorter than one: they are renormalised, or also turned into roughness.",
         ),
     ] = DEFAULTS.normal_length,
     gloss: Annotated[
@@ -79,9 +79,7 @@ def _reading(
 def _talking(
     context: typer.Context,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
 ) -> Session:
     session: Session = context.obj
     session.configure(quiet, json)
@@ -91,8 +89,8 @@ def _talking(
 def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Callable[..., None]:
     """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
 
-    They come after the function's own: those of how a set is read, and of what is printed. Those that a command is
-    `without`, since they change nothing that it does, keep their defaults.
+    They come after the function's own options: first how a set is read, then what is printed. The options that a
+    command is `without` change nothing that it does, and keep their defaults.
     """
     shared: dict[str, Callable[..., Any]] = {"load": _reading, "session": _talking}
     own = [p for name, p in _parameters(command).items() if name not in shared]
@@ -110,7 +108,7 @@ def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Ca
 
 
 def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """With their annotations evaluated, by name: what typer reads."""
+    """Parameters by name, with their annotations evaluated, as typer reads them."""
     hints = get_type_hints(function, include_extras=True)
     return {
         name: p.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)

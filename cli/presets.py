@@ -14,9 +14,7 @@ from mipbake.presets import PRESETS, Preset
 
 def presets(
     context: typer.Context,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
 ) -> None:
     """Show what each preset of `mipbake bake --preset` chooses. docs/engines says why, and how to import the files."""
     session: Session = context.obj

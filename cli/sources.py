@@ -1,4 +1,4 @@
-"""What the commands share that read texture sets: what they take, and the run over all that it stands for."""
+"""What the commands share that read texture sets: what they take, and the run over all sets in it."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ Sources = Annotated[
     list[str],
     typer.Argument(
         metavar="SOURCE",
-        help="Texture sets: folders of maps (of one set or several), UDIM tiles in a folder or as a pattern (<UDIM>), "
-        ".gltf, .glb and .mtlx documents, .zip archives of all these; globs, @FILE for a list, @- for one on stdin.",
+        help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern "
+        "with <UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
+        "names a list of paths, and @- a list on stdin.",
         show_default=False,
     ),
 ]

@@ -42,7 +42,7 @@ def lost(stream: TextIO) -> OSError | None:
 
 def _patient(stream: TextIO | None) -> TextIO:
     """A stream to the same place. Names that the encoding lacks are escaped in it, and do not end the run either."""
-    if stream is None:  # what Python makes of one that is closed
+    if stream is None:  # what Python gives for a closed stream
         raw = _Patient(os.devnull, "w")
         raw.was_closed = True
         return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace")

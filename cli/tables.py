@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.io.sources import Discovery, MapSource
+from mipbake.io.sources import DECISIONS, Discovery, MapSource
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
@@ -23,7 +23,7 @@ def sources_of(found: Discovery | TextureSet) -> dict[str, MapSource]:
 
 
 def table(*columns: str) -> Table:
-    """An empty table in the style of all of ours."""
+    """An empty table in the style that all tables share."""
     from rich import box
     from rich.table import Table
 
@@ -34,7 +34,7 @@ def table(*columns: str) -> Table:
 
 
 def map_table(sources: Mapping[str, MapSource]) -> Table:
-    """One row a map: where it comes from, how it is read, and why."""
+    """One row for each map: where it comes from, how it is read, and why."""
     made = table("map", "from", "size", "stored as", "read as", "why")
     for role, source in sources.items():
         size = f"{source.width} x {source.height}" if source.path else ""
@@ -47,9 +47,8 @@ def map_table(sources: Mapping[str, MapSource]) -> Table:
 def remarks(found: Discovery | TextureSet) -> list[str]:
     """What was assumed, what to look at, and what was left out, one line each."""
     convention = found.convention
-    lines = [
-        f"normal convention: {convention.name}, by {convention.decided_by} (confidence {convention.confidence:.2f})"
-    ]
+    decision = DECISIONS[convention.decided_by]
+    lines = [f"normal convention: {convention.name}, {decision} (confidence {convention.confidence:.2f})"]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"warning: {warning}" for warning in found.warnings]
     lines += [f"ignored: {_name(item.path)}, {item.reason}" for item in found.ignored]
@@ -57,7 +56,7 @@ def remarks(found: Discovery | TextureSet) -> list[str]:
 
 
 def set_report(found: Discovery | TextureSet, job: Job | None = None) -> dict[str, Any]:
-    """The same for machines. Paths of files in an archive begin with the archive's."""
+    """The same facts for machines. The path of a file in an archive begins with the path of the archive."""
     archive = job.archive if job else None
     sources = sources_of(found)
     if archive is not None:

@@ -35,8 +35,8 @@ def validate(
         Path,
         typer.Argument(
             metavar="STACK",
-            help="What was baked from it: OUT/<set>, or OUT/<file>.glb; of several sets OUT, the folder that they were "
-            "baked into.",
+            help="What was baked from the set: OUT/<set>, or OUT/<file>.glb. With several sets, give OUT, the folder "
+            "that they were baked into.",
             show_default=False,
             readable=False,
         ),
@@ -44,17 +44,19 @@ def validate(
     lods: Annotated[
         str, typer.Option(metavar="LODS", help="Levels of detail, numbers from 0 up, separated by commas.")
     ] = spoken_lods(DEFAULT_LODS),
-    seed: Annotated[int, typer.Option(help="Fixes pixels, light-view pairs and samples; 0 or more.")] = DEFAULT_SEED,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the pixels, light-view pairs and samples that are drawn; 0 or more.")
+    ] = DEFAULT_SEED,
     points: Annotated[int, typer.Option(help="Pixels per level of detail; 1 or more.")] = DEFAULT_POINTS,
     samples: Annotated[
-        int, typer.Option(help="Samples per pixel in each of two estimates of the reference; 1 or more.")
+        int, typer.Option(help="Samples per pixel in each of the two estimates of the reference; 1 or more.")
     ] = DEFAULT_SAMPLES,
 ) -> None:
     """Measure stacks against their sources: SNR in dB, higher is better.
 
-    The reference is the supersampled source, at several levels of detail. Pass the reading options that it was baked
-    with. Of a GLB every material is measured, from the textures that are in the file. A set whose stack cannot be
-    measured is reported, and the others are measured all the same.
+    The reference is the supersampled source, at several levels of detail. Pass the reading options that the stack was
+    baked with. Every material of a GLB is measured, from the textures in the file. A set whose stack cannot be measured
+    is reported, and the other sets are measured all the same.
     """
     chosen = parse_lods(lods)
     if seed < 0:

@@ -59,7 +59,7 @@ struct ShadeLitArgs {
     std::int64_t N, K;     // points, lights
     const void* material;  // (N, C) stored channels
     std::int64_t material_strides[2];
-    StridedArray3 frame;  // (N, 3, 3): rows t, b, n, the axes of tangent space in that of view and light
+    StridedArray3 frame;  // (N, 3, 3): rows t, b, n, the axes of tangent space, in the space of view and light
     const void* view;     // (N, 3) unit vectors
     std::int64_t view_strides[2];
     const void* light;     // (K, 3) unit vectors, contiguous
@@ -167,7 +167,7 @@ constexpr int max_levels = 32;
 
 enum class Storage { float32, float64, float16, bfloat16 };
 enum class Filter { nearest, linear, linear_mipmap_nearest, linear_mipmap_linear, anisotropic };
-// Of one axis. `cube` stands in both, and no other then.
+// The mode of one axis. Where one axis has `cube`, the other has it as well.
 enum class Boundary { wrap, clamp, mirror, zero, cube };
 
 // One level of a MIP stack: texel (i, j) of face f of batch item b begins at texels + b * batch_stride + f *
@@ -265,7 +265,7 @@ struct RasterizeBackwardArgs {
     bool shared;
     const std::int32_t* tri;
     const T* rast;
-    const T* grad_rast;  // (batch, height, width, 4), of which u and v count
+    const T* grad_rast;  // (batch, height, width, 4); only u and v count
     const T* grad_db;    // (batch, height, width, 4), or null
     T* grad_pos;         // like pos, overwritten; z receives 0
 };

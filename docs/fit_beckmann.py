@@ -8,8 +8,9 @@
 3. for each g, the narrow GGX lobe that is nearest to a narrow `beckmann` one, the polynomial through them that
    `mipbake.material.beckmann_to_ggx` uses, and what it keeps.
 
-Near is meant in the mean square of the specular radiance of an upright isotropic mirror, relative to that of the lobe
-to be replaced: in 2. the mean of the decibels of the two pair sets of docs/conventions.md, in 3. over all half vectors.
+Near is meant in the mean square of the specular radiance of an upright isotropic mirror, relative to the radiance of
+the lobe that is to be replaced: in 2. the mean of the decibels of the two pair sets of docs/conventions.md, in 3. over
+all half vectors.
 
 The fit of 2. sees twelve views, the lowest with a cosine of 0.2. What both keep is measured with those and with as
 many as it takes to see views that graze, which the pair sets hold, too: there both lobes are brightest and differ

@@ -7,8 +7,8 @@ figure 7 of Kemppinen et al. 2023.
 
 The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
 render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert
-texel by texel, and by the networks among the released weights that make the model: those of names that begin with
-`paper-`, and the default ones. Networks that are not there have no row.
+texel by texel, and by the networks among the released weights that make the model: the networks with a name that begins
+with `paper-`, and the default networks. A network that is not there has no row.
 """
 
 from __future__ import annotations

@@ -51,17 +51,17 @@ class Adjustments:
 
     @property
     def any(self) -> bool:
-        """Whether they change anything."""
+        """Whether the adjustments change anything."""
         return self != Adjustments()
 
     @property
     def spoken(self) -> tuple[str, ...]:
-        """What they do, in sentences for the provenance."""
+        """What the adjustments do, in sentences for the provenance."""
         lines = []
         if self.strength < 1:
             lines.append(f"blended towards plain averages: strength {self.strength:g}")
         if self.keep_level0:
-            lines.append("level 0 is that of the source: the pixel filter is not in it")
+            lines.append("level 0 is the source's own: the pixel filter is not in it")
         if self.min_roughness:
             lines.append(f"no roughness is below {self.min_roughness:g}")
         return tuple(lines)
@@ -118,7 +118,7 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
         if texture_set.convention.name == "directx":
             vectors[..., 1] *= -1
         again = normalised(vectors)
-        # What was no normal has been filled from around it.
+        # What was not a normal has been filled from around it.
         filled = holes(again, np.linalg.norm(vectors, axis=-1))
         vectors[filled], again[filled] = unit[filled], unit[filled]
     else:
@@ -142,8 +142,8 @@ def _blend(plain: Level, baked: Level, strength: float, model: str) -> Level:
 
 
 def _directions(plain: Level, baked: Level, strength: float) -> Level:
-    """Directions (..., 2) between two of (..., 3): axes have no sign, so doubled angles are mixed, by the strength of
-    the anisotropy.
+    """Directions (..., 2) between two anisotropies (..., 3): axes have no sign, so doubled angles are mixed, by the
+    strength of the anisotropy.
     """
 
     def doubled(direction: Level) -> NDArray[np.float64]:

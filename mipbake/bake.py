@@ -26,11 +26,11 @@ AUTO_TARGET = "auto"
 TARGETS = (AUTO_TARGET, *MODELS)
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 
 class _Prefiltering:
-    """Progress of the prefilter as that of a stage; notes go through (mipbake.prefilter.base.Notes)."""
+    """Progress of the prefilter as the progress of a stage; notes go through (mipbake.prefilter.base.Notes)."""
 
     def __init__(self, progress: StageProgress) -> None:
         self._progress = progress
@@ -66,11 +66,11 @@ def bake(
         texture_set: from `mipbake.load` or `TextureSet.from_arrays`.
         method: a name in `mipbake.prefilter.METHODS`.
         target: a material model in `mipbake.material.MODELS`, or "auto".
-        pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`; what the engine's pixels are filtered with.
+        pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`, for the filter of the engine's pixels.
         progress: told stage and share as the work goes on. Where it has a method `note`, methods that optimise tell it
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
-        budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the method's own.
+        budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the default of the method.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
@@ -79,8 +79,8 @@ def bake(
         coverage on every level.
 
     Raises:
-        UsageError: an unknown method, target, filter or weights, one that the method does not have, or a budget that
-            is none.
+        UsageError: an unknown method, target, filter or weights, a choice that the method does not have, or a budget
+            that cannot be read.
     """
     prefilter = method_named(method, weights, budget)
     model = resolve_target(texture_set, target)

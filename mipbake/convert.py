@@ -59,7 +59,7 @@ class Conversion:
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that the material was made from.
         warnings: what a user should know, in sentences.
-        weights, weights_sha256, pixel_filter: of the learned rule; None for the analytic one.
+        weights, weights_sha256, pixel_filter: of the learned rule; None for the analytic rule.
     """
 
     source_model: str
@@ -107,7 +107,7 @@ class Material:
                 raise UsageError(f"{what} holds values that are not finite: expected none")
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width = self.stored.shape[:2]
         beside = f", {', '.join(self.extra)} beside" if self.extra else ""
         return f"Material({self.name!r}, {self.model}, {width} x {height}{beside})"
@@ -170,10 +170,10 @@ class Material:
 def convert(source: TextureSet | Material, target: str, weights: str | None = None) -> Material:
     """Converts level 0 to another material model.
 
-    By default texel by texel, and nothing is filtered: what the models share is kept to rounding, and what the target
-    cannot represent becomes the nearest that it can; see `mipbake.material`. With weights, what a decoder of the target
-    makes of the encoded source (Kemppinen et al. 2023, section 3.5): fitted to how the surface reflects under the pixel
-    filter, which is in it. Maps that do not shade are kept as they are.
+    By default a formula converts texel by texel, and nothing is filtered: what the models share is kept to rounding,
+    and what the target cannot represent becomes the nearest that it can; see `mipbake.material`. With weights, a
+    decoder of the target makes level 0 from the encoded source (Kemppinen et al. 2023, section 3.5): it is fitted to
+    how the surface reflects under the pixel filter, which is then in it. Maps that do not shade are kept as they are.
 
     Args:
         source: from `mipbake.load`, or, without weights, a material that was converted before.
@@ -186,7 +186,9 @@ def convert(source: TextureSet | Material, target: str, weights: str | None = No
     model_named(target)
     if isinstance(source, Material):
         if weights is not None:
-            raise UsageError(f"weights convert texture sets alone, and {source.name} is a material that was converted")
+            raise UsageError(
+                f"weights can convert texture sets only, and {source.name} is a material that was converted"
+            )
         given = source.provenance
         made = Conversion(source.model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
         return _converted(source.name, source.stored, target, source.extra, source.wrap, made)
@@ -212,7 +214,7 @@ def _converted(
     wrap: tuple[str, str],
     made: Conversion,
 ) -> Material:
-    """By the analytic rule, from the model that `made` names."""
+    """Converts by the analytic rule, from the model that `made` names."""
     converted = material.convert(stored, made.source_model, target)
     if target != made.source_model:
         converted = material.regularise(converted, target)
@@ -275,8 +277,8 @@ def open_material(path: str | Path) -> Material:
         )
     try:
         title = str(manifest["name"])
-        if title in ("", ".", "..") or any(mark in title for mark in "/\\\0"):  # a folder's, of its own
-            raise ValueError(f"{title!r} is no name of a material")
+        if title in ("", ".", "..") or any(mark in title for mark in "/\\\0"):  # the name of its own folder
+            raise ValueError(f"{title!r} is not the name of a material")
         model = model_named(manifest["model"]).name
         container = image_container(model, manifest["format"])
         found = read_files({container.texels: container}.__getitem__, folder, manifest["maps"])
@@ -293,4 +295,4 @@ def open_material(path: str | Path) -> Material:
 
 
 TARGETS = tuple(MODELS)
-"""What can be converted to."""
+"""The material models that can be converted to."""

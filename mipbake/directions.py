@@ -23,7 +23,7 @@ from mipbake.material import MIN_ROUGHNESS, Array
 DIRECTION, STRENGTH, ROUGHNESS = slice(8, 10), slice(10, 11), slice(4, 5)
 
 _TOGETHER = 1 << 18  # texels of the finest level whose signs are settled together; finer ones follow what they lie over
-_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there, too
+_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
 _BETWEEN = 2.0  # what a texel of the next level counts beside a neighbour: a texel has two of these to either side
 
 _AXIS = np.array([[max(-p, 0), 1 - abs(p), max(p, 0)] for p in (-0.25, 0.25)], np.float32)
@@ -49,7 +49,8 @@ def settled(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[N
 
 
 def aligned(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Levels whose directions have the signs of `signs`; those of other models than `gltf-anisotropic` as they are."""
+    """Levels whose directions have the signs of `signs`; levels of other models than `gltf-anisotropic` stay as they
+    are."""
     if model != "gltf-anisotropic":
         return levels
     out = []
@@ -97,7 +98,7 @@ def signs(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
     goes where ties are weak. Levels finer than _TOGETHER take the sign of what the next coarser level has at the
     texel's centre, interpolated bilinearly.
 
-    The result does not depend on the signs of what is given, but for one common sign: that of most of level 0.
+    The result does not depend on the signs of what is given, except for one common sign, which most of level 0 has.
 
     Args:
         levels: (..., H_L, W_L, 3) direction x, y and strength, finest first; leading axes are images of their own.
@@ -121,8 +122,8 @@ def signs(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
 def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
     """(H, W, 3) direction and strength of level 0, of signs that agree; as it is where neighbours agree as it is.
 
-    A source's signs are those of whatever drew it. What is interpolated between its texels depends on them, and so
-    does everything that is measured against it: this makes them one, whatever they were.
+    The signs of a source come from the tool that drew it. What is interpolated between its texels depends on them, and
+    so does everything that is measured against it: this makes them one, whatever they were.
     """
     image = lines[None]
     if not _cut(image, wrap, _CLEAR).any():
@@ -138,7 +139,7 @@ def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
 def led(levels: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
     """Levels of `gltf-anisotropic` whose level 0 comes from elsewhere and stays: coarser ones take the signs of finer.
 
-    Each direction has the sign of the mean of those of the next finer level that lie over it.
+    Each direction has the sign of the mean of the directions that lie over it in the next finer level.
     """
     out = [levels[0]]
     for level in levels[1:]:
@@ -152,7 +153,7 @@ def led(levels: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
 
 
 def shares(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Of the anisotropy of each texel the share to keep, (..., H_L, W_L) from 0 to 1; 1 off the cuts.
+    """The share of each texel's anisotropy that is kept, (..., H_L, W_L) from 0 to 1; 1 off the cuts.
 
     Lookups in the square around a texel see the stored vectors, interpolated; the lines themselves, interpolated as
     vectors of twice their angle, are what they should see. The product of the two, each of twice its angle, is what a
@@ -193,7 +194,7 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _mean_of_two(image: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Means of pairs along an axis, without the last of an odd number; of one texel as it is."""
+    """Means of every two texels along an axis, without the last of an odd number; one texel stays as it is."""
     size = image.shape[axis]
     if size == 1:
         return image
@@ -325,7 +326,7 @@ def _agreeing(count: int, a: NDArray[np.int64], b: NDArray[np.int64], weight: ND
         to, turn = np.arange(count), np.ones(count, np.int8)
         to[node] = np.where(a[edge] == node, b[edge], a[edge])
         turn[node] = np.where(weight[edge] < 0, -1, 1)
-        # The strongest tie of a group that merges is that of both its ends: the lower of the two stays.
+        # The strongest tie of two groups that merge belongs to both: the lower group stays.
         stays = (to[to] == np.arange(count)) & (np.arange(count) <= to)
         to[stays], turn[stays] = np.nonzero(stays)[0], 1
         while True:

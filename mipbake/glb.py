@@ -1,4 +1,5 @@
-"""Stacks into GLB files: KTX 2 textures with every level, in the document that a set came from or in one of its own."""
+"""Stacks into GLB files: KTX 2 textures with every level, in the document that a set came from or in a document of its
+own."""
 
 from __future__ import annotations
 
@@ -57,7 +58,7 @@ class Encoded:
     Args:
         maps: slot to a KTX 2 file.
         files: the same decoded, as they will be sampled, before factors of the material multiply them.
-        left_out: which maps of the stack are in none of them, in sentences.
+        left_out: which maps of the stack are in no texture, in sentences.
         ranges: those factors.
         measured: what the files give back, as `mipbake.Check.glb` tells it; None where that was not measured.
     """
@@ -83,7 +84,7 @@ def encoded(
     Args:
         stack: whose sides are multiples of `SIDE`.
         slots: that may be filled; None for all.
-        levels: how many of each; None for all.
+        levels: how many of each texture; None for all.
         progress: told the finished share, from 0 to 1.
         lobe: of the material, whose slots are filled.
         ranges: of the values in them; None for those that suit most stacks.
@@ -122,7 +123,7 @@ def encoded(
 
 
 def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
-    """What is said of maps that no texture holds; of carried channels it has been said when they were read."""
+    """What is said of maps that no texture holds. Carried channels are named when they are read."""
     held = {channel.map for file in files for channel in file.layout.channels}
     reasons = {"emissive": "it has values above 1, which its textures of 8 bits do not hold"}
     return tuple(
@@ -190,7 +191,7 @@ def check_file(path: Path, source: Path) -> None:
         check_target(path, lambda _: False)
         return
     if path.resolve() == source.resolve():
-        raise OutputError(f"cannot write {path}: it is what is read, choose another output folder")
+        raise OutputError(f"cannot write {path}: it is the source, choose another output folder")
     if not path.is_file() or not _is_ours(path):
         raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
 

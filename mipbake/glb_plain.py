@@ -35,12 +35,12 @@ Image = NDArray[np.float32]
 def averaged_files(
     document: Document, plain: Sequence[PlainTexture], levels: int | None = None
 ) -> list[tuple[PlainTexture, bytes]]:
-    """Each texture with a KTX 2 file of box-filtered levels: level 0 is the image, resampled where its sides are no
+    """Gives each texture a KTX 2 file of box-filtered levels: level 0 is the image, resampled where its sides are not
     multiples of `SIDE`. Colours are averaged linearly, by opacity where they have one, and opacity that is tested
     against a cutoff keeps its coverage.
 
     Args:
-        document: that the textures are of.
+        document: the document that the textures belong to.
         levels: how many of each; None for all.
 
     Raises:

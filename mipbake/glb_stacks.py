@@ -140,7 +140,7 @@ class _Reader:
         data, kind = stored_image(self.made, image, f"{slot} of {self.where}")
         what = f"{slot} of {self.where} of {self.made.path}"
         if kind is not KTX2:
-            raise InputError(f"{what} is no KTX 2 texture: expected levels that `mipbake bake` wrote")
+            raise InputError(f"{what} is not a KTX 2 texture: expected levels that `mipbake bake` wrote")
         texture = ktx2.decoded(data, what)
         if texture.format.srgb != (PLACES[slot].holds == COLOUR) or texture.format.channels < 3:
             raise InputError(f"{what} is {texture.format.name}: expected what `mipbake bake` wrote")
@@ -152,13 +152,13 @@ class _Reader:
         return number(holder.get(name, default), f"{name} of {self.where}", self.made.path, -most, most)
 
     def factors(self) -> tuple[float, float]:
-        """Of roughness and metallic; a clearcoat has no metallic."""
+        """The factors of roughness and metallic; a clearcoat has no metallic."""
         holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
         first, *others = (self.number(holder, name, default) for name, default in self.lobe.factors)
         return first, others[0] if others else 0.0
 
     def tint(self) -> NDArray[np.float32]:
-        """(3,) factor of the base colour, beside that of the source."""
+        """(3,) factor of the base colour, relative to the factor of the source."""
         found = [
             np.array(each.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])[:3], np.float32)
             for each in (self.material, self.before)

@@ -1,4 +1,4 @@
-"""From what a user names to what is baked: folders, archives, tiles, documents, lists and globs of them."""
+"""Turns what a user names into what is baked: folders, archives, tiles, documents, lists and globs of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
     """What is to be baked, in order; a source that cannot be read does not keep others from it. All commands and
     `mipbake.load_all` read what they are given through here.
 
-    No two results have one name: sets of one name are called after the folders around them, too.
+    No two results have one name: sets of one name are also called after the folders around them.
 
     Args:
         sources: paths, globs, `@FILE` for a list of paths, `@-` for one on the standard input.
@@ -67,7 +67,7 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> S
     if what == "gltf":
         return _gltf(path, read_document(path), options, scratch)
     if path.is_dir():
-        refuse_baked(path)  # tiles of a stack are tiles, too
+        refuse_baked(path)  # tiles of a stack are tiles as well
     if what == "udim":
         files = list(pattern_files(path).values()) if is_pattern(path) else _files(path)
         return _tiled(path, files, options)
@@ -153,7 +153,7 @@ def _normal(path: Path) -> Path:
 
 
 def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
-    """The job of a folder, or those of the several sets in it."""
+    """The job of a folder, or the jobs of the several sets in it."""
     files = _files(path)
     division = divided(files, options)
     if division is None:
@@ -176,7 +176,7 @@ def _told_of_division(made: list[Job | Failure], path: Path, division: Division)
     """The jobs of several sets; the first says what the folder holds."""
     names = [part.name or name_of(path) for part in division.parts]
     note = f"{path} holds {len(names)} texture sets: {listed(names)}"
-    left = tuple(f"{file.name} is of none of the sets: left out" for file in division.left_out)
+    left = tuple(f"{file.name} belongs to none of the sets, and is left out" for file in division.left_out)
     first = next((index for index, job in enumerate(made) if isinstance(job, Job)), None)
     if first is not None:
         job = made[first]
@@ -214,7 +214,7 @@ def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapp
     """A job for every group of tiles that touch."""
     shared = [file for file in files if not any(file in several for several in found.values())]
     notes = (f"{len(found)} UDIM tiles: {listed(found)}",)
-    warnings = tuple(f"{file.name} is no tile: left out" for file in shared if not is_pattern(path))
+    warnings = tuple(f"{file.name} is not a tile, and is left out" for file in shared if not is_pattern(path))
     made = []
     for group in islands(found):
         parts = {}
@@ -232,7 +232,7 @@ def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) ->
 
 
 def _by_pattern(path: Path, options: LoadOptions) -> dict[int, list[Path]]:
-    """All maps of the tiles whose folder a pattern names, of the set that it is a map of."""
+    """All maps of the tiles whose folder a pattern names, for the set that the pattern belongs to."""
     folder = path.parent
     wanted = pattern_files(path)
     every = tiles_of(disk.files_in(folder))
@@ -245,7 +245,7 @@ def _by_pattern(path: Path, options: LoadOptions) -> dict[int, list[Path]]:
 
 def _check_no_options(path: Path, options: LoadOptions) -> None:
     if options != LoadOptions():
-        raise UsageError(f"{path} says itself how its textures are read: leave the options for reading a set out")
+        raise UsageError(f"{path} says itself how its textures are read: leave out the options for reading a set")
 
 
 def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> list[Job | Failure]:

@@ -37,11 +37,11 @@ class Part:
 
     @property
     def name(self) -> str:
-        """Of the texture set; nothing is read."""
+        """Name of the texture set; nothing is read."""
         return self.options.name or name_of(self.files)
 
     def find(self) -> Discovery:
-        """What it would read. InputError where it cannot."""
+        """What would be read. InputError where it cannot be."""
         return self._using(lambda: find(self.files, self.options))
 
     def load(self) -> TextureSet:
@@ -58,10 +58,10 @@ class Job:
 
     Args:
         source: what the user named.
-        parts: tile number to what it is read from; a single one without a number (0) for sets that are no tiles.
+        parts: tile number to what it is read from; a single part without a number (0) for sets that are not tiles.
         notes, warnings: what was found in the source, in sentences.
-        place: folder of the result's folder, relative to that of all results.
-        document, bake: of a glTF source, and which of its bakes this is. plain: all its textures that are averaged.
+        place: folder of the result's folder, relative to the folder of all results.
+        document, bake: the document of a glTF source, and which of its bakes this is. plain: all its averaged textures.
     """
 
     source: Path
@@ -75,7 +75,7 @@ class Job:
 
     @property
     def tiled(self) -> bool:
-        """Whether it is about tiles, which share a folder with all others of their source."""
+        """Whether the job is about tiles, which share a folder with all other tiles of their source."""
         return 0 not in self.parts
 
     @property
@@ -150,8 +150,8 @@ class Failure:
 
 
 def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
-    """The same jobs, no two results of one name: those that would share one are called after the folder around their
-    source, too, or numbered where that is the same.
+    """The same jobs, no two results of one name: jobs that would share a name are also called after the folder around
+    their source, or numbered where that folder is the same.
     """
     tops: dict[str, dict[object, Job]] = {}
     for index, job in enumerate(found):
@@ -171,7 +171,7 @@ def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
             name = unique_name(around[unit], "texture_set", taken) if apart else _top(job)
             if not apart and job is not next(iter(units.values())):
                 name = unique_name(_top(job), "texture_set", taken)
-            renamed[unit] = (name, f"it is called {name} here, for several are called {_top(job)}: {told}")
+            renamed[unit] = (name, f"it is called {name} here, because several are called {_top(job)}: {told}")
     made: list[Job | Failure] = []
     for index, job in enumerate(found):
         if not isinstance(job, Job) or _unit(job, index) not in renamed:
@@ -193,7 +193,7 @@ def _top(job: Job) -> str:
 
 
 def _unit(job: Job, index: int) -> object:
-    """Equal for jobs whose results share a folder: those of a document, the groups of tiles of one set."""
+    """Equal for jobs whose results share a folder: the jobs of a document, or the groups of tiles of one set."""
     if job.place:
         return job.source, job.place
     if not job.tiled:

@@ -46,7 +46,7 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
 
 
 def is_stack_folder(path: Path) -> bool:
-    """Whether a folder holds a stack, or those of tiles, and nothing else."""
+    """Whether a folder holds a stack, or the stacks of tiles, and nothing else."""
     return is_result_folder(path, manifests(path), SCHEMA)
 
 
@@ -111,7 +111,7 @@ def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
 
     outputs: list[Mapping[str, Any]] = [output for output in manifest["outputs"] if output["maps"]]
     if not outputs:
-        raise ValueError("it holds no files of maps, only a whole document: bake it in another format, too")
+        raise ValueError("it holds no files of maps, only a whole document: bake it in another format as well")
     return min(outputs, key=rank)
 
 

@@ -6,9 +6,9 @@ shades. Arrays are `(..., C)` of float32 or float64; every function is pure and 
 | model | channels |
 |---|---|
 | `gltf` | base colour r, g, b (linear Rec.709); metallic; perceptual roughness; normal x, y, z |
-| `gltf-anisotropic` | those of `gltf`; anisotropy direction x, y; anisotropy strength |
+| `gltf-anisotropic` | the channels of `gltf`; anisotropy direction x, y; anisotropy strength |
 | `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
-| `beckmann` | those of `ggx`; g = ln(gamma) |
+| `beckmann` | the channels of `ggx`; g = ln(gamma) |
 
 glTF 2.0, appendix B, with KHR_materials_anisotropy; the log-roughness tensor is equation 6 of Kemppinen et al. 2023:
 S = exp([[a, c], [c, b]]) with eigenvalues alpha_x^2, alpha_y^2, in the tangent frame of the shading normal. gamma is
@@ -238,9 +238,9 @@ def ggx_to_gltf_anisotropic(stored: Array) -> Array:
 def _ggx_twin(log_alpha: Array) -> tuple[Array, Array, Array, Array]:
     """What stands for a GGX lobe in `beckmann`: ln(alpha_b / alpha), g, and their derivatives by ln alpha.
 
-    Fitted by docs/fit_beckmann.py to mirrors that shade as GGX ones do, in equal shares over the pair sets near-mirror
-    and hemisphere. For narrow lobes the fit does not depend on alpha: both distributions are a function of
-    tan(theta) / alpha over cos^4 theta. For rough ones it has a longer way to go.
+    docs/fit_beckmann.py fitted it to mirrors that shade as mirrors of GGX do, in equal shares over the pair sets
+    near-mirror and hemisphere. For narrow lobes the fit does not depend on alpha: both distributions are a function of
+    tan(theta) / alpha over cos^4 theta. For rough lobes it has a longer way to go.
     """
     alpha = np.exp(np.minimum(log_alpha, 5))
     wide, sharp = (np.asarray(alpha**n / (alpha**n + h**n)) for n, h in ((2.5, 0.35), (3, 0.5)))
@@ -253,8 +253,8 @@ def _ggx_twin(log_alpha: Array) -> tuple[Array, Array, Array, Array]:
 
 
 _NARROWING = np.polynomial.Polynomial([0.0767, 0.4051, -0.4103, 0.2319, -0.0982, 0.0237])
-"""Of g: ln(alpha_b / alpha) of the GGX lobe that is nearest to a narrow `beckmann` one in the mean square of the
-reflected radiance. Fitted by docs/fit_beckmann.py, within 0.003."""
+"""As a function of g, ln(alpha_b / alpha) of the GGX lobe that is nearest to a narrow `beckmann` one in the mean square
+of the reflected radiance. docs/fit_beckmann.py fitted it, within 0.003."""
 
 
 def least_alpha2(model: str) -> float:
@@ -283,8 +283,8 @@ def beckmann_to_ggx(stored: Array) -> Array:
     """`beckmann` channels to `ggx`: the roughness tensor of the nearest GGX lobe; g is lost.
 
     The inverse of `ggx_to_beckmann` on what that gives, to rounding. For any other g the scale of the tensor is further
-    multiplied by that between the nearest narrow GGX lobes of both: in dB of signal to error of a narrow lobe, 8 at
-    g = -1.5, 15 at -1, 21 at -0.5, 14 at 0 (Beckmann), 8 at 1 and 7 at 1.5.
+    multiplied by the ratio between the nearest narrow GGX lobes of both: in dB of signal to error of a narrow lobe, 8
+    at g = -1.5, 15 at -1, 21 at -0.5, 14 at 0 (Beckmann), 8 at 1 and 7 at 1.5.
     """
     log_alpha_b, g = (
         (stored[..., 8:9] + stored[..., 9:10]) / 4,
@@ -301,7 +301,8 @@ def beckmann_to_ggx(stored: Array) -> Array:
 
 
 def convert(stored: Array, source: str, target: str) -> Array:
-    """Stored channels of one model to those of another; `ggx` is the common ground of every pair."""
+    """Converts stored channels of one model to stored channels of another; `ggx` is the common ground of any two
+    models."""
     source, target = model_named(source).name, model_named(target).name
     if source == target:
         return stored

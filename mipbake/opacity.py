@@ -111,7 +111,7 @@ def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
     """Levels (H_L, W_L, 1) of an opacity that is tested against a cutoff, scaled so that as much passes as at level 0.
 
     Averaging lets thin leaves and wires vanish, or fences close, in the distance. Every level is multiplied by the
-    factor that brings the share of texels above the cutoff the nearest to that of level 0 (as the texture tools of
+    factor that brings the share of texels above the cutoff the nearest to the share in level 0 (as the texture tools of
     Castano 2010, "Computing alpha mipmaps", do by search). Level 0 is never altered.
     """
     share = coverage(levels[0], cutoff)
@@ -125,6 +125,6 @@ def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
 def _threshold(level: Image, share: float) -> float:
     """What the nearest to that share of texels lies above: between two values that occur, or beyond all."""
     values, counts = np.unique(level, return_counts=True)
-    above = np.append(np.cumsum(counts[::-1])[::-1], 0) / level.size  # that pass a threshold below values[i]
+    above = np.append(np.cumsum(counts[::-1])[::-1], 0) / level.size  # share that passes a threshold below values[i]
     between = np.concatenate([values[:1] / 2, (values[:-1] + values[1:]) / 2, values[-1:] + 1e-3])
     return float(between[int(np.argmin(np.abs(above - share)))])

@@ -26,8 +26,8 @@ class Output:
         naming: pattern of file names: {set} is the set's name, {file} the file's.
         names: what {file} is for a file of a packing or a map, where that is not its own name.
         texels: file name to texels, for files that shall have others than `format` says.
-        finer: texels that files may be given in place of those of `format` where these cost too much, each more precise
-            than the one before.
+        finer: texels that files may be given in place of the texels of `format` where these cost too much, each more
+            precise than the one before.
     """
 
     format: str = DEFAULT_FORMAT
@@ -40,12 +40,12 @@ class Output:
 
     @property
     def container(self) -> Container:
-        """Of all files but those that `texels` names."""
+        """The container of all files except the files that `texels` names."""
         return format_named(self.format)
 
 
 GLB = "glb"
-"""What users call glTF files. They are no container of single maps."""
+"""The name of glTF files for users. They are not a container of single maps."""
 
 GLB_TEXELS = ("uastc", "rgba8")
 """Texels of a GLB's textures, the default first. KHR_texture_basisu allows for no others; some engines load them."""
@@ -109,7 +109,7 @@ def planned(
         levels: so many of each file; None for all. Containers whose files always hold every level get all.
         beside: whether there are other outputs: then files whose values no texels of the container hold are left to
             them.
-        tile: of UDIM, which every name carries, as those of the source do or at its end; 0 for none.
+        tile: of UDIM, which every name carries: where the names of the source have it, else at the end; 0 for none.
 
     A file with values outside 0 to 1 (emission, heights) takes half floats where its texels would be integers and the
     container has them.

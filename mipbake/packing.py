@@ -72,10 +72,10 @@ PACKINGS: Mapping[str, tuple[PackedFile, ...]] = {
         PackedFile("metallic_smoothness", (*(Piece("metallic"),) * 3, Piece("roughness", inverted=True))),
     ),
 }
-"""`source`: as the source's files were; `separate`: a file a map; `orm`: occlusion, roughness and metallic in red,
-green and blue, opacity in the alpha of the base colour; `mask-map`: metallic, occlusion, 1 and smoothness, as Unity's
-HDRP reads them; `metallic-smoothness`: metallic in red, green and blue, smoothness in alpha, as Unity's URP does. Maps
-that no rule names get a file each."""
+"""`source`: as the source's files were; `separate`: a file for each map; `orm`: occlusion, roughness and metallic in
+red, green and blue, opacity in the alpha of the base colour; `mask-map`: metallic, occlusion, 1 and smoothness, as
+Unity's HDRP reads them; `metallic-smoothness`: metallic in red, green and blue, smoothness in alpha, as Unity's URP
+does. Maps that no rule names get a file each."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _in_order(slots: Mapping[str, Piece]) -> tuple[Piece, ...]:
 
 
 def _distinct(names: Iterable[str]) -> list[str]:
-    """Names of which no two are the same where upper and lower case are."""
+    """Names that all differ, even where upper and lower case count as the same."""
     seen: set[str] = set()
     out = []
     for name in names:
@@ -191,7 +191,7 @@ def pack(
 
 
 def _convention(source: Sequence[PackedFile]) -> str:
-    """Of the normal map in the source's files; OpenGL's where they are unknown."""
+    """The convention of the normal map in the source's files; OpenGL's where the files are unknown."""
     green = [piece for file in source for piece in file.pieces if piece.map == "normal" and piece.index == 1]
     return "directx" if any(piece.inverted for piece in green) else "opengl"
 
@@ -262,7 +262,8 @@ def _at_size(chain: Levels, size: tuple[int, int], wrap: Wrap) -> Levels:
 
 
 def _resampled(chain: Levels, size: tuple[int, int], wrap: Wrap) -> NDArray[np.float32]:
-    """The coarsest level that is no smaller than a size along either side, averaged; else level 0, interpolated too."""
+    """The coarsest level that is no smaller than a size along either side, averaged; else level 0, which is also
+    interpolated."""
     height, width = size
     level = next((each for each in reversed(chain) if each.shape[0] >= height and each.shape[1] >= width), chain[0])
     larger = upsample(level, max(width, level.shape[1]), max(height, level.shape[0]), wrap)

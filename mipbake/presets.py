@@ -41,7 +41,7 @@ class Preset:
         documents: whether glTF sources become a GLB, and get no files of maps.
         sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
         notes: what the user should do or know, in sentences.
-        no_finer: why texels that are more precise than those of its outputs are not advised; "": it takes some.
+        no_finer: why texels that are more precise than its outputs have are not advised; "": the engine takes some.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Preset:
 
     @property
     def target(self) -> str:
-        """The target that it chooses, a name in `mipbake.bake.TARGETS`."""
+        """The target that the preset chooses, a name in `mipbake.bake.TARGETS`."""
         return "auto" if self.anisotropic else "gltf"
 
     def check(self, width: int, height: int, blocks: bool = True) -> list[str]:
@@ -144,7 +144,7 @@ _ALL = (
 )
 
 PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in _ALL}
-"""By name."""
+"""Preset by name."""
 
 
 def preset_named(name: str) -> Preset:
@@ -160,8 +160,8 @@ def wanted_outputs(
     packing: str | None = None,
     write_normals: str | None = None,
 ) -> tuple[tuple[Output, ...], bool, tuple[str, ...]]:
-    """The outputs of a preset with what the user wants otherwise, or those of formats; whether a GLB is wanted; and the
-    texels that its textures may have in place of blocks.
+    """The outputs of a preset with what the user wants otherwise, or the outputs for formats; whether a GLB is wanted;
+    and the texels that its textures may have in place of blocks.
 
     Args:
         preset: what is meant where nothing else is said.

@@ -9,8 +9,8 @@ channels, with d = diffuse (1 - max(s)) / 0.96,
     (1 - m) b = d  and  0.04 (1 - m) + m b = s.
 
 These are six equations for four unknowns, each in 0 to 1: here they are solved by least squares. For a given m the best
-b is a projection, so that one number is searched for. Khronos's converter between the two solves the same equations for
-m by the perceived brightness of both colours instead, which is the same where they are grey.
+b is a projection, so that one number is searched for. Khronos's converter between the two models solves the same
+equations for m by the perceived brightness of both colours instead, which is the same where they are grey.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The result of a bake: every level of every map, where it came from, and how it is written and read back.
 
-A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it. Those of UDIM tiles
-share one, each with a `stack.1001.json` of its own, so that engines find all tiles of a map in one place.
+A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it. Stacks of UDIM tiles
+share a folder, each with a `stack.1001.json` of its own, so that engines find all tiles of a map in one place.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ class MipStack:
         extra: levels of the maps that do not shade, by role, in chains of their own size: (H_L, W_L, 1 to 4) float32.
         wrap: addressing along u and v, each "wrap" or "clamp".
         provenance: how it was made.
-        source_files: which channels of which maps lay together in the files that it was made from; empty where that is
-            unknown.
-        tile: of UDIM, which names of files carry; 0 for what is no tile.
+        source_files: which channels of which maps lay together in the files that the stack was made from; empty where
+            they are unknown.
+        tile: UDIM tile, which names of files carry; 0 for a stack that is not a tile.
 
     Raises:
         UsageError: on construction, when model, sizes or channels are not as described, or a value is not finite.
@@ -121,7 +121,7 @@ class MipStack:
             _check_chain(f"the map {role}", chain, None)
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width = self.size
         beside = f", {', '.join(self.extra)} beside" if self.extra else ""
         return (
@@ -160,8 +160,8 @@ class MipStack:
             path: the folder; its last part need not be the stack's name.
             format: formats by name, separated by commas, each with texels where they are not the default
                 ("exr,ktx2:uastc"), as `mipbake bake --format` takes them; "glb" is a square with the material. Their
-                files are packed as those of the source, or as the preset says. Or outputs, which say more. None: those
-                of the preset, else "exr".
+                files are packed as the files of the source, or as the preset says. Or outputs, which say more. None:
+                the formats of the preset, else "exr".
             progress: told the finished share, from 0 to 1.
             levels: how many are written; None for all.
             glb: textures of the GLB that is written, from `mipbake.glb.encoded`; None for those that suit most stacks,
@@ -227,7 +227,7 @@ class MipStack:
                     f"{self.model}: bake it for the target gltf"
                 )
             if not (format is None or isinstance(format, str)):
-                raise UsageError("outputs say all that a preset would: expected one of the two")
+                raise UsageError("outputs and a preset were both given: expected one of the two")
             outputs, glb, finer = wanted_outputs(engine, format)
             blocks = any(output.container.texels in ("bc", "bc1", "uastc") for output in outputs)
             for sentence in engine.check(width, height, blocks):
@@ -270,7 +270,7 @@ class MipStack:
 def open_stack(path: str | Path) -> MipStack:
     """Reads a stack that `MipStack.save` wrote, whatever its format, from its folder or by its `stack.1001.json`.
 
-    The values are those of the files, what an engine samples: vectors are unit only up to the rounding of the format.
+    The values come from the files, as an engine samples them: vectors are unit only up to the rounding of the format.
 
     Raises:
         InputError: no stack there, a map that is missing or broken, or a schema of a later version.

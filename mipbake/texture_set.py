@@ -74,7 +74,7 @@ class TextureSet:
     alpha_cutoff: float | None = None
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"TextureSet({self.name!r}, {self.width} x {self.height}: {', '.join(self.maps)})"
 
     @property
@@ -212,7 +212,7 @@ def load(
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
-        warnings.append("there is no opacity that the alpha cutoff could be of: it is left out")
+        warnings.append("the alpha cutoff is left out, because the set has no opacity")
     return TextureSet(
         found.name,
         maps,
@@ -276,7 +276,7 @@ _ARRAY_CHANNELS = {role: 3 if role in (*COLOUR_ROLES, "normal", "anisotropy") el
 
 
 def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
-    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value is not the role's."""
+    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value does not fit the role."""
     channels = _ARRAY_CHANNELS[role]
     array = np.array(value, np.float32)
     if array.ndim == 0 and role not in ("normal", "anisotropy", "emissive"):
@@ -305,7 +305,7 @@ def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
 
 
 _TOPS = (1, 255, 65535)
-"""What encoded values reach: those of floats, and of 8 and 16 bits."""
+"""The largest encoded value: of floats, of 8 bits and of 16 bits."""
 
 
 def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any]) -> None:
@@ -333,7 +333,7 @@ def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any])
 
 
 def _are_unit(vectors: NDArray[np.float32]) -> bool:
-    """Whether vectors (H, W, C) have length one, but for rounding to 8 bits and a tenth of outliers."""
+    """Whether vectors (H, W, C) have length one, except for rounding to 8 bits and a tenth of outliers."""
     off = np.abs(np.sqrt(np.einsum("hwc,hwc->hw", vectors, vectors)) - 1)
     return float(np.quantile(off, 0.9)) < 0.05
 

@@ -66,7 +66,7 @@ class Mosaic:
         tiles: where each lies, by its number.
         rows, columns: size in tiles.
         alpha_cutoff: what renderers test the opacity of every tile against; None where it is blended. The texture set
-            has none: coverage is that of a tile, not of all together.
+            has none: coverage is kept for each tile, not for all tiles together.
     """
 
     texture_set: TextureSet
@@ -77,7 +77,7 @@ class Mosaic:
 
 
 def islands(tiles: Iterable[int]) -> list[list[int]]:
-    """Tile numbers in groups that touch, corners included: what lies apart needs no mosaic in common."""
+    """Tile numbers in groups that touch, corners included: tiles that lie apart need no mosaic in common."""
     left, groups = set(tiles), []
     while left:
         group, reached = [], [min(left)]
@@ -97,21 +97,21 @@ def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
 
     Tiles are resampled to the largest of each map. A map that only some tiles have is a constant in the others
     (anisotropy of strength 0, occlusion, opacity and carried channels 1, emissive 0; a height is continued from the
-    tiles around). Where there is no tile, the maps are continued from those around: nothing foreign is filtered into
-    their borders.
+    tiles around). Where there is no tile, the maps are continued from the tiles around: nothing foreign is filtered
+    into their borders.
 
     Args:
         tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
             mosaic is the rectangle around all of them.
 
     Raises:
-        UsageError: no tiles, a number that is none, or tiles whose opacity is tested against different cutoffs.
+        UsageError: no tiles, a number that is not a tile's, or tiles whose opacity is tested against different cutoffs.
     """
     if not tiles:
         raise UsageError("no tiles were given: expected tile numbers and their texture sets")
     for tile in tiles:
         if not FIRST <= tile <= LAST:
-            raise UsageError(f"{tile} is no UDIM tile: expected a number from {FIRST} to {LAST}")
+            raise UsageError(f"{tile} is not a UDIM tile: expected a number from {FIRST} to {LAST}")
     sets = {tile: tiles[tile] for tile in sorted(tiles)}
     places = {tile: place(tile) for tile in sets}
     left, bottom = (min(p[axis] for p in places.values()) for axis in (0, 1))
@@ -153,19 +153,20 @@ def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
 
 
 def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
-    """The stack of every tile, cut out of that of the mosaic: tile number to a complete chain down to 1 x 1, clamped.
+    """The stack of every tile, cut out of the stack of the mosaic: tile number to a complete chain down to 1 x 1,
+    clamped.
 
     Levels whose texels divide the tile evenly are cut out exactly: all of a square tile whose side is a power of two.
     The others are looked up in the mosaic's levels where their texels lie, trilinearly, as an engine would. Opacity
     that is tested against a cutoff keeps the coverage of each tile.
 
     Raises:
-        UsageError: the stack is not that of the mosaic.
+        UsageError: the stack is not the stack of the mosaic.
     """
     texture_set = mosaic.texture_set
     if stack.size != (texture_set.height, texture_set.width) or set(stack.extra) != set(texture_set.plain_maps):
         raise UsageError(
-            f"the stack {stack.name} measures {stack.size[1]} x {stack.size[0]} and is not that of the mosaic of "
+            f"the stack {stack.name} measures {stack.size[1]} x {stack.size[0]} and is not the stack of the mosaic of "
             f"{texture_set.width} x {texture_set.height}: bake the mosaic's texture set"
         )
     grid = (mosaic.rows, mosaic.columns)
@@ -305,7 +306,7 @@ def _exact_levels(height: int, width: int) -> int:
 def _cut(
     chain: Iterable[NDArray[np.float32]], grid: tuple[int, int], cell: tuple[int, int]
 ) -> list[NDArray[np.float32]]:
-    """The chain of the tile at `cell` (row, column) out of that of the mosaic of `grid` (rows, columns) tiles."""
+    """The chain of the tile at `cell` (row, column) out of the chain of the mosaic of `grid` (rows, columns) tiles."""
     levels = list(chain)
     height, width = (size // count for size, count in zip(levels[0].shape[:2], grid, strict=True))
     exact, sizes = _exact_levels(height, width), level_sizes(height, width)
@@ -347,7 +348,7 @@ def _looked_up(
 
 
 def _bilinear(image: NDArray[np.float32], v: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(H, W, C) at every pair of coordinates in [0, 1], clamped: (len(v), len(u), C)."""
+    """(H, W, C) at every combination of coordinates in [0, 1], clamped: (len(v), len(u), C)."""
     for axis, at in ((0, v), (1, u)):
         count = image.shape[axis]
         position = np.clip(at * count - 0.5, 0, count - 1)

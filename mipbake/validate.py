@@ -51,7 +51,7 @@ class Validation:
     Args:
         name: the texture set's name.
         method: how the stack under test was baked (its rows are called "baked").
-        pixel_filter: the reference's filter.
+        pixel_filter: the filter of the reference.
         rows: all figures.
         notes: what a reader must know, in plain sentences.
         points, samples, seed: pixels per lod, reference samples per pixel in each of two estimates, random seed.
@@ -68,7 +68,7 @@ class Validation:
     seed: int
 
     def __repr__(self) -> str:
-        """In one line: the figures of the stack under test at the finest level of detail."""
+        """A description in one line: the figures of the stack under test at the finest level of detail."""
         at = min(self.lods, default=0.0)
         found = [f"{r.pair_set} {r.snr:.1f} dB" for r in self.rows if (r.method, r.lod) == (BAKED, at)]
         return f"Validation({self.name!r}, {self.method}, {self.model}, at lod {at:g}: {', '.join(found)})"

@@ -12,7 +12,7 @@ PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
 """Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
-"""Kernels that latents can be downsampled with; those of mipbake.prefilter.pixel_filter."""
+"""Kernels that latents can be downsampled with; mipbake.prefilter.pixel_filter has them."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class NetworkConfig:
 
     Args:
         encoders: material models that are read, keys of PARAMETERS; each has an encoder of its own.
-        decoders: material models that are made; each has a decoder of its own, all on the same latents.
+        decoders: material models that are made; each has a decoder of its own, and all decoders read the same latents.
         latent_filter: kernel of the linear downsampling in latent space.
         latent_channels: maps of the latent code; at least as many as the encoders' models have parameters together.
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
@@ -69,7 +69,7 @@ class NetworkConfig:
 
     @property
     def fixed_latents(self) -> int:
-        """Latents that are not learned: those of a residual network."""
+        """How many latents are not learned; only a residual network has some."""
         return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
 
     @property
@@ -153,7 +153,7 @@ _CONVERTED = {"gltf-anisotropic": "ggx"}
 
 
 _READ = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
-"""Each of these models can say all that those before it can."""
+"""Each of these models can say all that the models before it can."""
 
 
 def reads(config: AnyConfig, source: str) -> bool:
@@ -162,7 +162,8 @@ def reads(config: AnyConfig, source: str) -> bool:
 
 
 def takes(config: AnyConfig, source: str) -> bool:
-    """Whether a network bakes a source. One that makes anisotropic lobes of round ones would lose given ones."""
+    """Whether a network bakes a source. A network that makes anisotropic lobes from round lobes would lose the lobes
+    that were given."""
     return not (isinstance(config, MomentConfig) and config.decoders == ("gltf-anisotropic",)) or source == "gltf"
 
 
@@ -181,6 +182,6 @@ def made_from(config: NetworkConfig, target: str) -> str:
 
 
 def targets(config: AnyConfig) -> tuple[str, ...]:
-    """Material models that a network can bake: those of its decoders, and what is converted from them."""
+    """Material models that a network can bake: the models of its decoders, and models that are converted from them."""
     converted = (to for to, made in _CONVERTED.items() if made in config.decoders)
     return tuple(dict.fromkeys((*config.decoders, *converted)))

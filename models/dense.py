@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 SLOPE = 0.1
-"""Of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does."""
+"""Slope of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does."""
 
 Shape = tuple[int, int]
 
@@ -123,7 +123,7 @@ def _columns_adjoint(columns: Tensor, periodic: Shape | None) -> Tensor:
 
 @lru_cache(maxsize=16)
 def _neighbours(height: int, width: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Of every texel: its 3 x 3 neighbours, and the places that it has itself among the neighbours of others."""
+    """For every texel: its 3 x 3 neighbours, and the places that it has itself among the neighbours of others."""
     index = torch.arange(height * width).reshape(height, width)
     offsets = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
     neighbours = [index.roll((-dy, -dx), (0, 1)).flatten() for dy, dx in offsets]

@@ -20,9 +20,9 @@ from mipbake.models.moments import Statistics
 OUTPUTS = 3
 """Numbers of a decoder that `stretched` takes."""
 
-_MOST_SHARE = 1.5  # of `lean`'s anisotropy; an untrained network has a third of it
+_MOST_SHARE = 1.5  # share of `lean`'s anisotropy; an untrained network has a third of it
 _DECISION = 4.0
-_MOST = 0.98  # of the anisotropy that a tensor can have
+_MOST = 0.98  # share of the anisotropy that a tensor can have
 _FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree
 _LEAST = 1e-12  # squared length of a vector whose angle still means something
 

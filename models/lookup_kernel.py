@@ -3,12 +3,12 @@
 A level is read by bilinear interpolation, which blurs it once more: by a tent one of its texels wide, of variance 1/6.
 The pixel filter alone, followed by that, is too wide. So a level is filtered with the pixel filter and then with
 (-a, 1 + 2 a, -a) along both axes: its response 1 + a w^2 + O(w^4) undoes the tent's 1 - w^2 / 12, up to second order,
-where a = 1/12. The source, too, is interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
+where a = 1/12. The source is also interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
 (1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that: a = 1/12 - 4^-L / 24.
 
 Most lookups lie between two levels, and mix a kernel that is too narrow with one that is too wide. Variances add up to
-more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail is that
-of its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
+more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail follows
+its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
 
 Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
 """

@@ -141,6 +141,6 @@ def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wr
     """(H, W, 8) stored channels of a level's latents."""
     ready = with_detail(sharpened(latent, level, wrap), latent)
     index = torch.full((1,), float(level))
-    rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as much at a time as of level 0
+    rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as many texels at a time as of level 0
     parts = in_order(lambda some: network.decode(some, index, kernel).numpy(), rows)
     return np.concatenate(list(parts))

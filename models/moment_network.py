@@ -2,16 +2,16 @@
 
     stack_L = decode(K_L * [moments(theta), encode(theta)], L, p)
 
-The structure is that of Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter.
-It differs from theirs in five ways.
+The structure follows Kemppinen et al. 2023 (equation 1): everything between encoder and decoder is a linear filter. The
+network differs from theirs in five ways.
 
 - Part of the latent code is not learned (moments.py): what closed forms average.
 - The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
   will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
 - The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
   material is constant: there the result is the averaged input, exactly.
-- How sharp a level is, is the decoder's choice, too: it adds more or less of what sharpening added.
-- Colours of dielectrics stay averages, whose diffuse light is right from every direction; those of metals may change.
+- The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
+- Colours of dielectrics stay averages, whose diffuse light is right from every direction; colours of metals may change.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
 """
@@ -40,7 +40,7 @@ _CODE = 3 + len(FILTERS)
 _OUTPUTS = 16
 
 DETAIL = 8
-"""Of the latents that `with_detail` makes: what sharpening added to the averages of base colour, metallic, roughness,
+"""Latents that `with_detail` adds: what sharpening added to the averages of base colour, metallic, roughness,
 n_x, n_y and 1 - n_z."""
 
 _STEP = 0.1
@@ -54,8 +54,8 @@ _DECISION = 5.0
 
 _MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
 _MOST_CHANGE = 3.0  # of ln roughness
-_NARROWER = 0.1  # of ln roughness that a lobe may be narrower than those that it stands for
-_FARTHEST = 0.5  # of a lobe's alpha that its normal may move freely
+_NARROWER = 0.1  # ln of roughness: how much narrower a lobe may be than the lobes that it stands for
+_FARTHEST = 0.5  # share of a lobe's alpha by which its normal may move freely
 _CRISP = 3  # how much more sharpening there is of colours, of roughness, and of normals: -1 for none, to 1 for twice
 _DETAIL_SCALE = 8.0
 _MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
@@ -74,7 +74,7 @@ class MomentNetwork(nn.Module):
         super().__init__()
         self.config = config
         self.pixel_filters: tuple[str, ...] = ()
-        """What it was trained for, of released weights."""
+        """The pixel filters that it was trained for; only released weights say that."""
         growth, layers = config.growth, config.convolutions + config.pointwise
         self.encoder = nn.ModuleList(
             nn.Conv2d(_INPUTS + growth * i, growth, 3 if i < config.convolutions else 1) for i in range(layers)
@@ -135,7 +135,7 @@ class MomentNetwork(nn.Module):
             pixel_filter: that the latents were filtered with.
         """
         latent, detail = latent[..., :-DETAIL], latent[..., -DETAIL:].detach()
-        found = statistics(latent[..., :COUNT].detach())  # of what is not learned
+        found = statistics(latent[..., :COUNT].detach())  # statistics of the latents that are not learned
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))
@@ -244,7 +244,8 @@ def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
     freedom = kept * found.freedom + tall * found.tall_freedom + upward * found.upward_freedom
     change = change + freedom * out[..., 4:5].tanh()
     shaded = found.log_roughness.exp()
-    # What lies below the roughness that is shaded is kept beside the change, so that no change is no change.
+    # What lies below the roughness that is shaded is kept beside the change, so that a change of nothing changes
+    # nothing.
     below = found.roughness - found.roughness.clamp(min=MIN_ROUGHNESS)
     least = found.to_narrowest - _NARROWER * freedom
     roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below + more[..., 4:5]).clamp(

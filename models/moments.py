@@ -8,7 +8,7 @@ constant, so that there the averages stay as they are, 0 and 1 included.
 Two more weigh every texel by how bright it gets: by the height of its lobe, 1 / alpha^2, and by the lobe's value where
 light and view mirror each other on the flat surface, alpha^2 / (alpha^2 + |slope|^2)^2. Flat gloss between steep joints
 is seen as a sharp highlight that hardly knows of the joints: its mean slope among all texels is off by more than the
-highlight is wide, among bright ones it is not.
+highlight is wide, among bright texels it is not.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ FEATURES = 34
 _MIN_ALPHA2 = MIN_ROUGHNESS**4
 _MIN_LOG = math.log(MIN_ROUGHNESS)
 _MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
-_FARTHEST = 3.0  # standard deviations from the mean slope to that of bright texels
+_FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels
 _SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed
-_CANCELLED = 4e-7  # of a square, what float32 leaves where it is taken from an equal one
+_CANCELLED = 4e-7  # share of a square that float32 leaves where an equal square is taken from it
 _ROUNDING = 2e-6  # what is left of the variance of a constant in float32
 _SOFT_VARIANCE = 0.02  # variance of normals, or of metallic, where half of a change of colour is
 
@@ -43,7 +43,7 @@ def moments(stored: Tensor) -> Tensor:
     Base colour 3, metallic, roughness, n_x, n_y, 1 - n_z, slopes 2, their products 3, alpha^2, ln roughness, metallic
     times base colour 3, metallic squared. Then two weights, each followed by its product with the slopes 2 and with
     their squares together: 1 / alpha^2, and the lobe upwards, for which alpha^2 comes last. Slopes are cut at 10; alpha
-    and the logarithm are those of roughness raised to MIN_ROUGHNESS.
+        and the logarithm come from the roughness raised to MIN_ROUGHNESS.
     """
     base, metallic, roughness = stored[..., :3], stored[..., 3:4], stored[..., 4:5]
     xy, z = stored[..., 5:7], stored[..., 7:8]
@@ -73,13 +73,13 @@ class Statistics:
         to_widened: the same for alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v) with v = (1 - r) / r and r the
             length of the mean normal, 1. The released weights were trained with this form of `unreal`, which that rule
             had before it followed the engine: it is narrower where alpha is near 1.
-        lean_normal: that of the mean slope minus `normal`, 2.
+        lean_normal: the normal of the mean slope minus `normal`, 2.
         spread: variance of the unit normals, 1 - |mean|^2, 1.
         metallic_variance: 1. metallic_colour: covariance of metallic and base colour, 3.
         slopes: variance of both slopes together, 1. axes: their covariance tensor's deviator over it, 2.
         to_tall, to_upward: what `to_lean` is, among bright texels by either weight, 1 each.
         to_narrowest: for the mean of 1 / alpha^2, or 0, whichever is less, 1. No lobe should be much narrower.
-        tall_normal, upward_normal: that of the mean slope among them minus `normal`, 2 each.
+        tall_normal, upward_normal: the normal of the mean slope among them minus `normal`, 2 each.
         freedom: from 0 on a constant material to 1 where closed forms disagree, 1.
         tall_freedom, upward_freedom: the same among bright texels: from 0 where those are alike, 1 each.
         colour_freedom: the same for colours, from what varies beside them, 1.
@@ -141,7 +141,8 @@ class Statistics:
 
 
 def statistics(means: Tensor) -> Statistics:
-    """Of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; everything is cut to its own."""
+    """Statistics of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; every value is cut to
+    its range."""
     base, metallic, roughness = (means[..., i:j].clamp(0, 1) for i, j in ((0, 3), (3, 4), (4, 5)))
     xy, drop, slope = means[..., 5:7], means[..., 7:8], means[..., 8:10]
     quartic = means[..., 13:14].clamp(_MIN_ALPHA2, 1)
@@ -221,7 +222,7 @@ def _among(weight: Tensor, first: Tensor, second: Tensor, slope: Tensor, slopes:
 
 
 def _widening(variance: Tensor, alpha2: Tensor) -> Tensor:
-    """From 0 to 1: how much a variance of slopes widens a lobe, as `freedom` measures it."""
+    """How much a variance of slopes widens a lobe, from 0 to 1, as `freedom` measures it."""
     logarithm = (variance / alpha2).log1p() / 4
     return logarithm / (logarithm + _SOFT)
 

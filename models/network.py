@@ -1,8 +1,9 @@
 """Encoders and decoders (sections 3.3 and 3.5 of Kemppinen et al. 2023).
 
-Each material model that is read has an encoder, each that is made a decoder, all on one latent code; the usual network
-has one of each. An encoder sees the texture extended beyond its borders by its wrap mode, `halo` texels on every side,
-and consumes that halo with convolutions that pad nothing. So a tile with its halo gives what the whole image gives.
+Each material model that is read has an encoder, and each material model that is made has a decoder. All share one
+latent code. The usual network has one encoder and one decoder. An encoder sees the texture extended beyond its borders
+by its wrap mode, `halo` texels on every side, and consumes that halo with convolutions that pad nothing. So a tile with
+its halo gives what the whole image gives.
 
 An untrained network is linear prefiltering: the first latents carry the whitened input, a decoder's last layer reads
 them alone, and un-whitening undoes whitening. Training starts from there. Between two material models the linear map
@@ -150,21 +151,21 @@ class Network(nn.Module):
         super().__init__()
         self.config = config
         self.pixel_filters: tuple[str, ...] = ()
-        """What it was trained for, of released weights."""
+        """The pixel filters that it was trained for; only released weights say that."""
         self.whitening = nn.ModuleDict({model: Whitening(PARAMETERS[model]) for model in config.models})
         self.encoders = nn.ModuleDict({model: Encoder(config, model) for model in config.encoders})
         self.decoders = nn.ModuleDict({model: Decoder(config, model) for model in config.decoders})
 
     def whitening_of(self, model: str) -> Whitening:
-        """That of a model which is read or made."""
+        """The whitening of a model that is read or made."""
         return cast(Whitening, self.whitening[model])
 
     def encoder_of(self, source: str) -> Encoder:
-        """That of a model which is read."""
+        """The encoder of a model that is read."""
         return cast(Encoder, self.encoders[source])
 
     def decoder_of(self, target: str) -> Decoder:
-        """That of a model which is made."""
+        """The decoder of a model that is made."""
         return cast(Decoder, self.decoders[target])
 
     @property
@@ -175,9 +176,9 @@ class Network(nn.Module):
     def fit(self, samples: dict[str, dict[str, Tensor]]) -> None:
         """Takes the whitening from samples, and starts the network at linear prefiltering.
 
-        The first latents are the whitened parameters of every model that is read, one after the other: the encoder's
-        own as they are, those of the others as what is linearly nearest. A decoder reads those of its own model, or
-        what is linearly nearest to those of the first.
+        The first latents are the whitened parameters of every model that is read, one after the other: the parameters
+        of the encoder's own model as they are, the parameters of the other models as what is linearly nearest. A
+        decoder reads the parameters of its own model, or what is linearly nearest to the parameters of the first.
 
         Args:
             samples: of each encoder's model, (N, P) parameters of the same materials in every model of the network.
@@ -256,7 +257,7 @@ class Network(nn.Module):
     def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
         """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1.
 
-        Of a network with one encoder and one decoder; `stacks` is for any.
+        For a network with one encoder and one decoder; `stacks` is for any network.
         """
         return self.stacks(stored, wrap, self._only("encoders"))[self._only("decoders")]
 

@@ -5,9 +5,9 @@ What a shader reads is constrained (colours in [0, 1], unit normals); what a net
 | model | stored channels | parameters |
 |---|---|---|
 | `gltf` | base colour 3, metallic, roughness r, normal x, y, z | base colour 3, metallic, 4 ln r, normal x, y |
-| `gltf-anisotropic` | those of `gltf`, direction x, y, strength | base colour 3, metallic, normal x, y, a, b, c |
+| `gltf-anisotropic` | channels of `gltf`, direction x, y, strength | base colour 3, metallic, normal x, y, a, b, c |
 | `ggx` | albedo 3, F0 3, normal x, y, log-roughness tensor a, b, c | the same 11 |
-| `beckmann` | those of `ggx`, g = ln(gamma) | the same 12 |
+| `beckmann` | channels of `ggx`, g = ln(gamma) | the same 12 |
 
 4 ln r = ln alpha^2 is what the log-roughness tensor (equation 6 of Kemppinen et al. 2023) holds on its diagonal for an
 isotropic material. Normals drop their height and are lifted again, normalised first when outside the disc (section
@@ -36,7 +36,7 @@ MIN_HEIGHT = 0.01
 MIN_LOG_ALPHA2, MAX_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS), 2.0
 """Range of the eigenvalues of the log-roughness tensor, from the floor that shading has to beyond any rough surface.
 
-The floor of `beckmann` is that of material.least_alpha2."""
+material.least_alpha2 gives the floor of `beckmann`."""
 
 
 class _Clamp(torch.autograd.Function):
@@ -89,7 +89,7 @@ def _gltf(parameters: Tensor) -> Tensor:
 
 
 def _gltf_anisotropic(parameters: Tensor) -> Tensor:
-    """The pair of roughnesses from the eigenvalues of the tensor, the direction from its axis of the larger one.
+    """Both roughnesses from the eigenvalues of the tensor, and the direction from the axis of the larger eigenvalue.
 
     Strength and direction have no derivative at isotropy, but what is shaded has: tiny amounts are added, so that the
     factors which grow there stay finite, and meet those which vanish.

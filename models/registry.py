@@ -1,7 +1,7 @@
 """Released weights: which there are, and loading them with their hash verified.
 
-Three files each, in models/weights or any other folder: `<name>.safetensors` holds the tensors, `<name>.json` the typed
-description below, `<name>.md` the model card.
+Weights have three files, in models/weights or any other folder: `<name>.safetensors` holds the tensors, `<name>.json`
+the typed description below, `<name>.md` the model card.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class WeightsInfo:
 
 
 def read_info(path: Path) -> WeightsInfo:
-    """The description in that JSON file; InputError when it is no such thing."""
+    """The description in that JSON file; InputError when it does not hold one."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         described = _tuples(content.pop("network"))

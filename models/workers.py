@@ -25,8 +25,8 @@ _AHEAD = 2  # results for each worker that may wait to be taken: what is made of
 class _Alone:
     """Who is inside of `one_torch_thread`, and how many threads torch had before anybody was.
 
-    The number is the process's own for threads that are yet to start, and each thread's, too. So those who overlap
-    share one number to go back to: what the second one finds is what the first one has set.
+    torch keeps one number for the process, which new threads start with, and one number for each thread. So users who
+    overlap share one number to go back to: the second user finds the number that the first user has set.
     """
 
     def __init__(self) -> None:

@@ -122,7 +122,8 @@ class GltfFile:
         used += [name for name in names if name not in used]
 
     def write(self, path: Path, kind: str = "glb") -> Path:
-        """As "glb"; "external": .gltf with .bin and .png files; "embedded": .gltf with data URIs."""
+        """Writes a document as "glb"; as "external": .gltf with .bin and .png files; "embedded": .gltf with data
+        URIs."""
         document = json.loads(json.dumps({k: v for k, v in self.json.items() if v != []}))
         buffer: dict[str, Any] = {"byteLength": len(self.data), "name": "everything"}
         document["buffers"] = [buffer, *document.get("buffers", [])]

@@ -33,7 +33,7 @@ WRAP = ("wrap", "wrap")
 
 @dataclass(frozen=True)
 class Surface:
-    """Points of a metal, or of a diffuse surface with a coat: (..., 3) but for the (..., 1) alphas along t and b."""
+    """Points of a metal, or of a diffuse surface with a coat: (..., 3) except for the (..., 1) alphas along t and b."""
 
     albedo: Any
     f0: Any

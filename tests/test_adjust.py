@@ -188,7 +188,7 @@ def test_min_roughness(floor, others) -> None:
 
 
 def test_colours_that_opacity_hides_stay_hidden_at_every_strength() -> None:
-    """Only level 0 as the source has it shows them, since that is what was asked for."""
+    """Only a level 0 that is kept from the source shows them, since the user asked for it."""
     opacity = np.ones((16, 16), np.float32)
     opacity[:, 5:11] = 0
     colour = np.where(opacity[..., None] > 0, [0, 0.5, 0.2], [1, 0, 0]).astype(np.float32)

@@ -93,7 +93,7 @@ def test_gradient_of_the_area_of_a_square(w: float, boost: float) -> None:
     """
     H, W = 16, 12
     sides = torch.tensor([-0.4417, 0.45], dtype=torch.float64, requires_grad=True)
-    corners = rectangle(sides[0], sides[1], w=w)[0]  # above and below its borders are those of pixels
+    corners = rectangle(sides[0], sides[1], w=w)[0]  # above and below, its borders are borders of pixels
     middles = [(corners[a] + corners[b]) / 2 for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))]
     pos = torch.cat([corners, torch.stack(middles)])[None]
     tri = [(0, 4, 7), (1, 5, 4), (3, 6, 5), (2, 7, 6), (4, 5, 6), (4, 6, 7)]

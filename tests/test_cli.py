@@ -57,7 +57,7 @@ def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
     promise = provenance.promise
     assert provenance.budget == "0.01s"
     for name in ("near-mirror", "hemisphere"):
-        assert f"beside the best closed form there, {name}: {promise.summary(name)}" in out
+        assert f"compared with the best closed form there, {name}: {promise.summary(name)}" in out
     assert main([*arguments, "--json"]) == 0
     levels = json.loads(capsys.readouterr().out)["results"][0]["stack"]["provenance"]["promise"]["levels"]
     assert [each["level"] for each in levels] == list(range(len(promise.levels)))
@@ -162,7 +162,7 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
         assert "|".join(names) in text
     for name, kinds in FORMATS.items():
         assert f"(texels {', '.join(kinds)})" in text and f" {name}: " in text
-    formats = f"glb of glTF sources, {DEFAULT_FORMAT} of others"
+    formats = f"glb for glTF sources, {DEFAULT_FORMAT} for others"
     for default in (PIPELINE.DEFAULT_METHOD, PIPELINE.DEFAULT_FILTER, PIPELINE.AUTO_TARGET, formats):
         assert f"[default: {default}]" in text or f"[default: ({default})]" in text
     assert "Exit codes" in text

@@ -83,7 +83,8 @@ def test_a_list_or_glob_of_nothing(tmp_path, capsys) -> None:
 
 
 def test_results_of_one_name_are_told_apart(tmp_path) -> None:
-    """By the folders around their sources, documents as well as sets; what is alone keeps its name."""
+    """Results are named after the folders around their sources, documents as well as sets; a result that is alone keeps
+    its name."""
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         small(name).write(tmp_path / name / "bolt")

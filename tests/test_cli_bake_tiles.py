@@ -119,7 +119,7 @@ def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
 
 
 def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
-    """As sets that are no tiles are; and each still continues in the next."""
+    """Tiles are resampled as other sets are, and each tile still continues in the next."""
     (folder := tmp_path / "rock").mkdir()
     for tile, value in ((1001, 0.2), (1002, 0.8)):
         write_image(folder / f"rock_base_color.{tile}.png", bytes_of(np.full((6, 10, 3), value)))

@@ -41,7 +41,7 @@ def shown(capsys, *arguments) -> str:
 
 
 def saved(folder, formats=("exr",), **changes):
-    """A stack with a GLB beside; `changes` are those of its description."""
+    """A stack with a GLB beside; `changes` are changes of its description."""
     textures = MAPS | {"metallicRoughnessTexture": ktx2(2)}
     made_stack((4, 8)).save(folder, ",".join(formats) if formats else (), glb=Encoded(textures, (), ()))
     path = folder / "stack.json"

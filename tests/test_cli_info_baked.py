@@ -53,7 +53,7 @@ def test_info_on_a_stack_that_is_a_glb_only(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "part"), [("a.ktx2", "no KTX 2 file"), ("a.png", "cannot read"), ("a.glb", "no glTF file")]
+    ("name", "part"), [("a.ktx2", "not a KTX 2 file"), ("a.png", "cannot read"), ("a.glb", "not a glTF file")]
 )
 def test_info_on_what_is_none(tmp_path, capsys, name, part) -> None:
     (tmp_path / name).write_text("nothing of the kind")

@@ -115,7 +115,7 @@ def test_a_stack_of_another_set_is_said() -> None:
     stack = mipbake.bake(noisy(), "linear")
     assert mismatch(stack, noisy()) is None
     assert "source hashes differ" in str(mismatch(stack, noisy(seed=1)))
-    assert "it is 32 x 32 and the set 64 x 16" in str(mismatch(stack, noisy(16, 64)))
+    assert "it measures 32 x 32, and the set measures 64 x 16" in str(mismatch(stack, noisy(16, 64)))
 
 
 def test_a_report_says_what_figures_leave_out() -> None:
@@ -123,5 +123,5 @@ def test_a_report_says_what_figures_leave_out() -> None:
     assert "32-bit floats, not in the 8 bits" in plain and opened_one.startswith("baked was measured as its files")
     assert len(limits("gltf-anisotropic", "gltf-anisotropic", False)) == 1
     assert "diffuse term of gltf" in limits("gltf", "ggx", False)[1]
-    assert "longer tails of GGX" in limits("gltf", "beckmann", False)[2]
+    assert "long tails of GGX" in limits("gltf", "beckmann", False)[2]
     assert "isotropic" in limits("gltf-anisotropic", "gltf", False)[1]

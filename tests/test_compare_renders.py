@@ -189,7 +189,7 @@ def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: 
     shares = [share for _, share in told]
     assert told[0][0] == "sphere-1-1" and shares == sorted(shares) and shares[-1] == 1
 
-    for _ in range(2):  # rendered and kept, then taken from the cache: that of the shifted picture is another
+    for _ in range(2):  # rendered and kept, then taken from the cache: the shifted picture has another file
         again = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, cache=tmp_path)
         assert again.figures == result.figures
         assert (again.rendered.reference == result.rendered.reference).all()

@@ -173,7 +173,7 @@ def test_a_scale_pools_the_sums_of_its_levels_of_detail() -> None:
 
 
 def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever number of points each takes: a set of few pixels takes fewer at coarse levels."""
+    """Levels count alike, whatever number of points each takes: a set of few pixels takes fewer at coarse levels."""
 
     def pooled(fine: int, coarse: int) -> list[float]:
         drawn = {32 * 32.0: fine, 16 * 16.0: coarse}

@@ -90,7 +90,7 @@ def encoded(stack: MipStack, name: str, srgb: bool) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("fmt", ["png:8", "png:16", "ktx2:bc", "ktx2:rgba8", "dds:rgba16f", "tx:8", "exr:half"])
 def test_psnr_is_what_numpy_says(tmp_path, fmt: str) -> None:
-    """Of file values between 0 and 1, over all texels of all levels together."""
+    """PSNR is taken of file values between 0 and 1, over all texels of all levels together."""
     _, stack = plaster()
     found = written(plaster(), tmp_path / "s", Output(fmt))
     assert set(found.psnr) == {"base_color", "metallic", "roughness", "normal", "occlusion"}
@@ -172,7 +172,7 @@ def test_other_formats_are_left_alone(fmt: str) -> None:
 
 
 def test_names_of_files_lead_to_their_texels() -> None:
-    """Also where a preset renames them."""
+    """They do so even where a preset renames files."""
     (preset,) = PRESETS["unreal"].outputs
     output = chosen(*mirror(), Output("dds", "orm", preset.normals, preset.naming, preset.names))
     plain = chosen(*mirror(), Output("dds", "orm", preset.normals))
@@ -196,7 +196,7 @@ def test_warnings_name_formats_that_exist_and_are_better(fmt: str) -> None:
     (said,) = Cost(fmt, {}, {"near-mirror": 1.26, "hemisphere": -0.2}, {}).warnings()
     assert "\n" not in said
     assert said.startswith(f"{fmt} costs 1.3 dB (near the mirror) of the shaded result's SNR, which is more than 0.3: ")
-    assert ("glTF's standard has no other texels" in said) == (fmt == "glb")
+    assert ("the glTF standard allows no other texels" in said) == (fmt == "glb")
     (advice,) = re.findall(r"--format (\S+)", said)
     assert advice != fmt
     if advice.startswith("glb:"):
@@ -242,13 +242,14 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     decibel = r"(?:[+-](?!0\.00)\d+\.\d\d|0\.00) dB"
     for name in ("png:8", "dds:", "exr:float"):
         (first,) = (i for i, line in enumerate(lines) if line.startswith(name) and "costs" in line)
-        figures = rf"{name}.* costs, shaded: near-mirror {decibel}, hemisphere {decibel}; PSNR of the files:"
+        losses = rf"near-mirror {decibel}, hemisphere {decibel}"
+        figures = rf"{name}.* costs in SNR of the shaded result: {losses}; PSNR of the files:"
         assert re.fullmatch(figures, lines[first])
         files = lines[first + 1 : first + 5]
         assert [line.split()[0] for line in files] == ["base_color", "normal", "roughness", "metallic"]
         assert all(re.fullmatch(r"  \w+ +(\d+\.\d dB|exact)  \w+", line) for line in files)
         assert len({re.search(r"(dB|exact)  ", line).end() for line in files}) == 1  # aligned
-    assert "exr:float costs, shaded: near-mirror 0.00 dB, hemisphere 0.00 dB" in said
+    assert "exr:float costs in SNR of the shaded result: near-mirror 0.00 dB, hemisphere 0.00 dB" in said
     code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds", "--json")
     (result,) = json.loads(said)["results"]
     assert [each["format"].split(":")[0] for each in result["costs"]] == ["png", "dds"]
@@ -309,7 +310,7 @@ def test_warnings_of_coverage_name_what_is_better(fmt: str, alone: bool) -> None
 
 @pytest.mark.parametrize("mode", ["files", "square", "document"])
 def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
-    """Of files, of a GLB of one square, and of a document whose material is masked."""
+    """The coverage of files, of a GLB of one square, and of a document whose material is masked is printed."""
     texture_set, _ = leaves()
     opacity, colour = (np.rint(255 * texture_set.maps[role].pixels) for role in ("opacity", "base_color"))
     leaf = np.dstack([colour, opacity]).astype(np.uint8)

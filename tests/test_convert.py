@@ -61,7 +61,7 @@ def test_weights_fit_level_0_under_the_pixel_filter(folder: Path, tmp_path: Path
     assert (by.source_model, by.pixel_filter) == ("gltf", "gaussian")
     made.save(tmp_path / "out")
     assert mipbake.open_material(tmp_path / "out").provenance == by
-    with pytest.raises(UsageError, match="weights convert texture sets alone"):
+    with pytest.raises(UsageError, match="weights can convert texture sets only"):
         mipbake.convert(made, "ggx", "paper-cross")
     plain = mipbake.convert(made, "ggx").provenance
     assert (plain.rule, plain.weights, plain.source_model) == ("analytic", None, "beckmann")
@@ -150,10 +150,10 @@ def test_broken_materials_are_said_to_be(folder: Path, tmp_path: Path) -> None:
         ({"schema_version": 99}, "schema version 99, expected 2"),
         ({"model": "phong"}, "unknown material model 'phong'"),
         ({"maps": {}}, "does not describe a material"),
-        ({"maps": {"../x": {}}}, "no name of a file"),
-        ({"name": "../x"}, "no name of a material"),
-        ({"name": "/x"}, "no name of a material"),
-        ({"name": ".."}, "no name of a material"),
+        ({"maps": {"../x": {}}}, "not the name of a file"),
+        ({"name": "../x"}, "not the name of a material"),
+        ({"name": "/x"}, "not the name of a material"),
+        ({"name": ".."}, "not the name of a material"),
         ({"wrap": {"u": "wrap", "v": "mirror"}}, "expected wrap or clamp"),
         ({"format": "png"}, "cannot hold the map log_roughness"),
     ):
@@ -217,7 +217,7 @@ def test_what_cannot_be_is_said(folder: Path, tmp_path: Path, capsys: Any) -> No
     out = tmp_path / "out"
     assert main(["convert", str(folder), "--to", "ggx", "-o", str(out), "-q"]) == 0
     converted = out / "metal"
-    assert "leave the options" in fails(
+    assert "leave out the options" in fails(
         capsys, 2, "convert", converted, "--to", "gltf", "-o", tmp_path / "x", "--map", "metallic=1"
     )
     assert "both called metal" in fails(capsys, 2, "convert", folder, converted, "--to", "gltf", "-o", tmp_path / "x")

@@ -121,7 +121,7 @@ def stored_lines(name: str, seed: int | None = 0, size: int = 64) -> np.ndarray:
 
 
 def brushed(name: str, seed: int | None = 0, size: int = 64) -> TextureSet:
-    """The same as a set, as it was drawn."""
+    """The same lines as a texture set, with the signs that they were drawn with."""
     stored = stored_lines(name, seed, size)
     return TextureSet.from_arrays(
         "steel",
@@ -159,7 +159,7 @@ def test_a_source_whose_signs_agree_stays_as_it_is() -> None:
 @pytest.mark.parametrize("method", [name for name, each in METHODS.items() if each.averages] + ["neural"])
 @pytest.mark.parametrize("name", ["round", "waves"])
 def test_lookups_between_levels_lie_between_the_levels(method: str, name: str) -> None:
-    """Of every method: signs of levels that disagree cost 10 dB and more."""
+    """This holds for every method: signs of levels that disagree cost 10 dB and more."""
     stored = brushed(name, 3).material("gltf-anisotropic")
     levels = METHODS[method](stored, "gltf-anisotropic", "gltf-anisotropic", "gaussian", CLAMP, lambda _: None).levels
     pairs, rng = pair_set("near-mirror", 0), np.random.default_rng(7)
@@ -210,7 +210,8 @@ def test_other_models_stay_as_they_are(model: str) -> None:
 
 
 def test_training_settles_levels_alike() -> None:
-    """Signs and shares of torch's levels are those of NumPy's; both roughnesses keep their gradients."""
+    """Signs and shares of torch's levels equal the signs and shares of NumPy's levels; both roughnesses keep their
+    gradients."""
     levels = []
     for index, each in enumerate(lines("fingerprint", shape=(32, 32))):
         level = gltf_level(each.shape[:2], index, anisotropic=True)

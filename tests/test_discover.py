@@ -269,7 +269,7 @@ def test_a_map_of_its_own_is_preferred_and_that_is_said(
 def test_two_candidates_are_refused_by_name(extra: str, role: str, tmp_path: Path) -> None:
     plain_set(tmp_path)
     write_image(tmp_path / extra, pixels_for(role))
-    with pytest.raises(InputError, match=f"both candidates for {role}.*{role}=FILE") as error:
+    with pytest.raises(InputError, match=f"all match {role}.*{role}=FILE") as error:
         find(tmp_path, LoadOptions())
     assert extra in str(error.value)
     chosen = find(tmp_path, LoadOptions(maps={role: extra}))

@@ -87,7 +87,7 @@ def test_a_placeholder_has_no_bytes_and_is_refused_only_when_they_are_asked_for(
     made.json["bufferViews"].append({"buffer": 1, "byteLength": 50})
     document = read_document(made.write(tmp_path / "a"))
     assert document.buffers[1] is None
-    with pytest.raises(InputError, match=r"a.glb: image 9 lies in buffer 1, for which the file brings no bytes"):
+    with pytest.raises(InputError, match=r"a.glb: image 9 lies in buffer 1, for which the file has no bytes"):
         view_bytes(document, 1, "image 9")
 
 
@@ -103,7 +103,7 @@ def _chunk_of(size: int) -> bytes:
 
 BUFFER = [{"byteLength": 4, "uri": "data:;base64,MTIzNA=="}]
 BROKEN: dict[str, tuple[bytes, str]] = {
-    "text": (b"hello", "is no glTF file: expected JSON, or a GLB"),
+    "text": (b"hello", "is not a glTF file: expected JSON, or a GLB"),
     "nothing": (b"", "is empty"),
     "short": (b"glTF", "is cut short after 4 bytes"),
     "first version": (struct.pack("<4sII", b"glTF", 1, 12), "a GLB of version 1"),
@@ -114,14 +114,14 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "JSON": (b'{"asset": ', "holds JSON that is damaged"),
     "UTF-8": (b'{"asset": "\xff"}', "holds JSON that is damaged"),
     "deep": (b'{"a":' + b"[" * 100000, "holds JSON that is damaged"),
-    "NaN": (b'{"asset": NaN}', "NaN is no number in JSON"),
+    "NaN": (b'{"asset": NaN}', "NaN is not a number in JSON"),
     "a number beyond floats": (b'{"asset": {"version": "2.0"}, "extras": 1e400}', "the number 1e400 is beyond what a"),
-    "nested": (_json(extras=json.loads("[" * 300 + "]" * 300)), "with more than 200 objects in each other"),
+    "nested": (_json(extras=json.loads("[" * 300 + "]" * 300)), "with more than 200 objects nested in each other"),
     "no asset": (b"{}", "is JSON without asset.version"),
     "glTF 1": (b'{"asset": {"version": "1.0"}}', "is of glTF version 1.0: expected 2.0"),
     "later": (b'{"asset": {"version": "2.1", "minVersion": "2.1"}}', "is of glTF version 2.1, and needs 2.1"),
-    "no array": (_json(images={}), "its images are no array of objects"),
-    "no objects": (_json(materials=[1]), "its materials are no array of objects"),
+    "no array": (_json(images={}), "its images are not an array of objects"),
+    "no objects": (_json(materials=[1]), "its materials are not an array of objects"),
     "no length": (_json(buffers=[{}]), "buffer 0 has the byteLength None"),
     "missing file": (_json(buffers=[{"byteLength": 4, "uri": "not%20here.bin"}]), "is the file 'not here.bin', which"),
     "a zero byte": (_json(buffers=[{"byteLength": 4, "uri": "a%00b"}]), "which does not exist beside it"),
@@ -136,8 +136,8 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "above, encoded": (_json(buffers=[{"byteLength": 4, "uri": "%2e%2e%2Fc"}]), "within its folder"),
     "above, backwards": (_json(buffers=[{"byteLength": 4, "uri": "a\\\\..\\\\..\\\\c"}]), "within its folder"),
     "absolute, encoded": (_json(buffers=[{"byteLength": 4, "uri": "%2Fetc%2Fpasswd"}]), "within its folder"),
-    "null extensions": (_json(extensionsUsed=None), "its extensionsUsed are no array of names"),
-    "odd extensions": (_json(extensionsRequired=[3]), "its extensionsRequired are no array of names"),
+    "null extensions": (_json(extensionsUsed=None), "its extensionsUsed are not an array of names"),
+    "odd extensions": (_json(extensionsRequired=[3]), "its extensionsRequired are not an array of names"),
     "drive": (_json(buffers=[{"byteLength": 4, "uri": "C:\\c.bin"}]), "expected a path relative"),
     "base64": (_json(buffers=[{"byteLength": 4, "uri": "data:;base64,MTI@NA=="}]), "whose base64 is damaged"),
     "no comma": (_json(buffers=[{"byteLength": 4, "uri": "data:;base64"}]), "a data URI without data"),
@@ -178,11 +178,11 @@ def test_files_that_are_none(tmp_path: Path) -> None:
 IMAGES: dict[str, tuple[Callable[[GltfFile], object], str]] = {
     "unknown type": (
         lambda made: made.image(b"BM1234", "b", "image/bmp"),
-        r"no image type that glTF knows \(image/bmp",
+        r"not of an image type that glTF knows \(image/bmp",
     ),
     "odd type": (
         lambda made: made.image(b"123456", "b", ["image/png"]),
-        r"no image type that glTF knows \(\['image/png'\]",
+        r"not of an image type that glTF knows \(\['image/png'\]",
     ),
     "no PNG": (lambda made: made.image(b"123456", "b"), "that glTF knows, though it is declared as image/png"),
     "nowhere": (lambda made: made.json["images"].append({}), "image 0 has neither a bufferView nor a URI"),

@@ -289,7 +289,7 @@ def test_grey_images_hold_no_directions(slot: str, channels: int, tmp_path: Path
     [
         (None, ("wrap", "wrap"), None),
         ({}, ("wrap", "wrap"), None),
-        ({"wrapS": 33071}, ("clamp", "wrap"), "repeat otherwise"),
+        ({"wrapS": 33071}, ("clamp", "wrap"), "repeat in another way"),
         ({"wrapS": 33071, "wrapT": 33648}, ("clamp", "clamp"), "are mirrored at the borders"),
         ({"minFilter": 9729}, ("wrap", "wrap"), "show level 0 alone"),
     ],

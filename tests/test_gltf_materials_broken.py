@@ -77,7 +77,7 @@ def test_materials_that_are_broken_leave_the_others(tmp_path: Path) -> None:
     found = materials_of(made, tmp_path)
     assert [bake.materials for bake in found.bakes] == [(0,), (8,)]
     image, index = found.errors
-    assert "image 1 (x) is of no image type" in image
+    assert "image 1 (x) is not of an image type" in image
     labels = ", ".join(f"material {i + 1} ({name})" for i, name in enumerate("abcd"))
     assert image.endswith(f"({labels} and 2 more cannot be baked)")
     assert "names 7 of its 2 textures" in index and index.endswith("(material 7 (g) cannot be baked)")
@@ -89,7 +89,7 @@ def test_broken_images_of_every_kind_are_told(start: bytes, mime: str, tmp_path:
     image = made.image(start, "k", f"image/{mime}")
     made.json["textures"].append({"extensions": {"KHR_texture_basisu": {"source": image}}})
     made.material("K", normalTexture={"index": 0})
-    with pytest.raises(InputError, match=r"a.glb: image 0 \(k\) is no readable image"):
+    with pytest.raises(InputError, match=r"a.glb: image 0 \(k\) is not a readable image"):
         materials_of(made, tmp_path)
 
 
@@ -97,7 +97,7 @@ def test_damaged_pixels_are_told_with_the_document(tmp_path: Path) -> None:
     made = simple(png("base", 8))
     start = made.data.index(png("base", 8))
     made.data = made.data[: start + 20] + bytes(40) + made.data[start + 60 :]
-    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is no readable image"):
+    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is not a readable image"):
         materials_of(made, tmp_path)
 
 
@@ -105,7 +105,7 @@ def test_pixels_that_are_cut_short_are_told_with_the_document_alone(tmp_path: Pa
     """The header is whole. The folder of extracted files is of no use to the reader: it will be gone."""
     jpeg = write_image(tmp_path / "a.jpg", np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8))
     made = simple(jpeg.read_bytes()[:-1500])
-    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is no readable image") as caught:
+    with pytest.raises(InputError, match=r"a.glb: image 1 \(b\) is not a readable image") as caught:
         materials_of(made, tmp_path)
     assert str(tmp_path / "images") not in str(caught.value)
 

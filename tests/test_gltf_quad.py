@@ -71,7 +71,7 @@ def test_alpha_and_sides() -> None:
 def test_what_cannot_be_shown_is_refused() -> None:
     with pytest.raises(UsageError, match="unknown slot 'roughness' of a: expected some of baseColorTexture"):
         standalone("a", {"roughness": ktx2(1)})
-    with pytest.raises(UsageError, match="the map normalTexture of a is no KTX 2 file"):
+    with pytest.raises(UsageError, match="the map normalTexture of a is not a KTX 2 file"):
         standalone("a", {"normalTexture": png("a")})
     with pytest.raises(UsageError, match="a has no metallicRoughnessTexture map whose red channel"):
         standalone("a", {}, QuadOptions(occlusion=True))

@@ -266,7 +266,7 @@ def test_maps_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     two_sets = next(bake for bake in bakes if bake.materials == (TWO_SETS,))
     wrong = {
         r"Two_sets has no slot 'baseColorTexture' to fill": (two_sets, {"baseColorTexture": ktx2(1, True)}),
-        r"map normalTexture of Two_sets is no KTX 2 file": (two_sets, {"normalTexture": png("a")}),
+        r"map normalTexture of Two_sets is not a KTX 2 file": (two_sets, {"normalTexture": png("a")}),
         r"is 6 x 8 texels: KHR_texture_basisu takes multiples of 4": (two_sets, {"normalTexture": ktx2(1, width=6)}),
         r"has the Vulkan format 97: expected UASTC, which has 0, or RGBA of 8 bits, which has 37 or 43": (
             two_sets,
@@ -276,7 +276,7 @@ def test_maps_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     model = r"has the colour model, primaries and transfer function \(166, 1, 2\): expected UASTC, linear"
     wrong[model] = (two_sets, {"normalTexture": ktx2(1, True)})
     eight_bits = ktx2(1)[:12] + b"\x25\0\0\0" + ktx2(1)[16:]
-    wrong[r"\(166, 0, 1\): expected RGBA, linear, primaries: those of BT.709"] = (
+    wrong[r"\(166, 0, 1\): expected RGBA, linear, primaries: BT.709"] = (
         two_sets,
         {"normalTexture": eight_bits},
     )

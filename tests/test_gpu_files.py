@@ -138,7 +138,7 @@ def test_khronos_rules_of_the_header(made: GpuFormat, supercompress: bool, width
 @pytest.mark.parametrize("supercompress", [False, True])
 @sizes
 def test_khronos_rules_of_levels(made: GpuFormat, supercompress: bool, width: int, height: int) -> None:
-    """Coarsest first in the file, aligned to lcm(4, bytes of a block) with zeros between, but for streams."""
+    """Coarsest first in the file, aligned to lcm(4, bytes of a block) with zeros between, except for streams."""
     given = texture(made, width, height)
     data = ktx2.encoded(given, supercompress)
     found = read_ktx2(data)

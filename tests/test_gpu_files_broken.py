@@ -49,19 +49,19 @@ def test_no_part_of_a_file_is_a_file(supercompress: bool) -> None:
 
 def test_other_files() -> None:
     for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(300), b"\xabKTX 11\xbb\r\n\x1a\n" + bytes(300), bytes(300)):
-        assert "no KTX 2 file" in told(data)
-        assert "no DDS file" in told(data, "a.dds")
+        assert "not a KTX 2 file" in told(data)
+        assert "not a DDS file" in told(data, "a.dds")
 
 
 @pytest.mark.parametrize(
     ("place", "value", "part"),
     [
         (12, 24, "Vulkan format 24"),
-        (20, 0, "no single two-dimensional texture"),
-        (24, 0, "no single two-dimensional texture"),
-        (28, 2, "no single two-dimensional texture"),
-        (32, 2, "no single two-dimensional texture"),
-        (36, 6, "no single two-dimensional texture"),
+        (20, 0, "not a single two-dimensional texture"),
+        (24, 0, "not a single two-dimensional texture"),
+        (28, 2, "not a single two-dimensional texture"),
+        (32, 2, "not a single two-dimensional texture"),
+        (36, 6, "not a single two-dimensional texture"),
         (40, 0, "0 levels: 12 x 5 texels have 1 to 4"),
         (40, 5, "5 levels"),
         (40, 2**32 - 1, "levels"),
@@ -90,7 +90,7 @@ def test_streams_of_levels() -> None:
     data = bytearray(ktx2.encoded(GIVEN, True))
     (at,) = struct.unpack_from("<Q", data, 80)
     data[at : at + 4] = b"none"
-    assert "level 0 of a.ktx2 is no Zstandard stream" in told(bytes(data))
+    assert "level 0 of a.ktx2 is not a Zstandard stream" in told(bytes(data))
 
 
 @pytest.mark.parametrize("told_size", [False, True])
@@ -124,15 +124,15 @@ def test_key_value_data() -> None:
 @pytest.mark.parametrize(
     ("place", "value", "part"),
     [
-        (12, 0, "no single two-dimensional texture"),
-        (16, 0, "no single two-dimensional texture"),
-        (28, 5, "no single two-dimensional texture"),
+        (12, 0, "not a single two-dimensional texture"),
+        (16, 0, "not a single two-dimensional texture"),
+        (28, 5, "not a single two-dimensional texture"),
         (84, int.from_bytes(b"DXT1", "little"), "older DDS header"),
         (128, 95, "DXGI format 95"),
         (128, 0, "DXGI format 0"),
-        (132, 4, "no single two-dimensional texture"),
-        (136, 4, "no single two-dimensional texture"),
-        (140, 6, "no single two-dimensional texture"),
+        (132, 4, "not a single two-dimensional texture"),
+        (136, 4, "not a single two-dimensional texture"),
+        (140, 6, "not a single two-dimensional texture"),
         (16, 4096, "ends within level 0"),
     ],
 )

@@ -22,7 +22,7 @@ from . import independent_scenes as scenes
 
 pytestmark = pytest.mark.independent
 
-FINER = 9  # odd, so that texels of the finer textures fall on those of the coarser
+FINER = 9  # odd, so that texels of the finer textures fall on texels of the coarser
 LLVM = [Path(f"/usr/lib/{machine}-linux-gnu/libLLVM-19.so") for machine in ("x86_64", "aarch64")]
 
 

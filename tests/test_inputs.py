@@ -45,18 +45,18 @@ def test_a_glob_that_finds_nothing_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_glob_passes_over_what_is_no_input(tmp_path: Path) -> None:
-    """Not over folders that are empty or hold folders: a set that was forgotten would be missed."""
+    """It does not pass over folders that are empty or hold folders: a forgotten set would be missed."""
     touch(tmp_path, "README.md", "make.py", "code/a.py", "code/more/b.png", "docs/.b.png", "docs/a.md")
     image, document, *_ = touch(tmp_path, "n.png", "a.GLB", "set/a.png", "set/a.txt", "deep/set/a.png", "b/Textures/x")
     (tmp_path / "empty").mkdir()
     wanted = [tmp_path / name for name in ("b", "deep", "empty", "set")]
     assert expand([f"{tmp_path}/*"]) == sorted([image, document, *wanted])
-    with pytest.raises(InputError, match=r"matches .*README\.md and nothing to bake"):
+    with pytest.raises(InputError, match=r"matches .*README\.md and nothing that can be baked"):
         expand([f"{tmp_path}/*.md"])
 
 
 def test_an_empty_name_is_not_the_working_directory() -> None:
-    """As a variable of a shell leaves that is not set."""
+    """A variable of a shell that is not set leaves an empty name."""
     with pytest.raises(InputError, match="a source has no name"):
         expand([""])
 
@@ -111,7 +111,7 @@ def test_kinds_by_suffix(tmp_path: Path) -> None:
         (path,) = touch(tmp_path, f"thing{suffix}")
         assert kind(path) == expected
     (other,) = touch(tmp_path, "thing.txt")
-    with pytest.raises(InputError, match=r"thing\.txt is no input.*@FILE"):
+    with pytest.raises(InputError, match=r"thing\.txt is not a source.*@FILE"):
         kind(other)
     with pytest.raises(InputError, match="does not exist"):
         kind(tmp_path / "none")

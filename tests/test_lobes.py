@@ -1,4 +1,4 @@
-"""Directions around lobes: densities are those of what is drawn."""
+"""Directions around lobes: they are drawn with the densities that are given."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_densities_of_lobes_integrate_to_what_is_drawn(height: float, alpha: flo
     even = sphere(200_000)[:, None]
     integral = float(lobes.lobe_density(lobe, even, view.expand_as(even)).mean()) * 2 * np.pi
     assert integral == pytest.approx(share, rel=0.02, abs=2e-3)
-    # Not only the whole: the part near the plane of the view, too.
+    # Not only the whole: also the part near the plane of the view.
     part = float(((drawn[..., 2] > 0) & (drawn[..., 1].abs() < 0.2)).float().mean())
     some = lobes.lobe_density(lobe, even, view.expand_as(even)) * (even[..., 1].abs() < 0.2)
     assert float(some.mean()) * 2 * np.pi == pytest.approx(part, rel=0.03, abs=2e-3)

@@ -118,8 +118,8 @@ def test_flip_of_flat_colours_follows_the_paper(first: tuple[float, ...], second
 
 
 def test_flip_of_black_and_white() -> None:
-    """By hand: HyAB is 100 for black and white, 203.3 for green and blue. To the power of 0.7 that is 25.12 of 41.28,
-    0.6085, beyond the knee at 0.4: 0.95 + 0.05 (0.6085 - 0.4) / 0.6.
+    """This was reckoned by hand: HyAB is 100 for black and white, 203.3 for green and blue. To the power of 0.7 that is
+    25.12 of 41.28, 0.6085, beyond the knee at 0.4: 0.95 + 0.05 (0.6085 - 0.4) / 0.6.
     """
     assert ldr_flip(flat(0, 0, 0), flat(1, 1, 1)).mean == pytest.approx(0.96738, abs=1e-4)
 

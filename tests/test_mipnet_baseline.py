@@ -147,7 +147,7 @@ def test_settings_that_make_no_network_are_refused() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_what_it_makes_is_valid(target: str) -> None:
-    """With any weights: ranges, unit vectors, widths that are shaded."""
+    """With any weights, ranges are kept, vectors are unit and widths are shaded."""
     network = trained_like(target)
     torch.nn.init.normal_(network.multi.output.bias, std=2.0)
     levels = network(torch.from_numpy(bumpy(16, 16, 1))[None])
@@ -202,7 +202,7 @@ def test_lobes_leave_isotropy_in_every_direction() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_gradients_are_those_of_differences(target: str) -> None:
-    """Of every level by every parameter, through the cascade, in double precision."""
+    """Gradients of every level by every parameter are checked, through the cascade, in double precision."""
     network = trained_like(target).double()
     stored = torch.from_numpy(bumpy(8, 8, 4))[None].double()
     torch.manual_seed(1)
@@ -245,7 +245,8 @@ def test_training_moves_every_parameter(target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
-    """Of levels that it makes; and lobes become as wide across ridges as those scatter."""
+    """The error is the error of levels that the network makes; lobes become as wide across ridges as the ridges
+    scatter."""
     batch = batches.draw_batch(ridges(), tiny(target), 0)
     assert isinstance(batch, BalancedBatch)
     torch.manual_seed(0)
@@ -293,7 +294,7 @@ def test_only_a_process_that_has_it_knows_it(small_validation: None, tmp_path: P
 
 
 def test_it_is_trained_as_mipbake_1_is() -> None:
-    """Equal data, loss and length, but for the filters that it does not know of; and no other loss."""
+    """Data, loss and length are equal, except for the filters that it does not know of; no other loss is taken."""
     ours = read_config(mipnet.OURS)
     config = mipnet.configured(ours, "gltf-anisotropic", None)
     assert config.network == mipnet_network.MipnetConfig("gltf-anisotropic")

@@ -54,7 +54,7 @@ def combed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
 
 
 def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
-    """A level with its directions in one half plane: those of a decoder have either sign."""
+    """A level with its directions in one half plane: directions from a decoder have either sign."""
     if model != ANISOTROPIC:
         return level
     out = level.copy()
@@ -70,7 +70,7 @@ def untrained(model: str = "gltf", **changes: object) -> Network:
 
 
 def perturbed(model: str, **changes: object) -> Network:
-    """As a trained network: every unit has its say, and outputs stay ordinary materials."""
+    """Makes the network like a trained one: every unit has its say, and outputs stay ordinary materials."""
     network = untrained(model, **changes)
     generator = torch.Generator().manual_seed(2)
     for decoder in network.decoders.values():

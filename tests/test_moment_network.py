@@ -250,7 +250,7 @@ def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
 
 
 def test_what_may_change_is_a_share() -> None:
-    """Also of a surface as rough as can be with steep normals, which `to_widened` makes less rough."""
+    """This holds even for a surface as rough as can be with steep normals, which `to_widened` makes less rough."""
     stored = torch.from_numpy(bumpy(16, 16, 11))
     stored[..., 4] = 1.0
     found = statistics(moments(stored).mean((0, 1)))

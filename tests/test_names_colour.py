@@ -146,7 +146,7 @@ def test_sets_whose_words_are_all_glued(tmp_path: Path) -> None:
 
 
 def test_names_that_end_in_the_workflow() -> None:
-    """As Poliigon has them."""
+    """Poliigon has such names."""
     stems = [f"Tiles001_{word}_2K_METALNESS" for word in ("COL_VAR1", "NRM", "ROUGHNESS", "METALNESS")]
     roles = [match and match.meanings[0].role for match in classify(stems)]
     assert roles == ["base_color", "normal", "roughness", "metallic"]

@@ -18,7 +18,7 @@ DOCUMENTED = {
     "antialias_construct_topology_hash": "tri",
     "DepthPeeler": "ctx, pos, tri, resolution, ranges=None, grad_db=True",
 }
-"""Signatures of nvdiffrast's documentation, its `glctx` called `ctx`; those of DepthPeeler are rasterize's."""
+"""Signatures of nvdiffrast's documentation, its `glctx` called `ctx`; DepthPeeler has the signatures of rasterize."""
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)

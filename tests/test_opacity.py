@@ -111,7 +111,7 @@ def test_what_is_wholly_transparent_still_bakes(target) -> None:
 
 @pytest.mark.parametrize("target", ["ggx", "beckmann"])
 def test_hidden_colours_are_in_no_level_of_other_models(target) -> None:
-    """Their diffuse albedo and their reflectance; these count by area, since there is no base colour to weigh."""
+    """Diffuse albedo and reflectance count by area, since there is no base colour to weigh."""
     stack = mipbake.bake(masked(random_mask((16, 16))), "lean", target)
     for level in stack.levels:
         assert level[..., 0].max() < 1e-5
@@ -143,7 +143,8 @@ def passing(level: np.ndarray, cutoff: float) -> int:
 @settings(max_examples=80, deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 10**6), st.floats(0.02, 0.98), st.floats(0.05, 0.95))
 def test_coverage_is_kept_within_a_texel(height, width, seed, cutoff, density) -> None:
-    """Of masks whose averages are all different: as many texels pass as the share of level 0 is, rounded."""
+    """This holds for masks whose averages are all different: as many texels pass as the share of level 0 is,
+    rounded."""
     rng = np.random.default_rng(seed)
     mask = rng.random((height, width, 1)) ** (np.log(cutoff) / np.log(1 - density))
     levels = filtered_levels(mask.astype(np.float32), "box", BOTH)

@@ -53,7 +53,8 @@ def rounded(values: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("made", SETS)
 @pytest.mark.parametrize("method", ["linear", "lean"])
 def test_level_0_of_a_source_is_the_same_files_again(tmp_path, made, method) -> None:
-    """Names, channels, gloss and green: `linear` with the box leaves level 0 alone, so texels are those of the source.
+    """Names, channels, gloss and green: `linear` with the box leaves level 0 alone, so its texels are the source's
+    texels.
 
     Values that the method works on may come back off by one, through float32.
     """
@@ -288,7 +289,7 @@ def test_what_is_packed_can_be_unpacked(data) -> None:
 
 
 def test_directx_is_told_in_the_layout() -> None:
-    """What is packed for DirectX says so, channel by channel, and file values are those of the flipped vector."""
+    """What is packed for DirectX says so, channel by channel, and file values belong to the flipped vector."""
     normal = height_field(4, 4).astype(np.float32)
     maps = [(layout, [gltf_level((4, 4))[..., layout.channels]]) for layout in LAYOUTS["gltf"]]
     maps = [(layout, [normal] if layout.name == "normal" else chain) for layout, chain in maps]

@@ -229,7 +229,7 @@ def test_every_channel_of_every_level(written: Written, preset: str) -> None:
 
 
 def test_green_of_normals(written: Written, preset: str) -> None:
-    """By its sign, against the height field that the set was made from."""
+    """The sign of green is tested against the height field that the set was made from."""
     name = next(name for name, (channels, _) in EXPECTED[preset].items() if channels[0] == "normal 0")
     level = texels(written.folder / name)[0][0].astype(float)
     green = level[..., 1] - (0.5 if level.max() <= 1 else 127.5)
@@ -300,7 +300,7 @@ def test_options_go_before_a_preset(tmp_path) -> None:
     (output,) = manifest["outputs"]
     assert (output["format"], output["packing"], output["normal_convention"]) == ("png", "orm", "DirectX")
     assert manifest["model"] == "gltf-anisotropic"
-    assert (tmp_path / "out" / "wood" / "wood_BaseMap_mip00.png").exists()  # names stay those of the preset
+    assert (tmp_path / "out" / "wood" / "wood_BaseMap_mip00.png").exists()  # the names still come from the preset
 
 
 def test_an_unknown_preset_is_a_usage_error() -> None:

@@ -23,7 +23,8 @@ def textured_quad(tilt: float) -> tuple[Tensor, Tensor, Tensor]:
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=needs_cuda)])
 def test_a_texture_is_learned_through_a_mesh(device: str) -> None:
-    """From renders at several angles alone, mips and silhouettes included; the loss falls to a tenth and further."""
+    """It is learned from renders at several angles alone, mips and silhouettes included; the loss falls to a tenth and
+    further."""
     views = [[t.to(device) for t in textured_quad(tilt)] for tilt in (0.0, 0.5, -0.7, 1.0)]
     context = raster.RasterizeContext()
     topology = raster.antialias_construct_topology_hash(views[0][1])

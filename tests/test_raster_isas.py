@@ -40,7 +40,7 @@ for dtype in (torch.float32, torch.float64):
 
 @pytest.mark.parametrize("isa", ["baseline", "avx2", "avx512"])
 def test_every_instruction_set_agrees(isa: str) -> None:
-    """With the one in use here: the same bits of rasters, and the rest to rounding."""
+    """Each agrees with the set in use here: rasters have the same bits, and the rest is equal to rounding."""
     if isa == _native.isa():
         pytest.skip(f"{isa} is what the other tests use")
     run = subprocess.run(

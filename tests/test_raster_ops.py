@@ -83,7 +83,7 @@ def test_gradcheck_of_antialias(mode: str) -> None:
 
 @pytest.mark.parametrize("mode", ["instanced", "range"])
 def test_gradcheck_of_a_render(mode: str) -> None:
-    """From positions and attributes to the image, through the derivatives too."""
+    """Gradients are checked from positions and attributes to the image, also through the derivatives."""
     pos, tri, ranges = scene(mode)
     attr = torch.rand(9, 2, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
 

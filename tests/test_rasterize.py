@@ -26,7 +26,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def assert_same_layer(result: tuple[Tensor, Tensor], twin: tuple[Tensor, Tensor]) -> None:
-    """The same triangles, and equal but for rounding."""
+    """Asserts the same triangles, and values that are equal but for rounding."""
     (rast, db), (expected, expected_db) = result, twin
     assert rast.dtype == expected.dtype and rast.shape == expected.shape and db.shape == expected_db.shape
     assert torch.equal(rast[..., 3], expected[..., 3])
@@ -46,7 +46,7 @@ def test_random_triangles(dtype: torch.dtype, seed: int, height: int, width: int
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("order", ["random", "front to back", "back to front"])
 def test_many_layers_over_several_tiles(order: str, dtype: torch.dtype) -> None:
-    """Images larger than a tile of the kernels, under triangles most of which are hidden, and three layers of them."""
+    """Images larger than a tile of the kernels, under triangles that are hidden for the most part, in three layers."""
     pos, tri = random_mesh(77, 1, 150, 120, dtype)
     if order != "random":
         depth = (pos[0, :, 2] / pos[0, :, 3].abs())[tri.long()].mean(1)
@@ -119,7 +119,7 @@ def test_watertight_plane(size: tuple[int, int], seed: int | None) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_watertight_in_perspective(seed: int) -> None:
-    """The same of a plane that passes behind the eye, beside those of its pixels that it does not reach."""
+    """The same for a plane that passes behind the eye, with pixels that the plane does not reach."""
     points, tri = grid(7, 5, seed)
     plane = np.concatenate([points * 30, np.full((len(points), 1), -1.0)], 1)
     tilt = np.array([[1, 0, 0], [0, np.cos(1.3), -np.sin(1.3)], [0, np.sin(1.3), np.cos(1.3)]])
@@ -243,7 +243,7 @@ def test_barycentrics_are_those_of_the_rays(seed: int) -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_depth_peeling(dtype: torch.dtype) -> None:
-    """Layers are those of the sorted depths of single triangles."""
+    """Layers equal the sorted depths of single triangles."""
     pos, tri = random_mesh(3, 2, 10, dtype=dtype)
     size = (17, 13)
     single = torch.stack([rasterize(None, pos, tri[t : t + 1], size)[0][..., 2:] for t in range(10)])

@@ -50,7 +50,7 @@ def test_blocks_have_views_and_views_have_blocks(module: Callable[[str], ModuleT
 
 
 def test_every_record_is_printed(module: Callable[[str], ModuleType]) -> None:
-    """As a block, a whole page, a part of docs/results.md, or in a docstring."""
+    """A record is printed as a block, a whole page, a part of docs/results.md, or in a docstring."""
     pages, views, known = (module(f"records.{name}") for name in ("pages", "views", "known"))
     asked: set[str] = set()
 

@@ -1,4 +1,4 @@
-"""Cached references: bit for bit as without a cache, by content; and folders and files that are no good."""
+"""Cached references: they are bit for bit as without a cache, by content, even beside broken folders and files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def scene() -> dict[str, Any]:
 
 
 def render(folder: Path | None, passes: int, seed: int = 0, pixel_filter: str = "mitchell", **change: Any) -> Reference:
-    """Exactly that many passes, but for those that a cache brings beyond."""
+    """Renders exactly that many passes, except for passes beyond them from a cache."""
     arguments = scene() | change
     stored = arguments["stored"]
     frame = candidate(**{k: v for k, v in arguments.items() if k != "stored"}, levels=[stored])

@@ -50,7 +50,7 @@ def test_files_that_are_no_meshes_are_refused_in_a_sentence(tmp_path: Path) -> N
 
 
 def rendered(seed: int = 0) -> tuple[Frame, Reference]:
-    """Random renders, with rows turned over as those of `mesh_render` are."""
+    """Random renders, with rows turned over as `mesh_render` turns them."""
     rng = np.random.default_rng(seed)
 
     def image(*channels: int) -> Any:

@@ -82,7 +82,7 @@ def test_a_constant_material_on_a_plane_equals_the_closed_form() -> None:
 
 
 def head_on(size: int, texels: int, lod: int, height: float = 4000.0) -> tuple[Mesh, Camera]:
-    """A plane seen from far above, of which a pixel covers 2^lod texels; the view is 1 / height off at most."""
+    """A plane seen from far above, where a pixel covers 2^lod texels; the view is 1 / height off at most."""
     pixels_of_texture = texels / 2**lod
     mesh = shapes.plane(4, 4, (4 * size / pixels_of_texture / 2, 4 * size / pixels_of_texture / 2))
     angle = 2 * np.degrees(np.arctan(1 / height))  # 2 units, half of the plane, fill the image

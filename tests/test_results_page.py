@@ -62,7 +62,7 @@ def file(name: str, methods: Mapping[str, float], extra: Mapping[str, Any] | Non
 
 
 def write(folder: Path, kind: str, *files: dict[str, Any]) -> None:
-    """The files as a record, beside those of the same kind that are there."""
+    """Writes the files as a record, beside files of the same kind that are there."""
     record, results = (importlib.import_module(f"records.{name}") for name in ("record", "results"))
     name = f"results-{kind}"
     before = record.load(name, folder)

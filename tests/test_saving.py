@@ -49,7 +49,7 @@ def test_everything_shows_itself_in_one_short_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_stack_is_saved_for_an_engine_in_one_call(tmp_path: Path, preset: str) -> None:
-    """The same files as of the command line, but for texels that only the source could choose."""
+    """The files are the same as from the command line, but for texels that only the source could choose."""
     folder = write_set(tmp_path / "wood")
     code, said = run(
         "bake", folder, "-o", tmp_path / "out", "--preset", preset, "--method", "linear", "--target", "gltf"
@@ -124,7 +124,7 @@ def test_the_package_brings_its_types() -> None:
 def test_the_encoder_of_glb_files_comes_where_it_has_builds(
     system: str, machine: str, version: str, comes: bool
 ) -> None:
-    """And nothing of it keeps an installation elsewhere from succeeding."""
+    """It also keeps no installation elsewhere from succeeding."""
     requirements = pytest.importorskip("packaging.requirements")
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (line,) = (line.strip(' ",') for line in text.splitlines() if line.strip().startswith('"alktx2'))

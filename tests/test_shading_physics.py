@@ -96,7 +96,7 @@ def furnace(model: str, shape: tuple[float, float, float], elevation: float, g: 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_furnace_says_what_the_masking_of_beckmann_costs_other_exponents(shape: tuple[float, float, float]) -> None:
-    # Masking is that of gamma = 1, an approximation. Thinner tails (g > 0) are masked as much or more than they should
+    # Masking is for gamma = 1, an approximation. Thinner tails (g > 0) are masked as much or more than they should
     # be; longer ones less, at grazing angles alone, up to these bounds.
     for elevation in (0.99, 0.6, 0.2):
         for g, most in ((1.5, 1), (0.5, 1), (-0.3, 1.15), (-0.6, 1.55), (-1.0, 2.55), (-1.5, 2.75)):

@@ -152,7 +152,7 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, capsys, monk
     monkeypatch.setattr(archives, "SURELY_FINE", 1 << 20)
     monkeypatch.setattr(archives, "unpack", lambda *_: pytest.fail("it was unpacked"))
     archive = written(tmp_path / "a.zip", ("a_color.png", bytes(2 << 20)))
-    assert "no set of textures does, so it is not unpacked" in fails(capsys, 3, "inspect", archive)
+    assert "no texture set grows so much, so it is not unpacked" in fails(capsys, 3, "inspect", archive)
     monkeypatch.setattr(archives, "MOST_FILES", 2)
     archive = written(tmp_path / "b.zip", *((f"{i}.png", b"") for i in range(3)))
     assert "holds 3 files" in fails(capsys, 3, "inspect", archive)
@@ -168,10 +168,10 @@ def test_a_member_that_is_larger_than_it_says_is_refused(tmp_path: Path, capsys)
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"no archive", "is no ZIP archive"),
-        (b"", "is no ZIP archive"),
+        (b"no archive", "is not a ZIP archive"),
+        (b"", "is not a ZIP archive"),
         ((("a.txt", b"x"),), "holds neither an image nor a document: expected the maps of texture sets"),
-        ((("a/scene.glb", b"x"),), "a.zip/a/scene.glb is no glTF file"),
+        ((("a/scene.glb", b"x"),), "a.zip/a/scene.glb is not a glTF file"),
     ],
 )
 def test_archives_of_nothing(content, told: str, tmp_path: Path, capsys) -> None:
@@ -267,7 +267,7 @@ def test_patterns_tell_what_names_do_not(tmp_path: Path, capsys) -> None:
     assert mipbake.load(one, maps={"base_color": "*_clr.png"}).name == "one"
     write_image(one / "Other_clr.png", pixels_for("base_color"))
     said = fails(capsys, 3, "inspect", one, "--map", "base_color=*_clr.png")
-    assert "matches Body_clr.png, Other_clr.png of" in said and "expected one file a set" in said
+    assert "matches Body_clr.png, Other_clr.png of" in said and "expected one file for each set" in said
     assert "with * once" in fails(capsys, 2, "inspect", folder, "--map", "base_color=*_*.png")
 
 
@@ -299,7 +299,10 @@ def test_files_of_no_set_are_told(tmp_path: Path, capsys) -> None:
     write_image(folder / "sheet.png", pixels_for("base_color"))
     assert main(["inspect", str(folder)]) == 0
     out = capsys.readouterr().out
-    assert "holds 2 texture sets: Body, Head" in out and "warning: sheet.png is of none of the sets: left out" in out
+    assert (
+        "holds 2 texture sets: Body, Head" in out
+        and "warning: sheet.png belongs to none of the sets, and is left out" in out
+    )
 
 
 def test_tiles_of_several_sets_in_one_folder(tmp_path: Path, capsys) -> None:

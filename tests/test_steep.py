@@ -27,7 +27,7 @@ SLOPE = 0.05
 
 
 def normals(broken: bool = True, size: int = 16) -> np.ndarray:
-    """Of a surface that is nearly flat, with texels that no surface has."""
+    """Normals of a surface that is nearly flat, with texels that no surface has."""
     made = height_field(size, size, steepness=SLOPE)
     for place, vector in BROKEN.items() if broken else ():
         made[place] = vector

@@ -209,7 +209,7 @@ def test_a_grey_anisotropy_map_of_three_channels_is_a_strength(tmp_path: Path) -
     result = load(plain_set(tmp_path, anisotropy=(grey + uneven).astype(np.uint8)))
     np.testing.assert_array_equal(result.maps["anisotropy"].pixels[..., :2], np.broadcast_to([1, 0], (32, 32, 2)))
     np.testing.assert_allclose(result.maps["anisotropy"].pixels[..., 2:], grey / 255, atol=1.1 / 255)
-    assert "anisotropy.png: is grey, taken as the strength along +X" in result.notes
+    assert "anisotropy.png: it is grey, and is taken as the strength along +X" in result.notes
 
 
 def test_missing_maps_are_constants_and_that_is_said(tmp_path: Path) -> None:

@@ -364,7 +364,7 @@ def test_loss_is_equation_5() -> None:
 
 
 def test_error_loss_descends_the_mean_error_in_decibels() -> None:
-    """With exact targets its gradient is that of the mean logarithm of every group's error."""
+    """With exact targets its gradient equals the gradient of the mean logarithm of every group's error."""
     texels, views, target, _ = loss_case()
     (gradient,) = torch.autograd.grad(loss.render_loss(texels, "ggx", views, target, target, 2), texels)
     errors = (renders(texels, views) - target).square().sum((3, 4))

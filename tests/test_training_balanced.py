@@ -125,7 +125,7 @@ def test_brightness_counts_apart() -> None:
 
 @pytest.mark.parametrize("pixel_filter", ["gaussian", "box"])
 def test_targets_are_the_reference(pixel_filter: str) -> None:
-    """And nearer to it than to the reference of another pixel filter, at pixels smaller than a texel, too."""
+    """Targets are nearer to it than to the reference of another pixel filter, even at pixels smaller than a texel."""
     settings = BalancedLossConfig(crops=1, crop_size=16, pixel_filter=pixel_filter, any_filter=0.0, below=1.0)
     patches = patches_of(3, 1)
     patches[..., 4] = 0.5 + 0.5 * patches[..., 4]  # narrow lobes would drown all in noise

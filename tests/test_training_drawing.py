@@ -18,7 +18,7 @@ torch.set_num_threads(1)  # small tensors: a second thread costs more than it br
 
 @dataclass(frozen=True)
 class Batch:
-    """Of the shape that batches of a training have."""
+    """A batch with the shape that batches of a training have."""
 
     source: str
     patches: torch.Tensor

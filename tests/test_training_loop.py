@@ -85,7 +85,8 @@ def test_resuming_refuses_another_configuration(tmp_path: Path) -> None:
 
 
 def test_loss_decreases() -> None:
-    """A few dozen steps on one bumpy glossy material bring the dense loss clearly below that of linear prefiltering."""
+    """A few dozen steps on one bumpy glossy material bring the dense loss clearly below the loss of linear
+    prefiltering."""
     config = tiny(
         loss={"pairs": 16, "target_samples": 16, "near_mirror_fraction": 1.0, "lods": 4},
         optimiser={"learning_rate": 3e-3, "ema_decay": 0.0, "ramp": 5},

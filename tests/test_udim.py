@@ -297,10 +297,10 @@ def test_tiles_of_different_cutoffs_are_refused() -> None:
 def test_mosaics_refuse_what_is_no_tile() -> None:
     with pytest.raises(UsageError, match="no tiles"):
         joined({})
-    with pytest.raises(UsageError, match="1000 is no UDIM tile"):
+    with pytest.raises(UsageError, match="1000 is not a UDIM tile"):
         joined({1000: constant_tile(0.5)})
     mosaic = joined({1001: constant_tile(0.5), 1002: constant_tile(0.5)})
-    with pytest.raises(UsageError, match="not that of the mosaic"):
+    with pytest.raises(UsageError, match="not the stack of the mosaic"):
         split(mipbake.bake(constant_tile(0.5), method="linear"), mosaic)
 
 

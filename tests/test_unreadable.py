@@ -1,4 +1,4 @@
-"""What the file system refuses, and what is no file, gets one sentence and the exit code of unusable input."""
+"""What the file system refuses, and what is not a file, gets one sentence and the exit code of unusable input."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def test_a_list_may_be_a_pipe_that_somebody_writes_to(folder: Path, tmp_path: Pa
 
 @pytest.mark.parametrize("text", ['{"a": Infinity}', '{"a": -Infinity}', "[NaN]", "1e999", "[" * 100_000])
 def test_json_is_what_the_standard_says(text: str) -> None:
-    with pytest.raises(ValueError, match=r"no number|beyond|deeply"):
+    with pytest.raises(ValueError, match=r"not a number|beyond|deeply"):
         parsed(text)
 
 
@@ -218,7 +218,9 @@ def test_infinity_in_a_stack_is_unusable_input(folder: Path, tmp_path: Path, cap
     whole = manifest.read_text()
     for value in ("Infinity", "NaN", "1e999"):
         manifest.write_text(whole.replace('"width": 16', f'"width": {value}'))
-        assert "no number" in (message := fails(capsys, 3, "info", tmp_path / "out" / "metal")) or "beyond" in message
+        assert (
+            "not a number" in (message := fails(capsys, 3, "info", tmp_path / "out" / "metal")) or "beyond" in message
+        )
         fails(capsys, 3, "validate", folder, tmp_path / "out" / "metal")
 
 

@@ -47,7 +47,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_textures_are_read_as_they_were_baked(many: Path) -> None:
-    """Every channel of every level of every material is that of the stack, to within what UASTC loses of noise."""
+    """Every channel of every level of every material equals the stack's, to within what UASTC loses of noise."""
     found = held_by(many / "many.glb", many / "out" / "many.glb", many / "scratch")
     assert {path.name for path in (many / "out" / "many").iterdir()} == set(found)
     for name, (_, held) in found.items():
@@ -71,7 +71,7 @@ def test_every_material_is_measured(many: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_damage_to_a_texture_is_measured(tmp_path: Path) -> None:
-    """What counts is the textures, not what the file says of itself: here those of another document."""
+    """What counts is the textures, not what the file says of itself: here the textures of another document."""
     figures = []
     for shown in ("normal a", "normal other"):
         folder = tmp_path / shown

@@ -226,7 +226,7 @@ def test_the_reference_is_the_pixel_filtered_source(open_page: Any, pixel_filter
         offset, weight = kernel.offsets((shift + step[:, None, None]) % 1)
         plane = plane_seen(size, view, 4 / 3, offset)
         texels = sampling.texture(source[None].astype(np.float64), plane.uv[None], filter_mode="linear")[0]
-        towards = centre.view.reshape(-1, 3)  # directions are those of the pixel (docs/conventions.md)
+        towards = centre.view.reshape(-1, 3)  # directions belong to the pixel (docs/conventions.md)
         f = shaded("gltf", texels.reshape(-1, 1, 8), towards, view).reshape(*size, 3)
         expected += weight.prod(0)[..., None] * f
         total += weight.prod(0)[..., None]

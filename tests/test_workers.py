@@ -14,7 +14,7 @@ from mipbake.models.workers import in_order, one_torch_thread
 
 @pytest.fixture(params=[1, 2, 3])
 def workers(request: pytest.FixtureRequest) -> Iterator[int]:
-    """So many threads of torch."""
+    """Sets so many threads of torch."""
     before = torch.get_num_threads()
     torch.set_num_threads(request.param)
     yield request.param

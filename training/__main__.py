@@ -26,7 +26,7 @@ def _arguments() -> argparse.Namespace:
     export.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="best.pt or last.pt of a training")
     export.add_argument("name", metavar="NAME", help="of the weights")
     export.add_argument("--out", type=Path, metavar="DIR", help="(default: where bakes look for weights)")
-    export.add_argument("--default", action="store_true", help="use them when nobody names others")
+    export.add_argument("--default", action="store_true", help="use these weights where no others are named")
     return parser.parse_args()
 
 
@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def exit_code(command: Callable[[], object]) -> int:
-    """That of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
+    """The exit code of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
     try:
         command()
     except MipbakeError as error:

@@ -17,7 +17,7 @@ from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2, lift_no
 Patches = NDArray[np.float32]
 Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
 
-# Spreads of the random changes. The centres lean to gloss and steep normals, of which real sets hold little.
+# Spreads of the random changes. The centres lean to gloss and steep normals, which are rare in real sets.
 _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2
 _LOG_ANISOTROPY_SPREAD = 0.8
 _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4
@@ -26,7 +26,7 @@ _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
 _UNCHANGED = 0.25
 """Share of patches whose roughness, and of others whose normals, are left as they are."""
 
-_MIN_HEIGHT = 0.05  # of augmented normals, cos 87 degrees; slopes are limited accordingly
+_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly
 
 
 def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:

@@ -1,14 +1,14 @@
 """The loss of `mipbake-1`: a decibel counts the same for every patch, level of detail and pair set.
 
-As in loss.py a patch is a torus, seen by pixels at random places, and the target is the pixel-filtered render of level
-0, estimated twice, independently. What differs:
+As in loss.py a patch is a torus, seen by pixels at random places, and its noisy reference is the pixel-filtered render
+of level 0, estimated twice, independently. What differs:
 
 - Every squared error is divided by the error of its patch, level of detail and pair set as the network is now, without
-  the target's noise: the gradient is that of the mean error in decibels.
+  the noise of the noisy reference: the gradient equals the gradient of the mean error in decibels.
 - Pairs carry importance weights for both pair sets (balanced_pairs.py); rooms add the error of each light and of the
   sum over the lights: pixel by pixel, over 4 x 4 pixels, and in brightness altogether, which eyes forgive the least.
 - Coarse levels of detail have few texels: fewer pixels with many more samples each see them with much less noise.
-- Some pixels are smaller than a texel. Level 0 is what they look up, too.
+- Some pixels are smaller than a texel. They look up level 0 as well.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
-_LEAST_ERROR = 0.1  # of the mean squared difference to an estimate of the target
+_LEAST_ERROR = 0.1  # share of the mean squared difference to a noisy reference
 _BLOCKS = 1, 4, None  # pixels a side that rooms are averaged over before they are compared; None for all
 _ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
-_OWN = 0.1  # of the mean error of a patch's rooms, added to that of each light: none has all the weight
+_OWN = 0.1  # share of the mean error of a patch's rooms, added to each light's error: none has all the weight
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Band:
     Args:
         low, high: levels of detail, uniform between them; below 0 pixels are smaller than texels.
         lods: drawn for each patch. side: pixels a side of each.
-        samples: of a target pixel. groups: of pairs with lookups of their own.
+        samples: samples of a pixel of the noisy reference. groups: groups of pairs with lookups of their own.
     """
 
     low: float
@@ -57,7 +57,7 @@ class Band:
 
 
 BANDS = (Band(-0.7, 1.5, 2, 32, 2, 3), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
-"""For patches of 32 x 32 texels; others have as many levels of detail between their ends."""
+"""The bands for patches of 32 x 32 texels; other patches have as many levels of detail between their ends."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Seen:
 
     Args:
         lod: (B, S N) levels of detail. uv: (B, S N, 2). lods: S.
-        target, independent: (B, K, S N, 3) two estimates of the reference.
+        target, independent: (B, K, S N, 3) two noisy references.
     """
 
     lod: Tensor
@@ -236,7 +236,7 @@ def _averaged(radiance: Tensor, lods: int, block: int | None) -> Tensor:
 
 
 def own_errors(first: Tensor, second: Tensor, lods: int) -> Tensor:
-    """(B, K, S): mean squared errors without the target's noise, from differences to two independent estimates of it.
+    """(B, K, S): mean squared errors, free of noise, from differences to two independent noisy references.
 
     Of materials that are nearly right most of a difference is noise: divided by its square, they would hardly count.
     The product of both has none in the mean; where chance makes it too small, a share of the square holds.

@@ -4,7 +4,7 @@ What counts in a figure is the error summed over a pair set, and most of it come
 narrow lobe, views and lights that graze. Pairs drawn like the sets meet them once in dozens of patches, and a step that
 has none of them is led astray. So part of the pairs are drawn where such things are, and each carries its importance
 weight for each set (the balance heuristic of Veach and Guibas 1995): sums over few pairs then are calm, and unbiased
-but for the few weights that are cut.
+except for the few weights that are cut.
 
 Beside them stand rooms: several lights for one view, whose sum is compared as well. Single lights hide a colour or a
 brightness that is off by a few per cent everywhere; under the many lights of an environment nothing else is left.
@@ -31,7 +31,7 @@ GRAZING = 0.4
 
 _WIDER, _LEAST_ALPHA = 1.2, 0.004  # lobes that pairs are drawn from, so that tails are seen and densities stay finite
 _LEAST_COSINE = 2e-3
-_MOST_WEIGHT = 0.5  # of a pair; where the densities of a set are hardly covered, chance would give one pair all
+_MOST_WEIGHT = 0.5  # most weight of a pair; where densities of a set are hardly covered, chance would give one pair all
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class BaselineConfig(ABC):
 
     @property
     def encoders(self) -> tuple[str, ...]:
-        """The material model that is read: that of the balanced loss."""
+        """The material model that is read, the same as for the balanced loss."""
         return ("gltf",)
 
     @property
@@ -36,7 +36,7 @@ class BaselineConfig(ABC):
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Those that are read or made, once."""
+        """The material models that are read or made, each once."""
         return tuple(dict.fromkeys((*self.encoders, *self.decoders)))
 
     @abstractmethod

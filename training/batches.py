@@ -32,13 +32,13 @@ class Batch:
     views: Views
     target: Tensor
     independent: Tensor | None
-    """A second estimate of the target, where the loss needs one."""
+    """A second noisy reference, where the loss needs one."""
 
 
 def draw_batch(materials: Materials, config: TrainingConfig, index: int) -> AnyBatch:
     """Batch 0, 1, ...: a pure function of the materials, the configuration and the index.
 
-    Encoders take turns, and the target is rendered in the model that is read (section 3.5).
+    Encoders take turns, and the noisy reference is rendered in the model that is read (section 3.5).
     """
     rng, loss = step_generator(config.run.seed, index), config.loss
     source = config.network.encoders[index % len(config.network.encoders)]

@@ -40,7 +40,7 @@ class DataConfig:
         procedural_sets: how many sets the project's own generator makes.
         procedural_size: their side in texels.
         strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
-        plain: share of the patches that are left as they are, but for orientation and the order of colours.
+        plain: share of the patches that are left as they are, except for orientation and the order of colours.
         description, licence: of the data, for the weights' card.
     """
 
@@ -77,10 +77,10 @@ class LossConfig:
         pairs: light-view pairs a patch.
         near_mirror_fraction: share of the pairs whose light lies near the mirror direction of the view.
         lods: levels of detail drawn for each patch.
-        pixel_filter: filter of the target.
-        target_samples: surface samples whose mean is one target pixel; divides `pairs`.
+        pixel_filter: filter of the noisy reference.
+        target_samples: surface samples whose mean is one pixel of the noisy reference; divides `pairs`.
         weighting: what a render's squared error is divided by. "prediction": its own energy, equation 5 of the paper.
-            "error": the error itself, measured with a second, independent target.
+            "error": the error itself, measured with a second, independent noisy reference.
     """
 
     crops: int = 1
@@ -129,7 +129,8 @@ class BalancedLossConfig:
         mirror_weight, hemisphere_weight: weight of the mean errors over those pair sets.
         light_weight: weight of the errors of single lights of rooms.
         room_weight, blur_weight, mean_weight: of the errors of their sums, by pixel, over 4 x 4 pixels and over all.
-        pixel_filter: of the target. any_filter: share of the steps with a filter drawn from all of them.
+        pixel_filter: filter of the noisy reference. any_filter: share of the steps with a filter drawn from all of
+            them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
     """
 
@@ -167,7 +168,7 @@ class BalancedLossConfig:
 
     @property
     def room_weights(self) -> tuple[float, float, float]:
-        """Of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
+        """Weights of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
         return self.room_weight, self.blur_weight, self.mean_weight
 
     @property
@@ -177,7 +178,7 @@ class BalancedLossConfig:
 
     @property
     def pairs(self) -> int:
-        """Pairs a patch, those of rooms included."""
+        """How many pairs a patch has, with the pairs of rooms."""
         return sum(self.kinds) + self.rooms * self.room_lights
 
     @property

@@ -56,7 +56,7 @@ class Drawer(Generic[T]):
 
     Args:
         draw: the batch of an index, a pure function.
-        example: an index; no batch is much larger than that one's.
+        example: an index; no batch is much larger than the batch of this index.
     """
 
     def __init__(self, draw: Callable[[int], T], example: int) -> None:

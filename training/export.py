@@ -56,7 +56,8 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
 
     Raises:
-        UsageError: the name is no plain file name; a baseline; other weights in the folder are the default already.
+        UsageError: the name is not a plain file name, the checkpoint is a baseline, or other weights in
+            the folder are the default already.
         InputError: the checkpoint cannot be read. OutputError: the folder cannot be written.
     """
     import torch

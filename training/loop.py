@@ -120,7 +120,9 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
     state = load_state(path)
     for name in ("network", "data", "loss", "optimiser"):
         if getattr(state.config, name) != getattr(config, name):
-            raise UsageError(f"{path}: made with another [{name}] section; resume with the one it was started with")
+            raise UsageError(
+                f"{path}: made with another [{name}] section; resume with the section that it was started with"
+            )
     if state.config.run.seed != config.run.seed:
         raise UsageError(f"{path}: made with seed {state.config.run.seed}, resumed with {config.run.seed}")
     state.config = config
@@ -187,7 +189,7 @@ def train(
         fit_whitening(state.network, train_materials, config)
         if start is not None:
             new = start_from(state, start)
-            say(f"weights of {start}" + (f", but for {', '.join(new)}, which are new" if new else ""))
+            say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
         state.average.load_state_dict(state.network.state_dict())
     validator = Validator(held_out, config.network, config.loss.pixel_filter)
     logs = _Logs(out, config.run, state.step)
@@ -202,7 +204,7 @@ def train(
             state.save(out / BEST)
 
     if not resume:
-        validate()  # of the untrained network: averages of parameters, or of moments with its first guess
+        validate()  # the untrained network makes averages of parameters, or of moments with its first guess
     run, started, first = config.run, time.perf_counter(), state.step
     recent: list[Tensor] = []
     for batch in batches(train_materials, config, first):

@@ -4,9 +4,9 @@ A patch is a torus. For each of S levels of detail it is seen by a grid of pixel
 somewhere inside its texel (the random sub-pixel jitter). For each light-view pair:
 
 - prediction: the predicted stack looked up once, trilinearly, and shaded once;
-- target: level 0 looked up bilinearly at the pixel plus 2^lod times an offset drawn from the pixel filter, shaded;
-  or the mean of several such samples. Its expectation is the filtered render (equation 3), and the optimum of the loss
-  is just that (Noise2Noise).
+- noisy reference: level 0 looked up bilinearly at the pixel plus 2^lod times an offset drawn from the pixel filter,
+  shaded; or the mean of several such samples. Its expectation is the filtered render (equation 3), and the optimum of
+  the loss is just that (Noise2Noise).
 
 The offsets of a pixel are a low-discrepancy sequence, shifted at random for each pixel (Cranley and Patterson 1976).
 Each single offset is distributed as the filter, so nothing is biased, and neighbours in the sequence cover it evenly.
@@ -31,8 +31,8 @@ from mipbake.training.config import LossConfig
 TORUS = ("wrap", "wrap")
 
 EPSILON = 1e-4
-"""Of equation 5, per summed value: a render whose mean square radiance lies below counts less and less. So a patch that
-is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
+"""Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
+patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
 
 _CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
 
@@ -85,10 +85,10 @@ def quantiles(pixel_filter: str) -> tuple[Tensor, Tensor]:
 def draw_target(
     patches: Tensor, views: Views, model: str, pixel_filter: str, samples: int, rng: np.random.Generator
 ) -> Tensor:
-    """Unbiased noisy target renders (B, S, K, N, 3) of (B, size, size, C) patches, the mean of `samples` each.
+    """Unbiased noisy references (B, S, K, N, 3) of (B, size, size, C) patches, each the mean of `samples` samples.
 
-    A pixel is looked up K times in all. `samples` pairs share as many of the lookups, so that more samples a target
-    cost shading, which is cheap, and no lookups; with one, every pair has a lookup of its own.
+    A pixel is looked up K times in all. `samples` pairs share as many of the lookups, so that more samples of a noisy
+    reference cost shading, which is cheap, and no lookups; with one, every pair has a lookup of its own.
 
     One level of detail at a time, whose lookups stay near a core.
     """
@@ -132,12 +132,12 @@ def render_loss(
 ) -> Tensor:
     """Shades texels and compares: the mean over all renders of squared error over norm, a scalar.
 
-    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: that of
-    equation 5, `relative_norms`, or `error_norms` where there is an independent target.
+    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: the norm of
+    equation 5, `relative_norms`, or `error_norms` where there is an independent noisy reference.
 
     Args:
         texels: (B, S, N, C) stored channels, one a pixel.
-        target: (B, S, K, N, 3) renders. independent: the same, a second estimate; or None.
+        target: (B, S, K, N, 3) noisy references. independent: second ones of the same shape; or None.
         mirror: how many of the K pairs, the first, were drawn near the mirror direction.
     """
     out: Tensor = _RenderLoss.apply(texels, model, views, target, independent, mirror)  # type: ignore[no-untyped-call]
@@ -187,7 +187,8 @@ def relative_norms(prediction: Tensor) -> Tensor:
 
 
 def error_norms(prediction: Tensor, independent: Tensor, mirror: int) -> Tensor:
-    """The error that a prediction has now: over it, the gradient of squared errors is that of the mean in decibels.
+    """The error that a prediction has now: over it, the gradient of squared errors equals the gradient of the mean in
+    decibels.
 
     Equation 5 divides by the energy, so a material that averaging gets nearly right hardly pulls, and a network stays
     imprecise exactly there. Dividing by the error itself makes a decibel count the same everywhere, and bounds the pull
@@ -195,8 +196,8 @@ def error_norms(prediction: Tensor, independent: Tensor, mirror: int) -> Tensor:
 
     Args:
         prediction: (B, K, N, 3) renders of one level of detail.
-        independent: a second estimate of the target. The noise of one and the same would weigh down the very samples
-            that it made large, and bias the optimum.
+        independent: a second noisy reference. The noise of the first would weigh down the very samples that it made
+            large, and bias the optimum.
         mirror: how many of the K pairs, the first, were drawn near the mirror direction.
 
     Returns:

@@ -61,7 +61,8 @@ class FlatAdam:
             part.gradient.zero_()
 
     def step(self, index: int, source: str) -> None:
-        """Moves all parameters but those of other encoders than the source's; `index` decides the rate."""
+        """Moves all parameters except the parameters of encoders for other models than the source's; `index` decides
+        the rate."""
         for group in self._adam.param_groups:
             group["lr"] = self._settings.rate(index)
         for name, part in self._parts.items():

@@ -1,7 +1,7 @@
 """Validation while training: SNR against the supersampled reference on patches the training never sees.
 
-The same measure as `mipbake validate`, smaller: a fixed set of patches, each a torus, and few pairs and samples. The
-references do not depend on the network and are made once.
+It is the same measure as in `mipbake validate`, but smaller: a fixed set of patches, each a torus, and few pairs and
+samples. The references do not depend on the network and are made once.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Validator:
         return Score(self.models, np.mean(figures, 0), self.linear)
 
     def picture(self, network: Trainable, path: Path) -> None:
-        """Writes a PNG: for some patches a row of prediction (first model), target and 4 x error, near and far."""
+        """Writes a PNG: for some patches a row of prediction (first model), reference and 4 x error, near and far."""
         pairs = pair_set("near-mirror", _SEED, 1)
         centre = (np.arange(_PATCH_SIZE) + 0.5) / _PATCH_SIZE
         uv = np.stack(np.meshgrid(centre, centre), -1).reshape(-1, 2)

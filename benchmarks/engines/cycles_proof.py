@@ -103,7 +103,7 @@ lookups anywhere between texels, and overshoot at the centres: on rough sets pla
 
 
 def _measured(texture_set: TextureSet, python: str, folder: Path) -> list[float]:
-    """SNR of every method in dB over all suns, then that of the reference itself."""
+    """SNR of every method in dB over all suns, then the SNR of the reference itself."""
     renders: list[dict[str, Any]] = []
     for index, (method, pixel_filter) in enumerate(METHODS.values()):
         level = mipbake.bake(texture_set, method, "gltf", pixel_filter).levels[0]
@@ -121,7 +121,8 @@ def _measured(texture_set: TextureSet, python: str, folder: Path) -> list[float]
 
 
 def _measured_sigma(python: str, folder: Path) -> tuple[float, str]:
-    """Standard deviation of Cycles' pixel filter, of which a rendered edge is the integral; and Blender's version."""
+    """Standard deviation of Cycles' pixel filter, from a rendered edge, which is the filter's integral; and Blender's
+    version."""
     edge = np.zeros((PIXELS, PIXELS, 3), np.float32)
     edge[:, PIXELS // 2 :] = 1
     _write(edge.repeat(16, 0).repeat(16, 1), folder / "edge.exr")  # 16 texels a pixel: the edge is sharp

@@ -16,8 +16,8 @@ from mipbake.render.camera import Camera, orbit
 from mipbake.render.mesh import Mesh
 
 _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
-_SPHERE_ROWS = 32  # of quads from pole to pole
-_FILLED = 0.94  # of the picture's half height by the sphere
+_SPHERE_ROWS = 32  # rows of quads from pole to pole
+_FILLED = 0.94  # share of the picture's half height that the sphere fills
 _PLANE_DOWN, _PLANE_ANGLE = 35.0, 28.0  # the middle of the view below the horizon, its height, degrees
 _WALL_TURN, _WALL_ANGLE = 20.0, 20.0  # of the picture about its middle, its height, degrees
 

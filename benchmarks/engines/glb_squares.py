@@ -58,7 +58,8 @@ class _Buffer:
 
 
 def lods() -> list[list[float]]:
-    """Levels of detail of the squares, by row and column: whole ones, ones between, and those of the lit row."""
+    """Levels of detail of the squares, by row and column: whole levels, levels between, and the levels of the lit
+    row."""
     count = SIDE.bit_length()
     return [[float(c) for c in range(count)], [c + 0.5 for c in range(count)], [float(c) for c in range(count)]]
 
@@ -112,7 +113,7 @@ def squares_glb(baked: Sequence[EngineMap]) -> bytes:
 
 
 def _square(buffer: _Buffer, repeat: float, material: int) -> dict[str, Any]:
-    """From (0, 0, 0) to (1, 1, 0), facing +z; v runs down."""
+    """A square from (0, 0, 0) to (1, 1, 0), facing +z; v runs down."""
     corner = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
     x, y = corner.T
     attributes = {

@@ -29,7 +29,7 @@ from mipbake import MipStack, TextureSet
 
 ENGINES = ("three", "filament")
 
-_TOLERANCE = 0.03  # of a colour that is 0 or 1
+_TOLERANCE = 0.03  # tolerance for a colour that is 0 or 1
 _LOADED_SIDE = 256
 
 

@@ -27,7 +27,7 @@ from mipbake.output import GLB_TEXELS
 
 _SIDE = 256
 _BOX = (-0.5, 0.5, -0.5, 0.5)
-_NEAR, _FAR = 0.03, 0.1  # of the mean of the picture
+_NEAR, _FAR = 0.03, 0.1  # shares of the mean of the picture
 
 
 def main() -> int:

@@ -18,7 +18,7 @@ SIDE = 256
 
 _PIXELS = 32
 _LEVELS = SIDE.bit_length()
-_COLOUR_TOLERANCE = 0.02  # of the mix of two levels: WebGL leaves the precision of a level to its maker
+_COLOUR_TOLERANCE = 0.02  # tolerance for the mix of two levels: WebGL leaves the precision of a level to its maker
 _UNIT = 1 / 255
 _GENERATED_TOLERANCE = 1.5 * _UNIT  # WebGL rounds each level and makes the next from it
 
@@ -68,7 +68,7 @@ def _check_generated(page: Any, folder: Path, colour: bool) -> str:
     worst = 0.0
     for level, ours in enumerate(levels):
         image = _flat(page, written, "generated", len(ours), [[1.0, 1.0]])[0][::-1]
-        # Dark colours are stored finely and bright ones coarsely: an error is that of the stored numbers.
+        # Dark colours are stored finely and bright ones coarsely: an error is a difference of stored numbers.
         both = [_encoded(each[..., :3]) if colour else each[..., :3] for each in (image, ours.astype(np.float64))]
         error = float(np.abs(both[0] - both[1]).max())
         assert error <= _GENERATED_TOLERANCE * max(level, 0.2), (

@@ -49,7 +49,7 @@ CANDIDATES: Mapping[str, tuple[str, str, Adjustments]] = {
     "neural, level 0 kept": ("neural", "gaussian", Adjustments(keep_level0=True)),
     "auto, level 0 kept": ("auto", "gaussian", Adjustments(keep_level0=True)),
 }
-"""Name to method, pixel filter, and what is changed after the bake. `linear` with a box is what an engine makes of
+"""Name to method, pixel filter, and what is changed after the bake. `linear` with a box is what an engine makes from
 level 0.
 """
 
@@ -86,7 +86,7 @@ class Reference:
 
     @property
     def snr(self) -> float:
-        """Of the mean of both halves against the truth, from their difference, in dB."""
+        """SNR of the mean of both halves against the truth, from their difference, in dB."""
         a, b = self.first[self.covered], self.second[self.covered]
         return float(10 * np.log10((a * b).sum() / max(np.square(a - b).sum() / 4, 1e-300)))
 
@@ -193,7 +193,7 @@ def _snr(image: Image, reference: Reference) -> float:
 
 
 def _cell(name: str, view: EngineView, key: tuple[str, str], image: Image, reference: Reference) -> Cell:
-    # Edges of the surface are no matter of textures: the background is the same in both.
+    # Edges of the surface do not concern textures: the background is the same in both.
     covered = reference.covered[..., None]
     pair = (displayed(np.where(covered, each, 0)) for each in (image, reference.mean))
     flip = ldr_flip(*pair).mean_over(reference.covered)

@@ -13,7 +13,7 @@ PLAIN = "ktx2-rgba8"
 """The container of the main table."""
 
 MARGIN_DB = 15.0
-"""By which the reference's own noise shall lie below the error of the best candidate."""
+"""dB by which the reference's own noise shall lie below the error of the best candidate."""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,10 @@ struct BinLimits {
 };
 
 // Calls
-//     count(begin, end, counts)           ++counts[bin] for every bin that items [begin, end) touch
-//     fill(begin, end, cursors, list, origin)  list[cursors[bin]++] = item - origin for each of them, in the order of
-//     the items work(bin, list, size, origin)       adds what the `size` listed items contribute to the bin
+//     count(begin, end, counts)                ++counts[bin] for every bin that items [begin, end) touch
+//     fill(begin, end, cursors, list, origin)  list[cursors[bin]++] = item - origin for each of them, in their order
+//     work(bin, list, size, origin)            adds what the `size` listed items contribute to the bin
+//
 // `work` is called for every bin, also where no item touches it, once for each sort: with origin 0 first, so that this
 // is where a bin sets its places to zero. The three run in parallel on disjoint ranges and bins, and must not throw.
 template <class Count, class Fill, class Work>

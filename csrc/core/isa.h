@@ -22,7 +22,7 @@ namespace mipbake {
 enum class Isa { baseline, avx2, avx512 };
 
 // The best set that this processor has, or a lower one that MIPBAKE_ISA=baseline|avx2|avx512 in the environment asks
-// for. EnvironmentFault where MIPBAKE_ISA is none of these.
+// for. EnvironmentFault where MIPBAKE_ISA is anything else.
 Isa active_isa();
 const char* isa_name(Isa isa);
 

@@ -8,7 +8,7 @@
 namespace mipbake {
 
 // Threads that a parallel loop may use, the caller included. The default is MIPBAKE_THREADS in the environment, or the
-// number of hardware threads; EnvironmentFault where MIPBAKE_THREADS is no number from 1 to 1024.
+// number of hardware threads; EnvironmentFault where MIPBAKE_THREADS is not a number from 1 to 1024.
 int num_threads();
 void set_num_threads(int count);
 

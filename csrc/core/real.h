@@ -1,5 +1,5 @@
-// The few functions that kernels need of a scalar type. packet.h and dual.h provide the same for theirs, so that one
-// template serves a float on a GPU, a packet of texels on a CPU and a dual number that carries derivatives.
+// The few functions that kernels need of a scalar type. packet.h and dual.h provide the same functions for their types,
+// so that one template serves a float on a GPU, a packet of texels on a CPU and a dual number that carries derivatives.
 #pragma once
 
 #include <cmath>
@@ -35,7 +35,7 @@ MIPBAKE_INLINE T narrow(const W& wide) {
     return Narrow<T>::from(wide);
 }
 
-// widen<W>(x): the way back. packet.h has that of packets.
+// widen<W>(x): the way back. packet.h has it for packets.
 template <class W, class T, std::enable_if_t<std::is_arithmetic_v<T>, int> = 0>
 MIPBAKE_INLINE W widen(T x) {
     return static_cast<W>(x);

@@ -114,8 +114,8 @@ struct Blend {
     std::int32_t a, b;  // the vertices of the edge
 };
 
-// Calls f(blend) for each of them of which at least one pixel lies in the tile, in a fixed order. Returns whether every
-// id was that of a triangle.
+// Calls f(blend) for each blend that has at least one pixel in the tile, in a fixed order. Returns whether every id
+// belonged to a triangle.
 template <class T, class F>
 bool for_each_blend(const AntialiasArgs<T>& args, const std::uint8_t* silhouettes, const PixelTile& tile, Rows& rows,
                     F&& f) {
@@ -142,7 +142,7 @@ bool for_each_blend(const AntialiasArgs<T>& args, const std::uint8_t* silhouette
     };
     bool valid = true;
     for (int y = y0; y < y1; ++y) {
-        Row &row = rows.at(y), &above = rows.at(y + 1);  // of which `above` holds row y - 1
+        Row &row = rows.at(y), &above = rows.at(y + 1);  // `above` holds row y - 1
         load_row(args.rast + 4 * (origin + Index(y) * args.width + x0), x1 - x0, args.triangles, silhouettes, row,
                  valid);
         if (y > y0 && (row.any || above.any))

@@ -17,8 +17,8 @@ using Index = std::int64_t;
 
 constexpr int block_size = 64;
 
-// The triangles of consecutive pixels, -1 where there is none, and where the attributes of their vertices begin. Found
-// for all of them before any is used: the lookups then do not wait for one another.
+// The triangles of consecutive pixels, -1 where there is none, and where the attributes of their vertices begin. They
+// are found for all pixels before any is used: the lookups then do not wait for one another.
 template <class T>
 struct Block {
     std::int32_t triangle[block_size];
@@ -146,7 +146,7 @@ struct Counts {
 };
 
 // Calls f with the counts of channels and of derivatives as constants where they are common ones: up to four channels
-// with no derivatives, those of the first two (texture coordinates), or all.
+// with no derivatives, with derivatives of the first two (texture coordinates), or of all.
 template <int C, class F>
 auto with_derivatives(int listed, F&& f) {
     if (listed == C) return f(Counts<C, C>());

@@ -165,8 +165,8 @@ struct Tiling {
     Index per_item() const { return Index(rows) * columns; }
 };
 
-// Draws items [b0, b1). Their triangles are sorted by tiles, stably: a chunk of triangles counts those of each tile,
-// the counts become places in the list, and each chunk fills its own.
+// Draws items [b0, b1). Their triangles are sorted by tiles, stably: a chunk of triangles counts its triangles in each
+// tile, the counts become places in the list, and each chunk fills its own.
 template <class T>
 void draw_items(const RasterizeArgs<T>& args, Index b0, Index b1, const Tiling& tiling, Scratch& scratch) {
     const auto start_of = [&](Index b) { return args.ranges == nullptr ? 0 : Index(args.ranges[2 * b]); };

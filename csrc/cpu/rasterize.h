@@ -36,7 +36,7 @@ struct TileTask {
 MIPBAKE_FOR_EACH_ISA(
     template <class T> void raster_boxes(const RasterizeArgs<T>&, const BoxTask&);
     template <class T> void raster_tile(const RasterizeArgs<T>&, const TileTask&);
-    // Returns the first pixel of the tile, counted in all of rast, with a triangle that there is not, or -1.
+    // Returns the first pixel of the tile, counted in all of rast, with a triangle that does not exist, or -1.
     template <class T>
     std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>&, const PixelTile&, TileSums<double>&);)
 

@@ -248,7 +248,7 @@ class TileRaster {
     void draw_blocks(const Triangle& t, std::int32_t name, int x0, int x1, int y0, int y1) {
         constexpr double extent = 2 * (kBlock - 1);
         const Edges& e = t.edges;
-        double least[3], most[3];  // of each edge function over a block, less that of its first pixel
+        double least[3], most[3];  // of each edge function over a block, less its value at the first pixel
         for (int i = 0; i < 3; ++i) {
             least[i] = smaller(e.a[i] * extent, 0.0) + smaller(e.b[i] * extent, 0.0) - 2 * t.bound;
             most[i] = larger(e.a[i] * extent, 0.0) + larger(e.b[i] * extent, 0.0) + 2 * t.bound;

@@ -15,7 +15,7 @@ struct ShadeTile {
 // Texels that a kernel prepares before it runs over the pairs: whole packets for every instruction set.
 constexpr int kTexelBlock = 64;
 
-// `pairs` points to those of the tile's batch element: Pair<S>[K], shade_pair_bytes each, laid out alike in every
+// `pairs` points to the pairs of the tile's batch element: Pair<S>[K], shade_pair_bytes each, laid out alike in every
 // instruction set. It is not read where texels have directions of their own.
 MIPBAKE_FOR_EACH_ISA(std::int64_t shade_pair_bytes(bool is_double);
                      void shade_make_pairs(const ShadeArgs&, std::int64_t b, std::int64_t k0, std::int64_t k1,

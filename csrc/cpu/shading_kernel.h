@@ -72,7 +72,7 @@ struct Kernel {
         const Pair<S>* pairs;
         MIPBAKE_INLINE const Pair<S>& operator()(std::int64_t k, std::int64_t) const { return pairs[k]; }
     };
-    // or that of each texel, worked out on the way. Lanes past the tile repeat its last texel.
+    // or the pair of each texel, worked out on the way. Lanes past the tile repeat its last texel.
     struct TexelPairs {
         const ShadeArgs& args;
         const ShadeTile& tile;

@@ -46,10 +46,10 @@ struct Block {
     int level[2][block_size], height[2][block_size], width[2][block_size];
     int x0[2][block_size], x1[2][block_size], y0[2][block_size], y1[2][block_size];
     T x[2][block_size], y[2][block_size];
-    // As read: derivatives, bias, direction; the face of a direction.
+    // What was read: derivatives, bias, direction; then the face of a direction.
     T da[6][block_size], bias[block_size], direction[3][block_size];
     int face[block_size];
-    // Of taps.
+    // The lookup that each tap belongs to, its number there, its weight and its place.
     int owner[block_size], ordinal[block_size];
     T weight[block_size], place[block_size];
 };
@@ -80,18 +80,18 @@ void find_axes(const TextureArgs<T>& args, Block<T>& block, Axes<T>& axes);
 // The levels and texels of lookups; `always_both` asks for the coarser level also where its share is 0.
 template <class T>
 void locate(const TextureArgs<T>& args, bool always_both, Block<T>& block);
-// Of a plane, and without the columns.
+// The same for a plane, without the columns.
 template <class T>
 void locate_rows(const TextureArgs<T>& args, Block<T>& block);
 // The same for taps, all in one level, with `blend` the share of that level.
 template <class T>
 void locate_in_level(const TextureArgs<T>& args, int level, Block<T>& block);
-// Writes the gradients of a block's lookups. `axes` is null but for anisotropic filtering.
+// Writes the gradients of a block's lookups. `axes` is null except for anisotropic filtering.
 template <class T>
 void write_slopes(const TextureArgs<T>& args, const TextureGrads<T>& grads, const Block<T>& block, const Axes<T>* axes,
                   const Slopes<T>& slopes);
 
-// NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does one without a direction.
+// NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does a lookup without a direction.
 template <class T>
 bool is_void(const TextureArgs<T>& args, const Block<T>& block, int i) {
     const T sum = block.x[0][i] + block.y[0][i] + block.blend[i];  // each is in [0, 1] or NaN
@@ -217,7 +217,7 @@ void find_texels(const TextureArgs<T>& args, bool fetch, const S* zeros, BlockQu
         (fetch ? find_planar<false, true, S, T> : find_planar<false, false, S, T>)(args, zeros, b);
 }
 
-// Of cubes. Without a direction all texels are zeros.
+// The same for cubes. Without a direction all texels are zeros.
 template <class S, class T>
 void find_texels(const TextureArgs<T>& args, bool, const S* zeros, BlockQuads<GeneralQuad<S>, T>& b) {
     const Index item = b.block.item;
@@ -309,7 +309,7 @@ void pipeline_taps(const TextureArgs<T>& args, const void* zeros, bool always_bo
 }
 
 // Calls f with the number of channels as a constant where a specialised kernel exists (for texels in float the channel
-// counts of images and of the material models, for others those of colours), or with 0.
+// counts of images and of the material models, for others the channel counts of colours), or with 0.
 template <int C>
 struct Channels {
     static constexpr int value = C;

@@ -32,7 +32,8 @@ MIPBAKE_KERNEL void look_up(const TextureArgs<T>& args, const void* zeros, T* ou
     });
 }
 
-// Means of taps as they come: each moves the mean by its share of the way, so that equal taps give exactly their value.
+// Means of taps as they come: each tap moves the mean by its share of the way, so that equal taps give exactly their
+// value.
 template <int C, class Q, class T>
 MIPBAKE_KERNEL void look_up_taps(const TextureArgs<T>& args, const void* zeros, T* out, Index begin, Index end) {
     const int n = C > 0 ? C : args.channels;

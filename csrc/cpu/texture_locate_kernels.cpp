@@ -66,7 +66,7 @@ void add_bias(int count, const T* __restrict bias, T* __restrict lod) {
     for (int i = 0; i < count; ++i) lod[i] += bias[i];
 }
 
-// From what was read to u, v, face and lod.
+// Turns what was read into u, v, face and lod.
 template <class T>
 void prepare(const TextureArgs<T>& args, Block<T>& b) {
     const bool is_cube = args.boundary_u == Boundary::cube;
@@ -360,7 +360,7 @@ MIPBAKE_KERNEL void locate_in_level(const TextureArgs<T>& args, int level, Block
     find_rows(args, 0, b);
     find_columns(args, 0, b);
     if (!is_mipmapped(args.filter) || args.filter == Filter::linear_mipmap_nearest) {
-        // A lookup with a NaN level of detail is in a list, too, and must stay NaN.
+        // A lookup with a NaN level of detail is also in a list, and must stay NaN.
         const bool is_mipmap = is_mipmapped(args.filter);
         for (int i = 0; i < b.count; ++i) b.blend[i] = !is_mipmap || b.lod[i] == b.lod[i] ? T(1) : b.lod[i];
         return;

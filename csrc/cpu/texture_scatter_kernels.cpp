@@ -20,7 +20,7 @@ Layout layout_of(const TextureArgs<T>& args) {
     return is_sparse || args.filter == Filter::nearest ? Layout::sparse_plane : Layout::plane;
 }
 
-// Adds one lookup's gradient to the texels of a level, of which rows [row_begin, row_end) are wanted. The order (upper
+// Adds one lookup's gradient to the texels of a level, where rows [row_begin, row_end) are wanted. The order (upper
 // row before lower, left before right) is the same for every caller.
 template <Layout layout, int C, class T>
 MIPBAKE_INLINE void scatter_quad(T* level, const Block<T>& b, int s, int i, int channels, T weight, Index row_begin,

@@ -5,7 +5,7 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
 
-// By u, v and the level of detail.
+// Derivatives of a lookup by u, v and the level of detail.
 template <class T>
 struct LookupSlopes {
     T u, v, lod;

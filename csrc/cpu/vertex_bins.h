@@ -86,8 +86,8 @@ MIPBAKE_INLINE S* sums_of(TileSums<S>& tile, std::uint16_t slot) {
     return tile.sums + static_cast<std::int64_t>(slot) * tile.channels;
 }
 
-// The index of a triangle among those of the tile, numbered as they come: 0, 1, ...; `triangle_count` grows where it is
-// new. Touches no vertex.
+// The index of a triangle among the triangles of the tile, numbered as they come: 0, 1, ...; `triangle_count` grows
+// where the triangle is new. Touches no vertex.
 template <class S>
 MIPBAKE_FUNCTION int index_of(TileSums<S>& tile, std::int32_t triangle) {
     std::uint32_t place = (static_cast<std::uint32_t>(triangle) * 2654435769u) >> 21;

@@ -14,7 +14,7 @@ using Index = std::int64_t;
 
 constexpr unsigned block_width = 32, block_height = 8, most_items = 65535;
 
-// As many listed channels as one launch takes; more take further launches.
+// The listed channels of one launch; more channels take further launches.
 struct Slice {
     static constexpr int most = 128;
     int begin, count;

@@ -1,7 +1,7 @@
 // Rasterisation on the GPU. Each pixel has a 64-bit key, depth above triangle, that triangles lower with atomicMin: the
-// nearest wins, and of equals the lower triangle, in any order of arrival. A thread draws a small triangle; large ones
-// are queued and drawn by many blocks. A last kernel turns keys into barycentrics. Decisions are those of the CPU, from
-// the same headers.
+// nearest wins, and among equals the lower triangle, in any order of arrival. A thread draws a small triangle; large
+// ones are queued and drawn by many blocks. A last kernel turns keys into barycentrics. The same headers make the same
+// decisions on the CPU.
 #include <cuda_runtime.h>
 
 #include <algorithm>
@@ -51,7 +51,7 @@ __device__ const float* positions_of(const float* pos, bool shared, Index vertic
     return pos + (shared ? 0 : item) * vertices * 4;
 }
 
-// False where an index is of no vertex.
+// False where an index belongs to no vertex.
 __device__ bool load_corners(const std::int32_t* tri, Index triangle, Index vertices, Index (&corners)[3]) {
     bool good = true;
     for (int i = 0; i < 3; ++i) {
@@ -89,7 +89,7 @@ __device__ void draw_pixel(const RasterizeArgs<float>& args, const Workspace& wo
         const float* const before = args.previous + 4 * pixel;
         if (!(before[3] > 0) || !(depth > before[2])) return;
     }
-    // Of floats turned so that they order as integers.
+    // The bits of a float are turned so that they order as integers.
     const unsigned bits = __float_as_uint(depth), ordered = (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
     const Key key = (Key(ordered) << 32) | static_cast<unsigned>(triangle);
     if (key < workspace.keys[pixel]) atomicMin(workspace.keys + pixel, key);

@@ -27,7 +27,7 @@ __device__ Pair<float> pair_of(const ShadeArgs& args, Index b, Index k, Index n)
     return Pair<float>::of(direction(args.light, b, k, n), direction(args.view, b, k, n));
 }
 
-// Pairs [k0, k0 + count), those of every texel, into shared memory, by all threads of the block.
+// All threads of the block load pairs [k0, k0 + count), which every texel has, into shared memory.
 __device__ void load_pairs(const ShadeArgs& args, Index b, Index k0, int count, Pair<float>* pairs) {
     const int i = threadIdx.y * kTexels + threadIdx.x;
     if (i < count) pairs[i] = pair_of(args, b, k0 + i, 0);

@@ -244,7 +244,8 @@ __global__ void backward_kernel(const __grid_constant__ Args args, const __grid_
     LookupSlopes slopes = {0, 0, 0, 0, 0};
     for (int k = 0; k < lookup.taps; ++k) {
         const Located<S> finer = locate<S>(args, lookup, k, pair.finer);
-        // NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does one without a direction.
+        // NaN in any of them makes the whole lookup NaN: it then adds to no gradient. Nor does a lookup without a
+        // direction.
         const float sum = finer.quad.x + finer.quad.y + pair.blend;
         if (sum != sum || lookup.face < 0) continue;
         const bool has_coarser = pair.finer != pair.coarser && (pair.blend != 0 || by_uv);

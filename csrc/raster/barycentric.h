@@ -23,7 +23,7 @@ MIPBAKE_INLINE Barycentrics barycentrics(const Edges& edges, double px, double p
 }
 MIPBAKE_INLINE double held_to_one(double value) { return value < 1 ? value : 1; }
 
-// The derivatives of the three barycentrics along X and Y in pixels, of which one is 2 units of px or py.
+// The derivatives of the three barycentrics along X and Y in pixels; a pixel is 2 units of px or py.
 MIPBAKE_INLINE Triple along(const Triple& slopes, const Barycentrics& b) {
     return (slopes - b.of * Triple(total(slopes))) * Triple(2 * b.inverse);
 }
@@ -36,8 +36,8 @@ MIPBAKE_INLINE void barycentric_derivatives(const Edges& e, const Barycentrics& 
     out[3] = y[1];
 }
 
-// Adds the gradient by the coefficients of the edge functions, from that by u and v (g) and by their derivatives (h).
-// Eq. 2 of the paper is this and pull_back.
+// Adds the gradient by the coefficients of the edge functions, from the gradient by u and v (g) and by their
+// derivatives (h). Eq. 2 of the paper is this and pull_back.
 template <bool kDerivatives>
 MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, const Barycentrics& b, double gu,
                                         double gv, const double (&h)[4], Edges& sums) {
@@ -47,7 +47,7 @@ MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, co
         const Triple hx(h[0], h[2], 0), hy(h[1], h[3], 0);
         const Triple x = (e.a - b.of * Triple(ax)) * Triple(step), y = (e.b - b.of * Triple(ay)) * Triple(step);
         g = g - (hx * Triple(ax) + hy * Triple(ay)) * Triple(step);
-        // By S, of which both 1 / S and the sums of slopes are functions.
+        // The gradient by S: both 1 / S and the sums of slopes are functions of S.
         const double common = total(g * b.of + (hx * x + hy * y));
         const Triple ge = (g - Triple(common)) * Triple(b.inverse);
         const Triple gx = (hx - Triple(total(hx * b.of))) * Triple(step);
@@ -63,7 +63,7 @@ MIPBAKE_INLINE void barycentric_adjoint(const Edges& e, double px, double py, co
     }
 }
 
-// The gradient by the coefficients that edges_of gave, as one by (x, y, w) of each vertex.
+// Turns the gradient by the coefficients that edges_of gave into a gradient by (x, y, w) of each vertex.
 MIPBAKE_INLINE void pull_back(const ClipVertex (&v)[3], const Edges& sums, double turn, double width, double height,
                               Vec3<double> (&out)[3]) {
     for (int i = 0; i < 3; ++i) out[i] = {0, 0, 0};

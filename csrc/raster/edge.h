@@ -12,7 +12,7 @@
 // share edges or a vertex cover it exactly once.
 //
 // Code that includes this must be compiled without contraction to fused multiply-adds (-ffp-contract=off): the function
-// of an edge is then exactly the negative of that of the reversed edge.
+// of an edge is then exactly the negative of the function of the reversed edge.
 #pragma once
 
 #include <cstdint>
@@ -140,7 +140,7 @@ MIPBAKE_FUNCTION bool computed_exactly(const ClipVertex& p, const ClipVertex& q,
                                        double width, double height) {
     const double size = (::fabs(a) * width + ::fabs(b) * height) + ::fabs(c);
     if (!(size > 0) || !(size < 1e300)) return false;
-    // All three are multiples of a unit of which `size` has less than 2^52.
+    // All three are multiples of a unit, and `size` is less than 2^52 units.
     int exponent;
     static_cast<void>(::frexp(size, &exponent));
     const double unit = ::ldexp(1.0, exponent - 51);
@@ -247,7 +247,7 @@ MIPBAKE_INLINE bool prepare(Triangle& t, double width, double height) {
         d.a = d.b = 0;
         d.c = 0.5 * (d.low + d.high);
     }
-    // Vertices on a plane, such as a sky's on the far one, are never clipped by it, whatever the rounding.
+    // Vertices on a plane, as a sky's vertices on the far plane, are never clipped by it, whatever the rounding.
     const bool cuts_near = !(-z0 <= w0 && -z1 <= w1 && -z2 <= w2), cuts_far = !(z0 <= w0 && z1 <= w1 && z2 <= w2);
     d.nearest = cuts_near ? -1.0 : -HUGE_VAL;
     d.farthest = cuts_far ? 1.0 : HUGE_VAL;

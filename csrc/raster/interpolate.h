@@ -1,4 +1,5 @@
-// Attributes at one pixel from those of its triangle's vertices, and the adjoint. Laine et al. 2020, section 3.4.
+// Attributes at one pixel from the attributes of its triangle's vertices, and the adjoint. Laine et al. 2020, section
+// 3.4.
 //
 // C is the number of channels, or 0 where `channels` says it. K is the number of channels whose derivatives are wanted
 // where these are the first K, or -1 where a list says which.
@@ -86,8 +87,8 @@ MIPBAKE_INLINE void derivative_gradient(const Corners<T>& a, const T* grad_da, c
 }
 
 // What a pixel contributes to the gradients of its vertices. Vertex 0 gets u of the gradient of a value, and du/dX and
-// du/dY of those of its derivatives; vertex 1 the same of v. The three contributions add up to the gradient of the
-// value.
+// du/dY of the gradients of its derivatives; vertex 1 gets the same of v. The three contributions add up to the
+// gradient of the value.
 template <class T>
 MIPBAKE_INLINE T derivative_share(const T* db, int vertex, const T* grad_da, int k) {
     return db[2 * vertex] * grad_da[2 * k] + db[2 * vertex + 1] * grad_da[2 * k + 1];

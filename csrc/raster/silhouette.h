@@ -128,8 +128,8 @@ MIPBAKE_FUNCTION EndGradients crossing_gradient(const PixelPair& pair, const T* 
 }
 
 // The slab between the centres belongs half to each pixel. A crossing beyond its middle, d > 1/2, brings colour of the
-// first pixel into the second, one before it colour of the second into the first: (d - 1/2) or (1/2 - d) of the
-// difference. In both cases the result grows with d by (first - second).
+// first pixel into the second, a crossing before it brings colour of the second into the first: (d - 1/2) or (1/2 - d)
+// of the difference. In both cases the result grows with d by (first - second).
 MIPBAKE_INLINE bool blends_into_second(double d) { return d > 0.5; }
 MIPBAKE_INLINE double blend_weight(double d) { return fabs(d - 0.5); }
 

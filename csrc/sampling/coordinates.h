@@ -1,4 +1,4 @@
-// Where a lookup lands: coordinates to texels along one axis, level of detail to a pair of levels.
+// Where a lookup lands: coordinates to texels along one axis, level of detail to two levels.
 #pragma once
 
 #include <cmath>

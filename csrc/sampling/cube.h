@@ -85,7 +85,7 @@ MIPBAKE_INLINE Jacobian<T> cube_jacobian(const FaceDerivatives<T>& f, int size) 
             (f.tc_x - f.tau * f.length_x) * scale, (f.tc_y - f.tau * f.length_y) * scale};
 }
 
-// Gradients by the direction and by its derivatives, from those by (s, t) and by the Jacobian.
+// Gradients by the direction and by its derivatives, from the gradients by (s, t) and by the Jacobian.
 template <class T>
 MIPBAKE_INLINE void cube_adjoint(int face, const FaceDerivatives<T>& f, int size, T gs, T gt, const Jacobian<T>& g,
                                  T (&direction)[3], T (&derivatives)[6]) {

@@ -122,8 +122,8 @@ MIPBAKE_INLINE AxisTaps<T> axis_taps(const Jacobian<T>& j, const Ellipse<T>& e) 
     return taps;
 }
 
-// Adjoint of axis_taps at a fixed count: the gradient by J from those by the axis and by lod. With the eigenvectors
-// e (major) and f of M = J J^T, d major^2 = e . dM e and de = f (f . dM e) / (major^2 - minor^2).
+// Adjoint of axis_taps at a fixed count: the gradient by J from the gradients by the axis and by lod. With the
+// eigenvectors e (major) and f of M = J J^T, d major^2 = e . dM e and de = f (f . dM e) / (major^2 - minor^2).
 template <class T>
 MIPBAKE_INLINE Jacobian<T> axis_adjoint(const Jacobian<T>& j, const Ellipse<T>& e, T gs, T gt, T glod) {
     const Jacobian<T> from_lod = lod_adjoint(j, e, glod);

@@ -1,5 +1,6 @@
-// `beckmann`: 12 channels. Those of `ggx`, and g = ln(gamma), the exponent of the generalised Beckmann distribution
-// (Aittala, Weyrich and Lehtinen 2015, "Two-shot SVBRDF capture for stationary materials"; docs/conventions.md).
+// `beckmann`: 12 channels. The channels of `ggx`, and g = ln(gamma), the exponent of the generalised Beckmann
+// distribution (Aittala, Weyrich and Lehtinen 2015, "Two-shot SVBRDF capture for stationary materials";
+// docs/conventions.md).
 #pragma once
 
 #include "shading/beckmann_lobe.h"
@@ -38,7 +39,7 @@ struct Beckmann : BeckmannLobe<Beckmann> {
 
     // 1 / Gamma(x) for x from 1 to 6, to rounding: Gamma(x + 7) = x (x + 1) ... (x + 6) Gamma(x), and Stirling's series
     // of ln Gamma(x + 7) with Bernoulli's numbers up to B_12 (DLMF 5.11.1), whose first term left out is below 1e-14.
-    // Its derivative, -digamma(x) / Gamma(x), is that of dual numbers.
+    // Dual numbers give its derivative, -digamma(x) / Gamma(x).
     template <class R>
     static MIPBAKE_FUNCTION R inverse_gamma_function(const R& x) {
         R product = x;

@@ -5,9 +5,9 @@
 //     D = exp(-q^gamma) / (pi Gamma(1 + 1/gamma) sqrt(det S) h_n^4),   q = h_t^T S^-1 h_t / h_n^2
 //     V = 1/2 / (l_n G(v) + v_n G(l)),   G of beckmann_masking.h
 //
-// The rest is that of ggx_lobe.h: so are the surface, but for gamma, and the two types. Here q takes the wide one: its
-// power is the argument of an exponential, so that a digit lost in q is many lost in D. V is that of gamma = 1 whatever
-// gamma is, an approximation.
+// The rest is as in ggx_lobe.h, with its surface, to which gamma is added, and its two types. Here q takes the wide
+// type: its power is the argument of an exponential, so that a digit lost in q is many lost in D. V is for gamma = 1
+// whatever gamma is, which is an approximation.
 //
 // The slope of q^gamma at q = 0 has no bound for gamma < 1; below kLeastQ the power is replaced by its chord from 0.
 #pragma once

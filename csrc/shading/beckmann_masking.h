@@ -22,7 +22,7 @@ struct BeckmannMasking {
     T slope;  // dG / ds = E
     T erfc;   // 1 - dG / dw_n
 
-    // From w_n > 0 and s^2.
+    // Makes the masking from w_n > 0 and s^2.
     static MIPBAKE_INLINE BeckmannMasking of(const T& w_n, const T& s2) {
         using S = typename PlainOf<T>::type;
         constexpr double reach = sizeof(S) == 8 ? 6 : 4;

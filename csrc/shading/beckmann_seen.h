@@ -1,4 +1,4 @@
-// The lobe of beckmann_lobe.h for one viewer and many lights, as ggx_seen.h has it for that of ggx_lobe.h: with
+// The lobe of beckmann_lobe.h for one viewer and many lights, as ggx_seen.h has it for the lobe of ggx_lobe.h: with
 // s = l + v and h = s / |s|,
 //
 //     D V l_n = peak / 2 exp(-q^gamma) |s|^4 / s_n^4 l_n / X,   q = ((w1.s)^2 + (w2.s)^2) / s_n^2
@@ -25,7 +25,7 @@ struct BeckmannSeen : GgxSeen<Model, W, T> {  // but that g_v is G(v) of beckman
         return s;
     }
 
-    // Adds radiance f(theta, l, v). `cosine` is that of the light.
+    // Adds radiance f(theta, l, v). `cosine` belongs to the light.
     template <class S>
     MIPBAKE_INLINE void add(const Light<S>& light, const T& cosine, Vec3<T>& sum) const {
         const auto counts = this->lit(cosine);

@@ -34,7 +34,8 @@ struct GgxSurface {
     Vec3<T> diffuse, f0;  // albedo / pi; reflectance at normal incidence
     T peak;               // 1 / (pi sqrt(det S)), D at h = n
 
-    // Calls f(a_i, b_i) on the fields of two surfaces: those that prepare_colour sets, and those of prepare_shape.
+    // Both call f(a_i, b_i) on fields of two surfaces: zip_colour on the fields that prepare_colour sets, zip_shape on
+    // the fields that prepare_shape sets.
     template <class A, class B, class F>
     static MIPBAKE_INLINE void zip_colour(A& a, B& b, F f) {
         zip_vector(a.diffuse, b.diffuse, f);

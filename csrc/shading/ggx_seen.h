@@ -4,7 +4,7 @@
 //     D V l_n = peak / 2 |s|^4 l_n / (q'^2 X),   q' = |s|^2 q = (w1.s)^2 + (w2.s)^2 + s_n^2
 //     P = (1 - |s| / 2)^5,                       because l.h = |s| / 2 for unit vectors
 //
-// so one division and two roots. The two types are those of ggx_lobe.h, and so is what is computed in which.
+// so one division and two roots. ggx_lobe.h has the two types, and says what is computed in which.
 #pragma once
 
 #include "shading/ggx_lobe.h"
@@ -69,7 +69,7 @@ struct GgxSeen {
     // Whether a light of that cosine counts.
     static MIPBAKE_INLINE auto lit(const T& cosine) { return cosine > T(kHorizon); }
 
-    // Adds radiance f(theta, l, v). `cosine` is that of the light.
+    // Adds radiance f(theta, l, v). `cosine` belongs to the light.
     template <class S>
     MIPBAKE_INLINE void add(const Light<S>& light, const T& cosine, Vec3<T>& sum) const {
         const auto counts = lit(cosine);

@@ -1,5 +1,5 @@
-// `gltf-anisotropic`: 11 channels. Those of `gltf`; then, as in KHR_materials_anisotropy, the direction x, y and the
-// strength.
+// `gltf-anisotropic`: 11 channels. The channels of `gltf`; then, as in KHR_materials_anisotropy, the direction x, y and
+// the strength.
 #pragma once
 
 #include "shading/gltf.h"

@@ -39,7 +39,7 @@ struct Prepare {
         return out;
     }
 
-    // The gradient by the stored channels from that by the surface: each half on dual numbers.
+    // The gradient by the stored channels, from the gradient by the surface: each half on dual numbers.
     template <class W, class T>
     static MIPBAKE_FUNCTION void pull_back(const W (&channels)[C], const Surface<T, T>& adjoint, T (&gradient)[C]) {
         for (T& g : gradient) g = T(0);

@@ -73,7 +73,7 @@ class Entry:
 
 
 def hashes(entry: Entry, root: Path = ROOT) -> Hashes:
-    """Of all files that the entry reaches, in the order of their names."""
+    """The hashes of all files that the entry reaches, in the order of their names."""
     found = {str(path.relative_to(root)): _python(path) for path in modules(entry, root)}
     doors = {match[1] for name in found if (match := re.match(r"mipbake/(shading|sampling|raster)/", name))}
     found |= {str(path.relative_to(root)): _cpp(path) for path in sources(doors, root)}
@@ -105,7 +105,7 @@ def modules(entry: Entry, root: Path = ROOT) -> list[Path]:
 
 @cache
 def imported(path: Path, root: Path = ROOT) -> frozenset[str]:
-    """Dotted names that a file imports; those of `mipbake` itself as the names of the modules that define them."""
+    """Dotted names that a file imports; names from `mipbake` itself as the names of the modules that define them."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names: set[str] = set()
     plain = False
@@ -183,7 +183,7 @@ def _files(name: str, importer: Path, root: Path) -> list[Path]:
 
 
 def _below(top: Path, parts: Sequence[str], own: bool = False) -> list[Path]:
-    """Files that importing `parts` below a folder runs; a last part that is no module is a name inside one."""
+    """Files that importing `parts` below a folder runs; a last part that is not a module is a name inside one."""
     found = [top / "__init__.py"] if own and (top / "__init__.py").is_file() else []
     at = top
     for part in parts:

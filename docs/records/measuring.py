@@ -125,6 +125,6 @@ def _machine() -> str:
 
 
 def _processor_seconds() -> float:
-    """Of this process and of those that it has started and seen end."""
+    """Processor time of this process and of the processes that it has started and seen end."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)

@@ -25,7 +25,7 @@ WHOLE: Mapping[str, str] = {
     "benchmarks/engines/RESULTS.md": "engines-three",
     "benchmarks/engines/RESULTS-cycles.md": "engines-cycles",
 }
-"""Pages all of which is made from a record."""
+"""Pages that are made from a record as a whole."""
 
 LIST = FOLDER / "unrecorded.json"
 
@@ -37,7 +37,7 @@ _UNITS = "dB|%|ms|ns|s|seconds|minutes|MiB|GiB|MB|GB|degrees|times"
 _NUMBER = r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?"
 _FIGURE = re.compile(rf"{_NUMBER} (?:{_UNITS})(?!\w)|{_NUMBER}%")
 _CELL = re.compile(rf"{_FIGURE.pattern}|(?<![\w.])[-+]?\d+\.\d+")
-"""Figures of sentences have a unit; those of tables may have a fraction in place of one."""
+"""Figures in sentences have a unit; figures in tables may have a fraction and no unit."""
 
 
 def pages(root: Path = ROOT) -> list[str]:

@@ -42,7 +42,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """That a sample of a record agreed with it.
+    """Says that a sample of a record agreed with it.
 
     Args:
         on: date. sample: what was measured again.

@@ -20,7 +20,7 @@ _SCENE = ("name", "passes", "standard_error", "candidate_error", "converged")
 
 
 def read_files(folder: Path) -> list[File]:
-    """Of a folder of one kind, in the order of their names."""
+    """The files of one kind in a folder, in the order of their names."""
     return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))]
 
 

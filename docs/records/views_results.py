@@ -61,7 +61,7 @@ def results_words(records: Records) -> str:
 
 
 def _row(results: Results, figures: Callable[[str, float], np.ndarray]) -> list[float]:
-    """One row of the table, rounded as it is shown; `figures` gives those of all sets for a pair set and lod."""
+    """One row of the table, rounded as it is shown; `figures` gives the figures of all sets for a pair set and lod."""
     near = [figures(_NEAR, lod).mean() for lod in _LODS]
     means = [fmean(figures(pairs, lod).mean() for lod in results.lods) for pairs in PAIR_SETS]
     return [round(float(value), 1) for value in (*near, *means)]

@@ -54,7 +54,7 @@ class Results:
 
     @property
     def learned(self) -> list[str]:
-        """Methods that are no closed forms, without the optimum, which is a limit."""
+        """Methods that are not closed forms, without the optimum, which is a limit."""
         return [name for name in self.methods if name not in (*self.closed_forms, OPTIMUM)]
 
     def best_of(self, pairs: str, lod: float, names: Sequence[str] | None = None) -> np.ndarray:

@@ -73,14 +73,14 @@ def against_four(results: Results, pairs: str) -> str:
 
 
 def won(results: Results, name: str) -> dict[str, np.ndarray]:
-    """Scale to whether the FLIP of each set's sphere is below that of every closed form."""
+    """Scale to whether the FLIP of each set's sphere is below the FLIP of every closed form."""
     scales = [scale for scale in SCALES if (name, "flip", "sphere", scale) in results.figures]
     least = {s: np.min([results.figures[f, "flip", "sphere", s] for f in results.closed_forms], 0) for s in scales}
     return {scale: results.figures[name, "flip", "sphere", scale] < least[scale] for scale in scales}
 
 
 def pictures_won(results: Results) -> str:
-    """In how many pictures of spheres, of a set at a scale, FLIP is below that of every closed form."""
+    """In how many pictures of spheres, of a set at a scale, FLIP is below the FLIP of every closed form."""
     found = {name: won(results, name) for name in results.learned}
     rows = {
         name: [*(f"{int(w.sum())} of {w.size}" for w in of_name.values()), f"{np.mean([*of_name.values()]):.0%}"]
@@ -203,7 +203,7 @@ def gaps(results: Results) -> str:
 
 
 def shortfall(results: Results) -> str:
-    """A sentence on where the optimum is behind the oracle: there it is no limit."""
+    """A sentence on where the optimum is behind the oracle: there it is not a limit."""
     behind = np.concatenate([results.gains(OPTIMUM, pairs).ravel() for pairs in PAIR_SETS])
     lost = behind[behind < -0.25]
     if not len(lost):

@@ -20,7 +20,7 @@ _NEAR, _OVER = PAIR_SETS
 
 
 def summary(whole: Results, crop: Results | None, directed: Results | None) -> list[str]:
-    """Paragraphs on whole sets, on the limit and on the anisotropic target; those of missing results are left out."""
+    """Paragraphs on whole sets, on the limit and on the anisotropic target; a paragraph without results is left out."""
     parts = [_wins(whole), _loses(whole)]
     if crop is not None and OPTIMUM in crop.methods:
         parts.append(_left(crop))
@@ -107,7 +107,7 @@ def _directional(results: Results) -> str:
 
 
 def _ahead(results: Results, name: str) -> int:
-    """At how many levels and pair sets the mean is above that of every closed form."""
+    """At how many levels and pair sets the mean is above the mean of every closed form."""
     return sum(
         results.curve[name, pairs, lod].mean() > max(results.curve[f, pairs, lod].mean() for f in results.closed_forms)
         for pairs in PAIR_SETS

@@ -1,1 +1,1 @@
-"""Comparison of prefilters on one texture set: stacks, measures, renders, and what of it a report shows."""
+"""Comparison of prefilters on one texture set: stacks, measures, renders, and what a report shows of them."""

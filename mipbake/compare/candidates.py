@@ -35,7 +35,7 @@ MEMORY_LIMIT = 1 << 30
 _LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +44,15 @@ class Candidate:
 
     Args:
         method: what it is.
-        levels: (H_L, W_L, C) float32 stored channels of the model `method.model`, finest first, down to 1 x 1. Those of
-            `bake_all` may lie in files: they are read-only, and end with it.
+        levels: (H_L, W_L, C) float32 stored channels of the model `method.model`, finest first, down to 1 x 1. The
+            levels from `bake_all` may lie in files: they are read-only, and are gone after its block.
     """
 
     method: Method
     levels: Sequence[NDArray[np.float32]]
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Candidate({self.name!r}, {self.method.model}, {len(self.levels)} levels)"
 
     @property
@@ -78,7 +78,7 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
     Args:
         names: methods (`lean`), which stand for all of their forms, or labels: of a closed form with any kernel of
             `mipbake.prefilter.pixel_filter.FILTERS` (`lean (box)`).
-        pixel_filter: that the stacks are for.
+        pixel_filter: the filter that the stacks are for.
 
     Raises:
         UsageError: a name that is neither.
@@ -92,7 +92,7 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
             wanted[name] = possible[name]
         elif name not in METHODS:
             raise UsageError(
-                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or one form of a closed form, for "
+                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or a closed form with its kernel, for "
                 f"example {next(iter(usual))!r}"
             )
         elif METHODS[name].averages:
@@ -139,7 +139,7 @@ def bake_all(
     Args:
         texture_set: the source.
         model: target material model.
-        pixel_filter: that the stacks are for.
+        pixel_filter: the filter that the stacks are for.
         names: labels or methods, as in `chosen`.
         progress: told "bake" and the finished share.
         memory_limit: in bytes.
@@ -203,7 +203,7 @@ def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
 
 
 def opened(stack: MipStack, path: Path | None = None) -> Candidate:
-    """A stack that is there, as the candidate `baked`; the path is the folder that it was opened from."""
+    """An existing stack as the candidate `baked`; the path is the folder that it was opened from."""
     made = stack.provenance
     return Candidate(Method(BAKED, made.method, made.pixel_filter, stack.model, path=path), stack.levels)
 
@@ -215,5 +215,5 @@ def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:
     sentence = "the stack was not baked from this texture set (source hashes differ): its figures mean little"
     height, width = stack.size
     if (width, height) != (texture_set.width, texture_set.height):
-        sentence += f"; it is {width} x {height} and the set {texture_set.width} x {texture_set.height}"
+        sentence += f"; it measures {width} x {height}, and the set measures {texture_set.width} x {texture_set.height}"
     return f"{sentence}."

@@ -1,4 +1,5 @@
-"""The whole comparison: stacks, figures in texture space, renders with theirs, the paper's figures for one material."""
+"""The whole comparison: stacks, figures in texture space, renders with their figures, the paper's plots for one
+material."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 IN_MOTION = ("flicker", "flicker-snr")
 """Measures of what changes from one picture to the next."""
@@ -51,9 +52,9 @@ class Settings:
         mesh: what is rendered in place of spheres and plane.
         anisotropic: look stacks up 16x anisotropically in renders, rather than trilinearly.
         side: of a square render, in pixels; the plane is 7/4 as wide.
-        max_passes: samples a pixel of a render's reference, at most.
+        max_passes: most samples for each pixel in the reference of a render.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
-        seed: of everything that is drawn.
+        seed: seed of everything that is drawn.
         cache: folder where references of renders are kept for the next comparison; None for nowhere.
 
     Raises:
@@ -185,19 +186,24 @@ def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
     """
     said = ["methods that were baked here were measured in 32-bit floats, not in the 8 bits of files."]
     if opened_one:
-        said = [f"{BAKED} was measured as its files hold it, methods that were baked here in 32-bit floats."]
+        said = [
+            f"{BAKED} was measured as its files hold it; methods that were baked here were measured in 32-bit floats."
+        ]
     if target in ("ggx", "beckmann") and source not in ("ggx", "beckmann"):
         said.append(
-            f"the diffuse term of {source} loses what a dielectric's surface reflects, that of {target} does not: this "
-            "difference of the models is in every method's error, and no stack can do without it."
+            f"the diffuse term of {source} loses the light that a dielectric's surface reflects, and the diffuse term "
+            f"of {target} does not: this difference between the models is in the error of every method, and no stack "
+            "can avoid it."
         )
     if target == "beckmann" and source != target:
         said.append(
-            f"the highlights of {source} have the longer tails of GGX, and those of {target} an exponential's: this "
-            "difference of the models is in every method's error, too."
+            f"the highlights of {source} have the long tails of GGX, and the highlights of {target} have the short "
+            "tails of an exponential: this difference between the models is in the error of every method."
         )
     if target == "gltf" and source == "gltf-anisotropic":
-        said.append("stacks of gltf are isotropic and the source is not: that is in every method's error.")
+        said.append(
+            "stacks of gltf are isotropic and the source is not: this difference is in the error of every method."
+        )
     return tuple(said)
 
 
@@ -249,7 +255,7 @@ def _compared(
                     renders / f"{file_stem(view.name, name)}.exr", frame, made.reference, method=name,
                     pixel_filter=pixel_filter, source_hash=texture_set.source_hash,
                 )  # fmt: skip
-        if made.change is not None and not pictures:  # of the nearest view, where shimmer is the worst
+        if made.change is not None and not pictures:  # only the nearest view, where shimmer is the worst
             pictures.append(plots.half_pixel_shift(made.change))
     scene = (stored, source, texture_set.wrap)
     turning = plots.temporal_slice(
@@ -306,7 +312,7 @@ def _planned(
 
 
 def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[Figure]:
-    """The subject's SNR minus that of every other method, over the same light-view pairs."""
+    """The subject's SNR minus the SNR of every other method, over the same light-view pairs."""
     subject, *others = (each.name for each in candidates)
     for figure in measured.figures:
         if figure.measure == "snr" and figure.method in others:
@@ -321,13 +327,13 @@ def _unsettled(scenes: Sequence[Scene]) -> tuple[str, ...]:
 
     def said(scene: Scene) -> str:
         share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
-        left = f"{share:.0%} of it" if share < 1 else "no less than it"
-        return f"{scene.name} ({left} after {scene.passes} samples a pixel)"
+        left = f"{share:.0%} of the error" if share < 1 else "all of the error or more"
+        return f"{scene.name} ({left} after {scene.passes} samples per pixel)"
 
     return (
-        "the noise of references should be within a tenth of the best candidate's error, and is not in "
-        f"{', '.join(map(said, scenes))}: it counts as error in all measures of these renders but SNR and flicker, and "
-        "more samples would settle it.",
+        "the noise of a reference should be at most a tenth of the best candidate's error, and it is more in "
+        f"{', '.join(map(said, scenes))}: the noise counts as error in all measures of these renders except SNR and "
+        "flicker; more samples would reduce it.",
     )
 
 

@@ -29,13 +29,13 @@ from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 Progress: TypeAlias = Callable[[float], None]
-"""Told the finished share, from 0 to 1."""
+"""Is told the finished share, from 0 to 1."""
 
 LODS = (0.0, 1.0, 3.0)
-"""Levels of detail that the loss is measured at; the loss is that of their mean SNR."""
+"""Levels of detail that the loss is measured at; the loss is the fall of their mean SNR."""
 
 _COVERAGE_SIDE = 8
-"""Texels along a side of a level; of smaller ones every texel is a great share."""
+"""Texels along a side of a level; in smaller levels every texel is a great share."""
 
 _POINTS, _SAMPLES, _SEED = 1024, 64, 11
 _LADDER = ("bc", "rgba8", "rgba16f")
@@ -78,7 +78,7 @@ def chosen(
     that brings the most gets better texels until the sum is below `LIMIT`. Other outputs are given back as they are.
 
     Args:
-        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
+        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
         stack: as it was baked.
         output: that is asked for.
         progress: moved by every file and kind of texels, then by every level of detail that is measured.
@@ -127,7 +127,7 @@ def cost(
     """What an output cost, from its files as they were read back.
 
     Args:
-        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
+        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
         stack: as it was baked.
         output: that was written.
         written: its files, with the levels that came back.
@@ -177,7 +177,8 @@ def _coverage(planned: Mapping[str, MapFile], written: Sequence[MapFile], cutoff
 
 
 def _spoken(files: Sequence[MapFile]) -> str:
-    """Format and texels of an output: those of most of its files that shade, of as many the first."""
+    """Format and texels of an output: the texels of most of its files that shade, or of the first where as many have
+    others."""
     texels = [file.container.texels for file in files if file.layout.shades]
     return f"{files[0].container.name}:{max(dict.fromkeys(texels), key=texels.count)}"
 
@@ -238,7 +239,7 @@ def losses(
     variants: Mapping[str, Sequence[NDArray[np.float32]]],
     progress: Progress = lambda _share: None,
 ) -> dict[str, dict[str, float]]:
-    """Variant and pair set to the fall of the SNR below that of what was baked, in dB.
+    """Variant and pair set to the fall of the SNR below the SNR of what was baked, in dB.
 
     Args:
         texture_set: that the stack was baked from.

@@ -186,7 +186,7 @@ class Condition:
 
         text = f"{measure.title} of {figure.method} ({figure.view}{place}) is {spoken(figure)}"
         if less is not None:
-            text += f", that of {less.method} {spoken(less)}, the difference {value:.6g}"
+            text += f", and {less.method} has {spoken(less)}: the difference is {value:.6g}"
         return text
 
 
@@ -199,7 +199,9 @@ def parse(text: str) -> Condition:
     whole = _WHOLE.fullmatch(text)
     if whole is None:
         if not re.search("[<>]", text):
-            raise _wrong(text, len(text.rstrip()), "it compares with nothing, expected <, <=, > or >= and a number")
+            raise _wrong(
+                text, len(text.rstrip()), "nothing follows to compare with, expected <, <=, > or >= and a number"
+            )
         raise _wrong(text, 0, "expected [METHOD:]QUANTITY@WHERE [- METHOD] OP NUMBER")
     head = "quantity" if whole["where"] is None else "where"
     minus = (_MINUS_ALONE if head == "quantity" else _MINUS_AFTER_WHERE).search(whole[head])
@@ -221,7 +223,7 @@ def parse(text: str) -> Condition:
         raise _wrong(text, whole.end("quantity"), f"it does not say where, expected @ and {', '.join(SCALES)} or a lod")
     number = whole["number"].strip()
     if not _NUMBER.fullmatch(number) or not math.isfinite(float(number)):
-        raise _wrong(text, whole.start("number"), f"{number!r} is no number")
+        raise _wrong(text, whole.start("number"), f"{number!r} is not a number")
     return Condition(
         text=text,
         method=method.strip() if method else None,
@@ -242,7 +244,7 @@ def _measured(text: str, start: int, given: str) -> tuple[str, str | None]:
     view, dot, measure = name.rpartition(".")
     if measure not in MEASURES or (dot and not view):
         known = ", ".join(each.replace("-", "_") for each in (*PAIR_SETS, *MEASURES))
-        raise _wrong(text, start, f"{given.strip()!r} is no quantity, expected one of {known}, or VIEW.MEASURE")
+        raise _wrong(text, start, f"{given.strip()!r} is not a quantity, expected one of {known}, or VIEW.MEASURE")
     if view in PAIR_SETS and measure not in IN_TEXTURE_SPACE:
         raise _wrong(text, start, f"{measure} is measured on renders, not for {view}")
     if not dot and measure in IN_TEXTURE_SPACE:
@@ -255,7 +257,9 @@ def _place(text: str, start: int, given: str, measure: str, view: str | None) ->
     if name in SCALES:
         return name
     if not _NUMBER.fullmatch(name) or not math.isfinite(float(name)):
-        raise _wrong(text, start, f"{given.strip()!r} is no place, expected {', '.join(SCALES)} or a level of detail")
+        raise _wrong(
+            text, start, f"{given.strip()!r} is not a place, expected {', '.join(SCALES)} or a level of detail"
+        )
     if measure != "snr" or view not in PAIR_SETS:
         raise _wrong(text, start, f"{measure} has no curve over levels of detail, expected {', '.join(SCALES)}")
     return float(name)

@@ -17,13 +17,13 @@ COVERAGE_LIMIT = 0.02
 
 @dataclass(frozen=True)
 class Coverage:
-    """Of the levels of an opacity that is tested against a cutoff, the one whose coverage files change the most.
+    """The coverage of an opacity that is tested against a cutoff, at the level where files change it the most.
 
     Args:
         level: which it is.
         baked, written: shares of its texels that pass the test, before and after.
-        texels: that hold it.
-        alone: whether in a file of its own.
+        texels: the texels that hold the opacity.
+        alone: whether the opacity has a file of its own.
     """
 
     level: int
@@ -34,7 +34,7 @@ class Coverage:
 
     @property
     def change(self) -> float:
-        """Absolute."""
+        """Absolute change of the share."""
         return abs(self.written - self.baked)
 
     def __str__(self) -> str:
@@ -48,8 +48,8 @@ class Cost:
 
     Args:
         format: of the output.
-        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1, those of a
-            GLB before they are stretched; infinite where nothing changed.
+        psnr: file to peak signal-to-noise ratio over all its levels, in dB, of file values between 0 and 1, in a GLB
+            before they are stretched; infinite where nothing changed.
         loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
@@ -66,14 +66,14 @@ class Cost:
 
     @property
     def defect(self) -> str | None:
-        """A sentence where levels do not belong together, which is no fault of the set; None where they do."""
+        """A sentence where levels do not belong together, which is not a fault of the set; None where they do."""
         dips = self.written.dips if self.written else ()
         if not dips:
             return None
         worst = max(dips, key=lambda dip: min(dip.at_levels) - dip.snr)
         others = f", and {len(dips) - 1} more like it" if len(dips) > 1 else ""
         return (
-            f"levels of {self.format} do not fit together: lookups between them are worse than at both, "
+            f"levels of {self.format} do not fit together: lookups between them are worse than lookups at either, "
             f"{worst}{others}; this is a defect of mipbake, not of the set: the files were written, but do not use "
             "them; bake with another --method, and please report it"
         )
@@ -86,7 +86,7 @@ class Cost:
     def warnings(self, preset: Preset | None = None) -> list[str]:
         """A sentence each where the loss is above `LIMIT`, and the change of coverage above `COVERAGE_LIMIT`.
 
-        `preset`: that chose the output, whose engine must take what is advised.
+        `preset`: the preset that chose the output; its engine must take what is advised.
         """
         return [said for said in (self._of_loss(preset), self._of_coverage(preset)) if said]
 
@@ -97,8 +97,10 @@ class Cost:
         if container == "glb" and texels:
             advice = "plain --format ktx2 beside it chooses more precise texels"
         elif container == "glb":
-            advice = "--format glb:rgba8 has some that three.js and Babylon.js load"
-            advice = preset.no_finer if preset and preset.no_finer else f"glTF's standard has no other texels; {advice}"
+            advice = "--format glb:rgba8 writes texels that three.js and Babylon.js load"
+            advice = (
+                preset.no_finer if preset and preset.no_finer else f"the glTF standard allows no other texels; {advice}"
+            )
         else:
             advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
         where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]

@@ -1,8 +1,8 @@
 """Renders of a view for all candidates at once: their images, the reference, and every measure that applies to renders.
 
 All measures are taken over the interior, the pixels that lie wholly on the mesh: elsewhere a pixel shows an edge, which
-no texture is to blame for. Measures that look at whole pictures see the reference itself outside the interior, in the
-candidate too, so that edges and the background show no difference there; their maps are then averaged over the interior
+no texture is to blame for. Measures that look at whole pictures see the reference itself outside the interior, even in
+the candidate, so that edges and the background show no difference there; their maps are then averaged over the interior
 only. Within some ten pixels of an edge FLIP and SSIM therefore see less of an error than in the open.
 """
 
@@ -27,7 +27,7 @@ from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Frame, Reference
 
 MAX_PASSES = 768
-"""Samples a pixel of a reference, at most, by default."""
+"""Most samples for each pixel of a reference, by default."""
 
 SHIFT = (0.5, 0.0)
 """Pixels, to the right and upwards, between the two renders that flicker is measured of."""
@@ -38,7 +38,7 @@ SHIFTED_SCALES = ("near", "1:1")
 _MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window
 
 Progress = Callable[[str, float], None]
-"""Told what is under way, in a few words, and the finished share of it."""
+"""Is told what is under way, in a few words, and the finished share of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def render_view(
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
 
     SNR and flicker take the reference's halves apart, so that its noise biases neither; the other measures take their
-    mean, whose standard error the scene tells beside that of the best candidate.
+    mean, whose standard error the scene tells beside the error of the best candidate.
 
     Args:
         stored: (H, W, C) stored channels of level 0 of the source, of `model`.
@@ -112,7 +112,7 @@ def render_view(
         progress(view.name, told)
 
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
-    part = 0.35 if moving else 0.7  # of the time, by a reference
+    part = 0.35 if moving else 0.7  # share of the time that a reference takes
     still = _render(view, (0.0, 0.0), stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
                     cache, lambda share: tell(part * share))  # fmt: skip
     moved = None
@@ -218,7 +218,8 @@ class _Pictures:
         self._exposures = hdr_flip_exposures(lit) if lit.any() else None
 
     def measure(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
-        """Values of all measures but those of frames, and the FLIP map of the whole picture, 0 off the interior."""
+        """Values of all measures except the measures of frames, and the FLIP map of the whole picture, 0 off the
+        interior."""
         flip = np.zeros(self._interior.shape, np.float32)
         if self._empty:
             return {name: math.nan for name, each in MEASURES.items() if each.needs != "frames"}, flip

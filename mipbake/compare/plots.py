@@ -1,4 +1,4 @@
-"""Three figures of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
+"""Three plots of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
 change under a half-pixel shift (figure 6) and apparent BRDF (figure 8)."""
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mipbake.render import texture_space
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
-"""Samples a pixel of a temporal slice's reference, both halves together."""
+"""Samples for each pixel in the reference of a temporal slice, both halves together."""
 
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
@@ -80,8 +80,8 @@ def temporal_slice(
     )
     caption = (
         f"The same column of pixels of {frames} frames, side by side, while a plane turns by 0.1 degrees a frame. "
-        "Level of detail 0 at the bottom, 1 at the top. Smooth streaks are steady in motion; grain and breaks in them "
-        f"shimmer. The reference has {passes} samples a pixel."
+        "Level of detail 0 is at the bottom, and 1 is at the top. Smooth streaks are steady in motion; grain and "
+        f"breaks in them shimmer. The reference has {passes} samples per pixel."
     )
     reference = np.asarray((first + second) / 2, np.float32)
     return Slice(Plot("temporal-slice", "Temporal slice of a slow rotation", caption, reference, images), figures)
@@ -94,9 +94,9 @@ def half_pixel_shift(change: Change) -> Plot:
     inside = change.interior[..., None]
     factor = _factor(np.abs(change.reference)[change.interior])
     caption = (
-        "Absolute change of linear radiance when the picture moves by half a pixel, "
-        f"times {factor:g} in all images; black is no change. Brighter than the reference shimmers, darker is blurred. "
-        f"{change.scene.title}."
+        f"Absolute change of linear radiance when the picture moves by half a pixel, times {factor:g} in all images; "
+        "black is no change. Where an image is brighter than the reference, it shimmers; where it is darker, it is "
+        f"blurred. {change.scene.title}."
     )
 
     def shown(signed: Image) -> Image:
@@ -160,10 +160,10 @@ def apparent_brdf(
     }
     height, width = stored.shape[:2]
     caption = (
-        f"Reflection of one pixel at lod {lod:g} (column {int(u % 1 * width)}, row {int(v % 1 * height)} of level 0) "
-        "by direction of the light, seen from straight above: in the middle light comes from above, at the rim from "
-        f"the horizon. The BRDF times the cosine, times {factor:g} in all images. A stack has one lobe a texel; a "
-        "pixel of several lobes is beyond any of them."
+        f"Light that one pixel reflects at lod {lod:g} (column {int(u % 1 * width)}, row {int(v % 1 * height)} of "
+        "level 0) for every direction of the light, seen from straight above. In the middle the light comes from "
+        f"above, at the rim it comes from the horizon. All images show the BRDF times the cosine, times {factor:g}. A "
+        "texel of a stack has one lobe, so no stack can show a pixel that needs several lobes."
     )
     return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
 
@@ -197,7 +197,8 @@ def _worst(
 
 
 def _factor(values: NDArray[np.floating]) -> float:
-    """To two digits, what scales bright values (the 99.5th percentile of their brightest channel) to _BRIGHT."""
+    """The factor, to two digits, that scales bright values (the 99.5th percentile of their brightest channel) to
+    _BRIGHT."""
     bright = float(np.percentile(values.max(-1), 99.5)) if values.size else 0.0
     if bright <= 0:
         return 1.0

@@ -36,9 +36,9 @@ def chosen_ranges(
 ) -> Ranges:
     """The ranges with which the normals of a stack cost the least.
 
-    A small scale resolves small slopes finely and steep normals coarsely, and lets these count less where texels are
-    filtered; which of it shows depends on the material. So several scales are tried, on the middle of larger sets, and
-    the one stays whose greater loss, near the mirror and over the hemisphere, is the smallest.
+    A small scale resolves small slopes finely and steep normals coarsely, and lets steep normals count less where
+    texels are filtered; which effect shows depends on the material. So several scales are tried, on the middle of
+    larger sets, and the one stays whose greater loss, near the mirror and over the hemisphere, is the smallest.
 
     Args:
         texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
@@ -65,7 +65,7 @@ def chosen_ranges(
 
 
 def _scales(stack: MipStack) -> list[float]:
-    """Those that are tried, from 1 down, none near another."""
+    """The scales that are tried, from 1 down, none near another."""
     within = [scale_within(stack.levels, stack.model, share) for share in _SHARES]
     scales = [1.0]
     for scale in sorted([*within, *(round(factor * within[-1], 6) for factor in _BEYOND)], reverse=True):

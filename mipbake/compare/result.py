@@ -23,7 +23,8 @@ SCALES: Mapping[str, tuple[float, float]] = {
 """Name and range of levels of detail of every scale; a set with fewer levels has `far` at its last one."""
 
 SNR_GAIN = "snr-gain"
-"""Measure of a figure that is the subject's SNR minus that of the figure's method, over the same light-view pairs."""
+"""Measure of a figure that is the subject's SNR minus the SNR of the figure's method, over the same light-view
+pairs."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Scene:
         lod: median level of detail of the covered pixels.
         resolution: (height, width).
         lighting: its name.
-        passes: samples a pixel of the reference.
+        passes: samples for each pixel of the reference.
         standard_error: of the reference; candidate_error: of the best candidate; both root mean squares of radiance.
         converged: whether the first is at most the wanted share of the second.
     """
@@ -108,7 +109,7 @@ class Rendered:
         scene: what they show.
         reference: the mean of the reference's halves.
         images: method name to candidate.
-        interior: (H, W) bool, pixels that lie wholly on the mesh: those that figures are of.
+        interior: (H, W) bool, pixels that lie wholly on the mesh; figures are taken over these.
         flip: method name to (H, W) float32 FLIP error, 0 to 1, of the displayed images.
     """
 
@@ -119,13 +120,13 @@ class Rendered:
     flip: Mapping[str, NDArray[np.float32]]
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Rendered({self.scene.name!r}, {', '.join(self.images)})"
 
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """One of the paper's figures for this material: an image for each method and one of the reference.
+    """One of the paper's plots for this material: an image for each method and an image of the reference.
 
     Args:
         name: `temporal-slice` (figure 4), `half-pixel-shift` (figure 6) or `apparent-brdf` (figure 8).
@@ -140,7 +141,7 @@ class Plot:
     images: Mapping[str, Image]
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Plot({self.name!r}, {', '.join(self.images)})"
 
 
@@ -149,7 +150,7 @@ class Comparison:
     """Everything that a comparison found.
 
     Args:
-        name: the texture set's.
+        name: name of the texture set.
         subject: name of the method that the verdict is about: the opened stack, else what comes first.
         model, pixel_filter: of the stacks.
         methods: what was compared, the subject first.
@@ -181,7 +182,7 @@ class Comparison:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Comparison({self.name!r}, {self.model}: {', '.join(method.name for method in self.methods)})"
 
     def figure(self, method: str, measure: str, view: str, scale: str) -> Figure:
@@ -193,7 +194,7 @@ class Comparison:
         return _only(self.curve, (method, measure, view, lod), ("method", "measure", "view", "lod"))
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the images, in plain types."""
+        """The comparison in plain types, without the images."""
         return {
             "name": self.name,
             "subject": self.subject,
@@ -215,7 +216,7 @@ class Comparison:
 
 
 def file_stem(*names: str) -> str:
-    """Names of scenes and methods as a part of a file's name: what is no letter or digit becomes a hyphen."""
+    """Names of scenes and methods as a part of a file's name: what is not a letter or digit becomes a hyphen."""
     return "--".join(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image" for name in names)
 
 

@@ -27,10 +27,10 @@ EXPOSURE = 1.5
 fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
 
 SMALLEST = 16
-"""Pixels a side that a view has at least; SSIM's window takes 11."""
+"""Least pixels along each side of a view; the window of SSIM takes 11."""
 
 _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
-_FILLED = 0.94  # of the picture's half height by the sphere's radius
+_FILLED = 0.94  # share of the picture's half height that the sphere's radius fills
 _BOTTOM = 35.0  # degrees below the horizon of the lowest row of the plane
 _MESH_ANGLE = 30.0
 _MESH_FROM = (25.0, 15.0)  # azimuth and elevation, degrees
@@ -66,7 +66,7 @@ class View:
         if min(self.resolution) < SMALLEST:
             raise UsageError(
                 f"view {self.name} is {self.resolution[1]} x {self.resolution[0]} pixels: expected at least "
-                f"{SMALLEST} a side, the window of SSIM takes 11"
+                f"{SMALLEST} along each side, because the window of SSIM takes 11"
             )
 
 
@@ -126,7 +126,7 @@ def mesh_views(
     EXPOSURE.
 
     Raises:
-        InputError: a mesh without extent, or one of which nothing is seen.
+        InputError: a mesh without extent, or a mesh that cannot be seen.
         UsageError: a resolution below SMALLEST.
     """
     low, high = mesh.bounds()
@@ -167,7 +167,7 @@ def median_lod(mesh: Mesh, camera: Camera, resolution: tuple[int, int], size: tu
 
 def _spheres(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Iterator[View]:
     height, width = size
-    # Seen from outside the sphere's outline stands at the tangent's angle, not at that of its poles.
+    # From outside, the outline of the sphere is seen at the angle of the tangent, not at the angle of its poles.
     angle = math.atan(_FILLED * math.tan(math.radians(_SPHERE_ANGLE) / 2) * min(1.0, resolution[1] / resolution[0]))
     camera = orbit(1 / math.sin(angle), 0.0, 12.0, field_of_view=_SPHERE_ANGLE)
     once = shapes.sphere(repeat=(2 * height / width, 1.0))  # twice as far around as from pole to pole

@@ -1,12 +1,12 @@
 """Measures in texture space, of many candidates at once: every pixel covers 2^lod texels, lit by single directions.
 
-All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so what
-differs between them is theirs. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
+All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so
+whatever differs is a difference of the candidates. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
 
     (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
 
 what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
-those of `mipbake.metrics.snr_sums` and `flicker_sums`.
+the sums of `mipbake.metrics.snr_sums` and `flicker_sums`.
 
 Light-view pairs are measured in blocks of 64, and every block has surface points of its own. So 1,024 pairs cost no
 more than 64 pairs at as many points, and no figure hangs on how 64 pairs happened to fall.
@@ -58,7 +58,7 @@ _LEAST_CHANGE_POINTS = 1024
 _TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
 
 StageProgress = Callable[[str, float], None]
-"""Told the name of the stage and its finished share, from 0 to 1."""
+"""Is told the name of the stage and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""
@@ -141,7 +141,7 @@ def measure(
     flicker. The tonemapped error takes the mean of both estimates, and counts its noise as error.
 
     For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
-    that noise in one estimate is no change that the other one knows of. Where the set has few pixels at a level of
+    that noise in one estimate is not a change in the other estimate as well. Where the set has few pixels at a level of
     detail, fewer points take many more samples each: the reference hardly changes there, and its noise must be less.
 
     Args:
@@ -210,7 +210,7 @@ def measure(
 
 
 _Collected = dict[tuple[str, str, float], list[Sums]]
-"""Measure, method and level of detail to what the pairs of every block add: those of one set after the other."""
+"""Measure, method and level of detail to what the pairs of every block add, one pair set after the other."""
 
 _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
     "snr": snr_interval,
@@ -316,7 +316,7 @@ def _in_motion(
 ) -> None:
     """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
 
-    Sums are those of one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
+    Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
     them.
     """
     height, width = scene.stored.shape[:2]
@@ -343,7 +343,7 @@ def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
 
 
 def _displayed(radiance: Radiance) -> NDArray[np.float64]:
-    """Of the tonemapped error: x / (1 + x), sRGB-encoded. A filter's negative lobes may undershoot 0."""
+    """x / (1 + x), sRGB-encoded, for the tonemapped error. A filter's negative lobes may undershoot 0."""
     lit = np.maximum(radiance, 0)
     return srgb_encode(lit / (1 + lit))
 
@@ -369,5 +369,5 @@ def _a_block(points: int) -> int:
 
 
 def _steps(low: float, high: float) -> tuple[float, ...]:
-    """From low to high, both included, in steps of STEP."""
+    """Numbers from low to high, both included, in steps of STEP."""
     return tuple(dict.fromkeys((*(float(lod) for lod in np.arange(low, high, STEP)), high)))

@@ -134,7 +134,7 @@ class Turning:
         return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views
 
     def _frames(self) -> Array:
-        """(frames, 3, 3): rows t, b and n in the world, of which u grows along t and v along -b."""
+        """(frames, 3, 3): rows t, b and n in the world; u grows along t and v along -b."""
         c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))
         t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
         return np.stack([np.stack(each, -1) for each in (t, b, n)], 1)

@@ -26,8 +26,8 @@ WORST_DIP = 2.0
 """dB by which a lookup between two levels may be worse than at both of them: more is a defect of what made them."""
 
 LEAST_SNR = 3.0
-"""dB that both levels have where a dip counts. Where the error is as great as what is to be seen, as that of plain
-averages of bumpy gloss is, a lookup between levels may well be worse than at both."""
+"""dB that both levels have where a dip counts. Where the error is as great as what is to be seen, as with plain
+averages of bumpy gloss, a lookup between levels may well be worse than at both."""
 
 SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets, in a sentence."""
@@ -102,8 +102,8 @@ def measure_written(
     where both the SNR of all pairs and the mean SNR of groups of them have it.
 
     Args:
-        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
-        stack: that was written.
+        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.opacity.shown`).
+        stack: the stack that was written.
         levels: (H_L, W_L, C) stored channels that the files hold, finest first.
         progress: moved by every level of detail.
     """

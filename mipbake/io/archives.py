@@ -28,7 +28,7 @@ GLTF, MATERIALX = (".gltf", ".glb"), ".mtlx"
 
 MOST_FILES = 10_000
 MOST_BYTES = 64 << 30
-"""Of an archive when unpacked."""
+"""Bytes that an archive may have when it is unpacked."""
 
 SURELY_FINE = 1 << 30
 MOST_RATIO = 100
@@ -107,7 +107,7 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
     """What of an archive is read; nothing is unpacked.
 
     Raises:
-        InputError: it is no ZIP archive, is encrypted, holds nothing to read or too much, or has a member that would
+        InputError: it is not a ZIP archive, is encrypted, holds nothing to read or too much, or has a member that would
             lie elsewhere or is a link.
     """
     try:
@@ -115,7 +115,7 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
             every = opened.infolist()
         size = path.stat().st_size
     except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no ZIP archive, or is damaged ({error}): download it again") from error
+        raise InputError(f"{path} is not a ZIP archive, or is damaged ({error}): download it again") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
     if len(every) > MOST_FILES:
@@ -133,8 +133,8 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
     unpacked = sum(member.file_size for member in found)
     if unpacked > MOST_BYTES or unpacked > max(SURELY_FINE, MOST_RATIO * size):
         raise InputError(
-            f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no set of textures does, so it is "
-            "not unpacked; unpack it yourself and give the folder if it is one"
+            f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no texture set grows so much, so "
+            "it is not unpacked; if it is a texture set, unpack it yourself and give the folder"
         )
     return found
 
@@ -161,7 +161,7 @@ def _is_hidden(member: zipfile.ZipInfo) -> bool:
 
 
 def _place(member: zipfile.ZipInfo) -> PurePosixPath:
-    """Of a member in its archive; old programs of Windows wrote backslashes."""
+    """The place of a member in its archive; old programs of Windows wrote backslashes."""
     return PurePosixPath(member.filename.replace("\\", "/"))
 
 
@@ -178,7 +178,7 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
         if needed > free:
             raise OutputError(
                 f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder} has {free / 1e9:.2f}: make room, "
-                "or set the environment variable TMPDIR to a folder that has"
+                "or set the environment variable TMPDIR to a folder with enough space"
             )
         with zipfile.ZipFile(path) as opened:
             for member in members:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 _INLINE = 1 << 15
 """So many texels are encoded sooner (0.02 s) than a process starts."""
 
-# Without the working directory: files of the user's are no modules.
+# Without the working directory: files of the user are not modules.
 _WORKER = """
 import sys
 sys.path[:] = [entry for entry in sys.path if entry]
@@ -79,8 +79,8 @@ def _here(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
 def _opaque(blocks: bytes, level: NDArray[np.generic]) -> bytes:
     """Blocks of opaque texels with an alpha of 1, which etcpak leaves at 254 / 255 in some of mode 6.
 
-    There the last bit of an end is that of all its channels: it is set, and of the odd colours beside those that were
-    meant the better are taken.
+    In mode 6 all channels of an end share their last bit: it is set, and each colour becomes the better of the odd
+    values beside it.
     """
     data = np.frombuffer(blocks, np.uint8).reshape(-1, 16)
     rows, columns = level.shape[0] // 4, level.shape[1] // 4

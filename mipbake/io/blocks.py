@@ -1,7 +1,8 @@
 """Texels to the bytes that graphics cards sample and back: plain, half-float and block-compressed.
 
-Blocks are 4 x 4 texels; a level whose sides are no multiples of 4 is continued by its last row and column, which nobody
-samples. The encoders are those of other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal (UASTC).
+Blocks are 4 x 4 texels; a level whose sides are not multiples of 4 is continued by its last row and column, which
+nobody samples. The encoders come from other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal
+(UASTC).
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def from_blocks(texture: GpuTexture) -> list[Texels]:
 
 
 def widened(level: Texels, channels: int) -> Texels:
-    """With as many channels: one fills all colours, a second colour is followed by 0, alpha is 1."""
+    """Texels with so many channels: one fills all colours, a second colour is followed by 0, alpha is 1."""
     count = level.shape[2]
     if count >= channels:
         return level

@@ -1,4 +1,4 @@
-"""Which file of a folder fills which role: candidates by name, preferences among them, and the user's choices."""
+"""Which file of a folder fills which role: matches by name, preferences among them, and the user's choices."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Candidate:
 
 
 def _name_of(folder: Path) -> str:
-    """A set's name: that of its folder; of a `textures` folder that of its parent."""
+    """The name of a set: the name of its folder, or of the folder around a `textures` folder."""
     resolved = disk.resolved(folder)
     name = resolved.parent.name if resolved.name.lower() == "textures" else ""
     return safe_name(name or resolved.name, "texture_set")
@@ -96,7 +96,7 @@ def refuse_baked(folder: Path) -> None:
 
 
 def _manifest(file: Path, schema: str) -> dict[str, Any] | None:
-    """A manifest of that schema; None where the file is none."""
+    """A manifest of that schema; None where the file is not one."""
     try:
         manifest = parsed(disk.read_bytes(file))
     except (InputError, ValueError):
@@ -110,12 +110,12 @@ def is_map(file: Path) -> bool:
 
 
 def is_textures(folder: Path) -> bool:
-    """Whether a folder is called so that its maps are those of the folder around it."""
+    """Whether the name of a folder says that its maps belong to the folder around it."""
     return folder.name.lower() == "textures"
 
 
 def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
-    """Candidates for every role but those `settled` by option, and the files that are candidates for none."""
+    """Matches for every role except the roles `settled` by option, and the files that match no role."""
     candidates: dict[str, list[Candidate]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
@@ -211,8 +211,8 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
 
 
 def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
-    """The one candidate of the best rank; of a NormalGL and NormalDX pair the OpenGL one, or what the option says; of
-    variants the first."""
+    """The one match of the best rank; of NormalGL and NormalDX the OpenGL map, or what the option says; of variants the
+    first."""
     best = min(c.meaning.rank for c in several)
     first = [c for c in several if c.meaning.rank == best]
     paired = role == "normal" and len(first) == 2 and {c.meaning.convention for c in first} == {"opengl", "directx"}
@@ -229,8 +229,8 @@ def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, lo
     if len(first) > 1:
         names = " and ".join(c.header.path.name for c in first)
         raise InputError(
-            f"{names} are both candidates for {role}: choose one with --map {role}=FILE (maps in Python), or give "
-            "each set its own folder"
+            f"{names} all match {role}: choose one with --map {role}=FILE (maps in Python), or give each set its own "
+            "folder"
         )
     return first[0]
 

@@ -45,11 +45,11 @@ def encoded(texture: GpuTexture) -> bytes:
 def decoded(data: bytes, name: str) -> GpuTexture:
     """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
     if data[:4] != _MAGIC or len(data) < 4 + _HEADER.size + _DX10.size:
-        raise InputError(f"{name} is no DDS file with a Direct3D 10 header")
+        raise InputError(f"{name} is not a DDS file with a Direct3D 10 header")
     fields = _HEADER.unpack_from(data, 4)
     height, width, count, four_cc = fields[2], fields[3], max(1, fields[6]), fields[10]
     if four_cc != int.from_bytes(b"DX10", "little"):
-        raise InputError(f"{name} has an older DDS header: expected one of Direct3D 10")
+        raise InputError(f"{name} has an older DDS header: expected the header of Direct3D 10")
     dxgi, dimension, flags, layers, _ = _DX10.unpack_from(data, 4 + _HEADER.size)
     made = next((each for each in GPU_FORMATS.values() if dxgi and each.dxgi == dxgi), None)
     if made is None:
@@ -57,7 +57,7 @@ def decoded(data: bytes, name: str) -> GpuTexture:
         raise InputError(f"{name} has the DXGI format {dxgi}: expected one of {known}")
     most = max(width, height).bit_length()
     if dimension != _TEXTURE_2D or flags & _CUBE or layers != 1 or not (width and height) or count > most:
-        raise InputError(f"{name} is no single two-dimensional texture with its levels")
+        raise InputError(f"{name} is not a single two-dimensional texture with its levels")
     at, levels = 4 + _HEADER.size + _DX10.size, []
     for index in range(count):
         size = made.level_size(*level_size(width, height, index))

@@ -41,7 +41,7 @@ class TextureMap:
     source: MapSource
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width, channels = self.pixels.shape
         origin = self.source.path.name if self.source.path else self.source.reason
         return f"TextureMap({self.source.role}, {width} x {height} x {channels}, {origin})"
@@ -77,7 +77,10 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
         warnings += tuple(doubts)
     if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
         top = np.iinfo(stored.dtype.name).max
-        warnings += (f"{image.header.path.name}: its values are 0 and 1 of {top}, next to nothing: is 1 meant as all?",)
+        warnings += (
+            f"{image.header.path.name}: its values are 0 and 1 of {top}, which is almost nothing: does 1 stand for the "
+            "maximum?",
+        )
     if source.inverted:
         pixels = np.float32(1) - pixels
     return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
@@ -92,7 +95,8 @@ def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
 
 
 def scaled(pixels: Pixels, role: str, factor: float) -> Pixels:
-    """Values of a role times a factor, within the role's range; of normals x and y are scaled, then they are unit."""
+    """Values of a role times a factor, within the role's range; x and y of normals are scaled, then normals are made
+    unit."""
     if role == "normal":
         return normalised(pixels * np.array([factor, factor, 1], np.float32))
     least, most = _RANGES.get(role, (-np.inf, np.inf))
@@ -152,7 +156,7 @@ def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) 
     variance: Pixels | None = None
     warnings: tuple[str, ...] = ()
     if decoded.length is not None and normal_length == "roughness":
-        # What is no normal tells nothing of how normals spread.
+        # What is not a normal tells nothing of how normals spread.
         length = np.where(holes(decoded.vectors, decoded.length), np.float32(1), decoded.length)
         variance = lost_variance(length, length_resolution(source.depth))
         mean = float(variance.mean(dtype=np.float64))
@@ -180,7 +184,7 @@ def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
     if values.shape[-1] == 1 or (not source.channels_named and _is_grey(values)):
         out[..., 0], out[..., 1] = 1, 0
         label = source.path.name if source.path else source.role
-        source = replace(source, notes=(*source.notes, f"{label}: is grey, taken as the strength along +X"))
+        source = replace(source, notes=(*source.notes, f"{label}: it is grey, and is taken as the strength along +X"))
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
     np.clip(values[..., -1], 0, 1, out=out[..., 2])

@@ -130,7 +130,7 @@ def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: L
     if role == "roughness" and options.roughness_is_gloss is not None:
         inverted = options.roughness_is_gloss
     if inverted:
-        log.notes.append(f"{header.path.name}: gloss, inverted to roughness")
+        log.notes.append(f"{header.path.name}: it holds gloss, which is inverted to roughness")
     if header.subimages > 1:
         log.warnings.append(f"{header.path.name} holds {header.subimages} images: only the first is read")
     return MapSource(
@@ -162,7 +162,7 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
         return DATA
     if asked is not None:
         if named not in (None, asked):
-            log.warnings.append(f"{name}: its name says {told}, the {options.origin} says {asked} and is followed")
+            log.warnings.append(f"{name}: its name says {told}, the {options.origin} says {asked}, which is followed")
         return asked
     if named is not None:
         what = f"{told}, taken as {named}" if told == RAW else named
@@ -179,7 +179,7 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
 
 
 def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:
-    """Channels that no role takes, beside others that are taken: of packed files, and the alpha of normal maps."""
+    """Channels that no role takes, beside channels that are taken: in packed files, and the alpha of normal maps."""
     carried: dict[str, MapSource] = {}
     for path, header in headers.items():
         if sources["metallic"].converted and path == sources["metallic"].path:
@@ -243,7 +243,8 @@ def _check_complete(
 def _check_colour(
     sources: Mapping[str, MapSource], options: LoadOptions, folder: Path, unread: Sequence[IgnoredFile]
 ) -> None:
-    """InputError for a set without a base colour that holds images without a role: one of them may be it."""
+    """InputError for a set without a base colour that holds images without a role: one of them may be the base
+    colour."""
     if "base_color" in (*sources, *options.maps) or options.origin == "document" or not unread:
         return
     first = unread[0].path.name
@@ -283,7 +284,7 @@ def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> Norm
         if source.convention not in (None, options.normal_convention):
             log.warnings.append(
                 f"{source.path.name}: its name says {spoken(source.convention)}, the {options.origin} says "
-                f"{spoken(options.normal_convention)} and is followed"
+                f"{spoken(options.normal_convention)}, which is followed"
             )
         return NormalConvention(options.normal_convention, options.origin, 1.0)
     if source.convention is not None:

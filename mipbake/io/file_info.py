@@ -19,7 +19,7 @@ from mipbake.io.oiio_levels import ABOUT, reader
 from mipbake.io.read import PNG_SIGNATURE, check_png
 
 _PNG_HEAD = 128
-"""Bytes that hold the first chunks of a PNG file, of which that of the colour space is one."""
+"""Bytes that hold the first chunks of a PNG file, among them the chunk of the colour space."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ImageInfo:
     Args:
         name: that the document gives it, else its number.
         mime: media type that its bytes have.
-        texels, colour_space, levels: as those of a `FileInfo`; empty for anything but KTX 2.
+        texels, colour_space, levels: the same as in a `FileInfo`; empty for anything but KTX 2.
         bytes: of the image.
     """
 
@@ -136,7 +136,7 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
 
 
 def _holds(entry: Mapping[str, Any]) -> str:
-    """What the channels of a file hold, those of one map together."""
+    """What the channels of a file hold; channels of one map are named together."""
     parts: list[tuple[str, str]] = []
     for channel in entry.get("channels", ()):
         role = str(channel["map"]) or str(channel["meaning"])
@@ -164,7 +164,7 @@ def file_info(path: Path) -> FileInfo:
     if start == ktx2.IDENTIFIER:
         return _ktx2(path)
     if path.suffix.lower() == ".ktx2":
-        raise InputError(f"{path} is no KTX 2 file: it does not begin like one; bake or download it again")
+        raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
     if start.startswith(b"DDS "):
         return _gpu(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
     if start.startswith(container.MAGIC) or path.suffix.lower() in (".gltf", ".glb"):

@@ -1,4 +1,4 @@
-"""`ktx2` and `dds`: one file a map with every level, as graphics cards sample it."""
+"""`ktx2` and `dds`: one file for each map with every level, as graphics cards sample it."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _FORMATS = {
 
 
 class GpuFile:
-    """A KTX 2 or DDS file a map.
+    """A KTX 2 or DDS file for each map.
 
     Args:
         name: "ktx2" or "dds".
         texels: "bc": BC4, BC5 and BC7 by the number of channels; "bc1": BC1 in place of BC7 where there is no alpha
             channel; "uastc"; "rgba8"; "rgba16f", half floats with colours linear Rec.709. Colours are sRGB-encoded in
-            all others. One channel fills red, green and blue where a format has more.
+            all other formats. One channel fills red, green and blue where a format has more.
     """
 
     complete = False
@@ -46,8 +46,8 @@ class GpuFile:
     def __init__(self, name: str, texels: str) -> None:
         self.name, self.texels = name, texels
         self.summary = {
-            "ktx2": "one KTX 2 file a map, supercompressed with Zstandard",
-            "dds": "one DDS file a map, with the header of Direct3D 10",
+            "ktx2": "one KTX 2 file for each map, supercompressed with Zstandard",
+            "dds": "one DDS file for each map, with the header of Direct3D 10",
         }[name]
         self.exact = texels in ("rgba8", "rgba16f")
         self.encodings = ENCODINGS if texels == "rgba16f" else ENCODINGS - {LOG}

@@ -41,10 +41,10 @@ class GpuFormat:
     """What the bytes of a level are.
 
     Args:
-        name: that Vulkan has, without its prefix.
+        name: the name in Vulkan, without its prefix.
         vulkan, dxgi: VkFormat and DXGI_FORMAT; 0 where there is none, since it is transcoded before it is sampled.
         unit: bytes in which endianness matters.
-        model: colour model of the descriptor. samples: of it.
+        model: colour model of the descriptor. samples: samples of the descriptor.
         side: texels of a block's side. block: bytes of a block.
         srgb: whether colours are sRGB-encoded.
     """
@@ -113,7 +113,7 @@ _ALL = (
 )
 
 GPU_FORMATS: Mapping[str, GpuFormat] = {each.name: each for each in _ALL}
-"""Those that are written, by name."""
+"""The formats that are written, by name."""
 
 _ONLY_READ = (
     GpuFormat("R8_SRGB", 15, 0, 1, _RGBSDA, 1, 1, True, _unorm(1, True)),
@@ -126,7 +126,7 @@ _ONLY_READ = (
 )
 
 READ_FORMATS: Mapping[str, GpuFormat] = {**GPU_FORMATS} | {each.name: each for each in _ONLY_READ}
-"""Those that files of others may have, by name."""
+"""The formats that files of others may have, by name."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a user names as input: folders, files, lists of them, globs; and what kind of input each is."""
+"""What a user names as a source: folders, files, lists of them, globs; and the kind of each source."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ EXPECTED = "a folder of maps, a .gltf, .glb, .mtlx or .zip file, or tiles (<UDIM
 
 
 def expand(sources: Sequence[str]) -> list[Path]:
-    """The inputs that arguments stand for, in their order, each once.
+    """The sources that arguments stand for, in their order, each once.
 
-    An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds one a line, relative to its
-    folder, without empty lines and those that start with #; `@-` reads such a list from the standard input. An argument
-    or a line that exists nowhere and holds *, ? or [ is a glob: what it finds that could be an input, sorted; **
-    crosses folders.
+    An argument is a path. `@FILE` stands for the paths that a text file (UTF-8) holds, one on each line, relative to
+    its folder, without empty lines and lines that start with #; `@-` reads such a list from the standard input. An
+    argument or a line that exists nowhere and holds *, ? or [ is a glob: it stands for what it finds that could be a
+    source, sorted; ** crosses folders.
 
     Raises:
         InputError: an empty name, a list that cannot be read or is empty, or a glob that finds nothing.
@@ -49,10 +49,10 @@ def expand(sources: Sequence[str]) -> list[Path]:
 
 
 def kind(path: str | os.PathLike[str]) -> Kind:
-    """What an input is: by its suffix, or by the names of the files in a folder.
+    """What a source is: by its suffix, or by the names of the files in a folder.
 
     Raises:
-        InputError: it does not exist, or is a file that is none of them.
+        InputError: it does not exist, or is a file of another kind.
     """
     path = Path(path)
     if is_pattern(path):
@@ -71,7 +71,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         return "archive"
     if suffix in IMAGE_SUFFIXES:
         return "file"
-    raise InputError(f"{path} is no input: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
+    raise InputError(f"{path} is not a source: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
 
 
 def _listed(file: Path) -> list[Path]:
@@ -84,18 +84,18 @@ def _listed(file: Path) -> list[Path]:
             else disk.read_text_or_pipe(file, "a text file of paths")
         )
     except UnicodeDecodeError as error:
-        raise InputError(f"the list {name} is not UTF-8 text: expected one path a line") from error
+        raise InputError(f"the list {name} is not UTF-8 text: expected one path on each line") from error
     entries = [entry for line in text.splitlines() if (entry := line.strip()) and not entry.startswith("#")]
     if not entries:
-        raise InputError(f"the list {name} holds no path: expected one a line")
+        raise InputError(f"the list {name} holds no path: expected one on each line")
     return [path for entry in entries for path in _matches(entry, folder)]
 
 
 def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     if not entry:
-        raise InputError("a source has no name: expected a path, look where the empty one came from")
+        raise InputError("a source has no name: expected a path, look where the empty name came from")
     if "\0" in entry:
-        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can: expected a path")
+        raise InputError(f"the source {entry[:80]!r} holds a zero byte, which no name can hold: expected a path")
     path = folder / entry
     if os.path.lexists(path) or not any(c in entry for c in "*?["):
         return [path]
@@ -111,7 +111,7 @@ def _matches(entry: str, folder: Path = Path()) -> list[Path]:
     found = [match for match in matches if _could_be_input(match)]
     if not found:
         raise InputError(
-            f"{path} matches {matches[0]} and nothing to bake: expected folders of maps, documents or maps"
+            f"{path} matches {matches[0]} and nothing that can be baked: expected folders of maps, documents or maps"
         )
     return found
 
@@ -129,7 +129,7 @@ def _unreadable(pattern: str) -> list[Path]:
 
 
 def _could_be_input(path: Path) -> bool:
-    """Whether a match is meant: a document or a map by its suffix, or a folder but for those of other files alone."""
+    """Whether a match is meant: a document or a map by its suffix, or a folder that holds more than other files."""
     try:
         if not disk.is_dir(path):
             return path.suffix.lower() in (*GLTF, MATERIALX, SUFFIX, *IMAGE_SUFFIXES)
@@ -147,5 +147,5 @@ def _holds_tiles(folder: Path) -> bool:
         textures = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
         return bool(textures) and _holds_tiles(textures[0])
     tiles = tiles_of(maps)
-    # Numbers in the names of other pictures, years for one, are no tiles.
+    # Numbers in the names of other pictures, years for one, are not tiles.
     return any(interpretations(file.stem) for files in tiles.values() for file in files)

@@ -11,11 +11,11 @@ def parsed(text: str | bytes) -> Any:
     """What a JSON text in UTF-8 holds; every number is finite.
 
     Raises:
-        ValueError: it is no JSON, NaN, Infinity and numbers beyond a float's range included, or is nested too deeply.
+        ValueError: it is not JSON, as with NaN, Infinity and numbers beyond a float's range, or is nested too deeply.
     """
 
     def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is no number in JSON")
+        raise ValueError(f"{constant} is not a number in JSON")
 
     def number_of(digits: str) -> float:
         if not math.isfinite(value := float(digits)):
@@ -26,4 +26,4 @@ def parsed(text: str | bytes) -> Any:
     try:
         return json.loads(text, parse_constant=refuse, parse_float=number_of)
     except RecursionError:
-        raise ValueError("its objects and arrays lie too deeply in each other") from None
+        raise ValueError("its objects and arrays are nested too deeply") from None

@@ -1,7 +1,7 @@
 """KTX 2.0 files: header, data format descriptor, key-value data and levels, written and read.
 
-The structure is that of the KTX File Format Specification 2.0; descriptors follow the Khronos Data Format Specification
-1.3. Levels come as the bytes that a GPU takes; how texels become those is the business of those who encode them.
+The structure follows the KTX File Format Specification 2.0; descriptors follow the Khronos Data Format Specification
+1.3. Levels come as the bytes that a GPU takes; the encoders turn texels into these bytes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NONE, ZSTANDARD = 0, 2
 """supercompressionScheme of levels: as they are, or a Zstandard stream each."""
 
 MOST = 65536
-"""Texels along a side; no graphics card has more, and a header that tells of more is broken."""
+"""Texels along a side; no graphics card has more, and a header that declares more is broken."""
 
 _ZSTANDARD_LEVEL = 15  # 18 is a third slower for 1 % less
 
@@ -75,7 +75,7 @@ def _descriptor(made: GpuFormat) -> bytes:
         struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
     )
     size = 24 + len(samples)
-    # KHR_texture_basisu wants the primaries of what is no colour unspecified.
+    # KHR_texture_basisu wants unspecified primaries for anything but colours.
     primaries = _BT709 if made.srgb or made.vulkan else _UNSPECIFIED
     transfer = _SRGB if made.srgb else _LINEAR
     basic = struct.pack("<IHH4B", 0, _DESCRIPTOR_VERSION, size, made.model, primaries, transfer, 0)
@@ -109,11 +109,11 @@ class Outline:
 
 
 def outline(data: bytes, name: str) -> Outline:
-    """What the header of a file tells; InputError, which calls it `name`, where it is none or broken."""
+    """What the header of a file tells; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
     try:
         head = _head(data, name)
     except struct.error as error:
-        raise InputError(f"{name} ends within its header: it is no complete KTX 2 file") from error
+        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
     _check_size(head, name, 0)  # 0 levels are to be made by who loads the file
     other = _MODELS.get(head.model, f"colour model {head.model}") if not head.vulkan else f"Vulkan format {head.vulkan}"
     return Outline(
@@ -156,7 +156,7 @@ class _Head:
 
 def _head(data: bytes, name: str) -> _Head:
     if data[: len(IDENTIFIER)] != IDENTIFIER:
-        raise InputError(f"{name} is no KTX 2 file: it does not begin like one")
+        raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
     vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
     descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
     model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
@@ -169,12 +169,14 @@ def _head(data: bytes, name: str) -> _Head:
 def _check_size(head: _Head, name: str, least: int) -> None:
     """InputError where no texture is so large, or has so many levels, `least` or more."""
     if not head.width or not head.height:
-        raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")
+        raise InputError(
+            f"{name} is not a single two-dimensional texture: expected one without layers, faces and depth"
+        )
     if max(head.width, head.height) > MOST:
-        raise InputError(f"{name} tells of {head.width} x {head.height} texels: expected {MOST} along a side at most")
+        raise InputError(f"{name} declares {head.width} x {head.height} texels: expected {MOST} along a side at most")
     most = max(head.width, head.height).bit_length()
     if not least <= head.count <= most:
-        raise InputError(f"{name} tells of {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
+        raise InputError(f"{name} declares {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
 
 
 @dataclass(frozen=True)
@@ -190,11 +192,11 @@ class StoredTexture:
 
 
 def stored(data: bytes, name: str) -> StoredTexture:
-    """What is in a file, nothing inflated; InputError as for `decoded`, but for streams that are broken."""
+    """What is in a file, nothing inflated; InputError as for `decoded`, except for streams that are broken."""
     try:
         return _stored(data, name)
     except struct.error as error:
-        raise InputError(f"{name} ends within its header: it is no complete KTX 2 file") from error
+        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
 
 
 def decoded(data: bytes, name: str) -> GpuTexture:
@@ -216,7 +218,9 @@ def _stored(data: bytes, name: str) -> StoredTexture:
             f"{', '.join(READ_FORMATS)}"
         )
     if head.several:
-        raise InputError(f"{name} is no single two-dimensional texture: expected one without layers, faces and depth")
+        raise InputError(
+            f"{name} is not a single two-dimensional texture: expected one without layers, faces and depth"
+        )
     _check_size(head, name, 1)
     if head.scheme not in (NONE, ZSTANDARD):
         raise InputError(f"{name} has the supercompression scheme {head.scheme}: expected 0 (none) or 2 (Zstandard)")
@@ -250,7 +254,7 @@ def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(stored) as stream:
             level = bytes(stream.read(size + 1))
     except zstandard.ZstdError as error:
-        raise InputError(f"level {index} of {name} is no Zstandard stream ({error})") from error
+        raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
     if len(level) != size:
         found = f"more than {size}" if len(level) > size else str(len(level))
         raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")

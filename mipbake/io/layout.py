@@ -35,11 +35,11 @@ COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG = "colour", "unit", "inverted", "si
 a DirectX normal map; `log`: the value itself, a logarithm that only float containers hold."""
 
 ENCODINGS = frozenset({COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG})
-"""All of them."""
+"""All encodings."""
 
 
 def manifest_name(tile: int) -> str:
-    """The file that declares everything about the stack of a UDIM tile, or, for 0, of what is none."""
+    """The file that declares everything about the stack of a UDIM tile, or, for 0, about a stack that is not a tile."""
     return f"stack.{tile}.json" if tile else MANIFEST
 
 
@@ -119,7 +119,8 @@ class FileLayout:
 
     @property
     def is_colour(self) -> bool:
-        """Whether the file is a colour image, which integer containers store sRGB-encoded, but for an alpha channel."""
+        """Whether the file is a colour image, which integer containers store sRGB-encoded, except for an alpha
+        channel."""
         return self.channels[0].encoding == COLOUR
 
 

@@ -1,4 +1,4 @@
-"""Unfinished work beside a target: how it is named, who is at work on it, and what becomes of it when nobody is.
+"""Unfinished work beside a path: how it is named, who is at work on it, and what becomes of it when nobody is.
 
 `.NAME.1a2b3c4d.partial` will be NAME when it is complete, or is what NAME has replaced: nobody needs it once its
 process is gone. `.NAME.1a2b3c4d.old` is an earlier NAME that was moved aside: where there is no NAME, it is the only
@@ -36,7 +36,7 @@ def unfinished() -> list[Path]:
 
 
 def name_beside(target: Path, suffix: str) -> Path:
-    """A new name beside a target for unfinished work on it."""
+    """A new name beside a path for unfinished work on it."""
     return target.with_name(f".{target.name}.{secrets.token_hex(4)}{suffix}")
 
 
@@ -67,7 +67,7 @@ def kept(path: Path) -> Iterator[None]:
 
 
 def settle(target: Path) -> None:
-    """Removes what processes that are gone left beside a target, and gives an earlier result that was moved aside its
+    """Removes what processes that are gone left beside a path, and gives an earlier result that was moved aside its
     name back where nothing else has it."""
     with suppress(OSError):
         for path in target.parent.iterdir():

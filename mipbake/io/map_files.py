@@ -41,7 +41,7 @@ class MapFile:
     levels: Levels
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         height, width, channels = self.levels[0].shape
         kind = f"{self.container.name}:{self.container.texels}"
         return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"
@@ -113,13 +113,13 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
     files = []
     for name, entry in entries.items():
         if Path(name).name != name or name in ("", ".", ".."):
-            raise ValueError(f"{name!r} is no name of a file")
+            raise ValueError(f"{name!r} is not the name of a file")
         channels = tuple(
             FileChannel(str(c["map"]), int(c["index"]), str(c["kind"]), str(c["meaning"])) for c in entry["channels"]
         )
         for channel in channels:
             if channel.map and not channel.map.isidentifier():
-                raise ValueError(f"{channel.map!r} is no name of a map")
+                raise ValueError(f"{channel.map!r} is not the name of a map")
         layout = FileLayout(name, channels, bool(entry["shades"]))
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
@@ -209,9 +209,8 @@ def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[st
         return
     target = manifests[0].parent
     raise OutputError(
-        f"cannot write to {target}: it holds the {what} {listed(names)!r} of other source files "
-        f"({listed(earlier)}) than those to be read now; choose another output folder, or "
-        f"remove {target} if it is no longer needed"
+        f"cannot write to {target}: it holds the {what} {listed(names)!r} of other source files ({listed(earlier)}) "
+        f"than the files to be read now; choose another output folder, or remove {target} if it is no longer needed"
     )
 
 

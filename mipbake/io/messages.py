@@ -18,7 +18,7 @@ def listed(names: Iterable[object]) -> str:
 
 
 def told_by(geterror: Callable[[], str]) -> str:
-    """The first line of what OpenImageIO's `geterror` tells, which may quote bytes of a file that are no text."""
+    """The first line of what OpenImageIO's `geterror` tells, which may quote bytes of a file that are not text."""
     try:
         return one_line(geterror())
     except UnicodeDecodeError as error:

@@ -23,7 +23,7 @@ class MipExr(PlainTexels):
     """
 
     name = "exr"
-    summary = "one MIP-mapped OpenEXR file a map, colours linear"
+    summary = "one MIP-mapped OpenEXR file for each map, with linear colours"
     encodings = ENCODINGS
     complete = True
 

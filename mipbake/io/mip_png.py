@@ -22,7 +22,7 @@ class MipPng(PlainTexels):
     """
 
     name = "png"
-    summary = "one PNG file a map and level, colours sRGB-encoded"
+    summary = "one PNG file for each level of each map, with sRGB-encoded colours"
     encodings = ENCODINGS - {LOG}
     complete = False
 

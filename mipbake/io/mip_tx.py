@@ -1,4 +1,4 @@
-"""`tx`: one tiled, MIP-mapped TIFF a map, as renderers with OpenImageIO's texture system read them."""
+"""`tx`: one tiled, MIP-mapped TIFF for each map, as renderers with OpenImageIO's texture system read them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MipTx(PlainTexels):
     """
 
     name = "tx"
-    summary = "one tiled, MIP-mapped TIFF a map, as Arnold and other renderers read them"
+    summary = "one tiled, MIP-mapped TIFF for each map, as Arnold and other renderers read them"
     complete = False
 
     def __init__(self, texels: str = "half") -> None:

@@ -3,7 +3,7 @@
 A name is split at separators; trailing words about resolution, format, colour space or variant are dropped; what
 remains must END in a known word, so that `rusty_metal_02_diff_1k.jpg` is a base colour and `Metal007.png` is nothing.
 Words may be joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `basecolor` are one word. A
-long word counts where nothing sets it off, too: `woodcolor.png` is a base colour unless another file's name says so
+long word counts even where nothing sets it off: `woodcolor.png` is a base colour unless another file's name says so
 more clearly.
 """
 
@@ -80,7 +80,7 @@ _CONVENTIONS = {
 _PACKED_LETTERS = {"a": "occlusion", "o": "occlusion", "r": "roughness", "m": "metallic"}
 _PACKED_WORDS = "arm orm rma rmo mra mro"
 
-# Recognised, so that `specular_color` is no base colour and `coat_roughness` no roughness.
+# Recognised, so that `specular_color` is not a base colour and `coat_roughness` not a roughness.
 _UNUSED_OF = "specular spec sheen coat clearcoat subsurface sss transmission detail bent worldspace objectspace"
 _UNUSED_MAPS = "color colour normal normals roughness rough gloss map mask albedo"
 _UNUSED_WORDS = (
@@ -135,7 +135,7 @@ _TRAILING = re.compile(
 _GLUED_RESOLUTION = re.compile(r"(?<=[A-Za-z])\d{1,2}k$", re.IGNORECASE)
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _CHUNK = re.compile(r"[A-Za-z0-9]+")
-# Poliigon ends the names of all maps so, that of the metalness itself too.
+# Poliigon ends the names of all maps so, even the name of the metalness map.
 _WORKFLOW = re.compile(r"(?P<bare>.+)[ _-]\d{1,2}K[ _-]METALNESS", re.IGNORECASE)
 
 

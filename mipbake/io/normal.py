@@ -56,7 +56,7 @@ class Integrability:
 
 
 def decode_normals(pixels: NDArray[np.generic], path: Path) -> DecodedNormals:
-    """File values (H, W, C >= 2) to unit vectors; InputError when they are no tangent-space normals.
+    """File values (H, W, C >= 2) to unit vectors; InputError when they are not tangent-space normals.
 
     Values are n = 2 v - 1, unless a floating-point file stores signed components. Two channels, or three with a
     constant blue, hold x and y only: z = sqrt(1 - x^2 - y^2).

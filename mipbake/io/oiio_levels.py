@@ -122,7 +122,7 @@ def put(
 
 
 def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
-    """Closes a writer; the file is complete only when the last reference to it is gone, too.
+    """Closes a writer; the file is complete only when the last reference to the writer is gone as well.
 
     OSError or OutputError when that fails, whichever says more.
     """

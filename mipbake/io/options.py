@@ -58,9 +58,9 @@ class LoadOptions:
             roughness by the spread that the missing length stands for.
         roughness_is_gloss: True inverts the roughness map, False does not. None: the file's name decides.
         wrap: addressing along u and v, each "wrap" or "clamp".
-        name: of the set, safe as a folder name. None: that of the folder.
+        name: of the set, safe as a folder name. None: the name of the folder.
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
-            occlusion, anisotropy (its strength). That of normal scales x and y, before the vectors are made unit.
+            occlusion, anisotropy (its strength). The factor of normal scales x and y before the vectors are made unit.
         alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
         origin: who says all this, "option" or "document": a glTF or MaterialX file, where the user chose nothing.
     """
@@ -77,7 +77,7 @@ class LoadOptions:
     origin: str = "option"
 
     def __post_init__(self) -> None:
-        """UsageError when a value is none of those listed."""
+        """UsageError when a value is not in the list."""
         for role, choice in self.maps.items():
             _check_choice(role, choice)
         _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
@@ -91,7 +91,7 @@ class LoadOptions:
             if role not in FACTORED_ROLES:
                 raise UsageError(f"{role} takes no factor: expected one of {', '.join(FACTORED_ROLES)}")
             if not (math.isfinite(factor) and factor >= 0):
-                raise UsageError(f"the factor of {role} is {factor}: expected a number from 0 up")
+                raise UsageError(f"the factor of {role} is {factor}: expected 0 or more")
         if self.alpha_cutoff is not None and not 0 < self.alpha_cutoff <= 1:
             raise UsageError(f"alpha_cutoff is {self.alpha_cutoff}: expected a number above 0, up to 1")
 

@@ -29,7 +29,7 @@ _HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
 def check_target(target: Path, is_ours: IsOurs) -> None:
     """Raises OutputError when publishing to `target` cannot succeed; leaves nothing behind. Call it before long work.
 
-    What processes that were killed left beside `target` is removed, and an earlier result that one of them had moved
+    What killed processes left beside `target` is removed, and an earlier result that such a process had moved
     aside gets its name back. Permissions do not tell everything (read-only and virtual file systems, names that are
     too long), so the folders that are missing are made on trial, under a name of their own that no other process
     relies on.

@@ -74,7 +74,7 @@ def read_image(path: Path) -> Image:
     """Every texel of the first image in a file.
 
     Raises:
-        InputError: the file is no image, is damaged or cut short, or holds NaN or infinity.
+        InputError: the file is not an image, is damaged or cut short, or holds NaN or infinity.
     """
     data = disk.read_bytes(path)
     if data.startswith(PNG_SIGNATURE):
@@ -139,7 +139,7 @@ def _open(path: Path) -> OpenImageIO.ImageInput:
 
 
 def _check_name(path: Path) -> None:
-    """InputError for a name whose bytes are no UTF-8, which OpenImageIO cannot take."""
+    """InputError for a name whose bytes are not UTF-8, which OpenImageIO cannot take."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -13,7 +13,7 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)", re.IGNORECA
 
 
 def safe_name(name: object, otherwise: str) -> str:
-    """A name in the letters and digits of any script; `otherwise` for one that has none, or is no text."""
+    """A name in the letters and digits of any script; `otherwise` for a name that has none, or is not text."""
     readable = unicodedata.normalize("NFC", name) if isinstance(name, str) else ""
     whole = re.sub(r"[^\w.-]+", "_", readable).strip("._-")
     short = whole.encode()[:_MOST].decode(errors="ignore").rstrip("._-")
@@ -24,7 +24,7 @@ def unique_name(name: object, otherwise: str, taken: set[str]) -> str:
     """A safe name that is not taken, whatever the case; it is taken then.
 
     Args:
-        name: as others have it. otherwise: what stands for one that has no letters or digits, or is no text.
+        name: as others have it. otherwise: what stands for a name that has no letters or digits, or is not text.
         taken: names, casefolded; the new one is added.
     """
     safe = safe_name(name, otherwise)

@@ -13,7 +13,7 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.read import Image
 
 DATA = "data"
-"""Encoding of maps whose values are no colours: stored linearly."""
+"""Encoding of maps whose values are not colours: stored linearly."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class MapSource:
         constant: the value, in linear units, where there is no file.
         channels_named: whether the file's name or the user says which channels; else they follow from the role.
         convention: "opengl" or "directx" where a normal map's name says so.
-        converted: whether the values of the role are made of those of this file and of another. A metallic is made of
-            the specular colours, which are what is in this file. What is written has the role's name.
+        converted: whether the values of the role are made of the values of this file and of another file. A metallic is
+            made of the specular colours, which are what is in this file. What is written has the role's name.
         sha256: of the file, in hexadecimal; empty until it has been read.
         notes: what was found while reading, in sentences.
     """
@@ -60,13 +60,24 @@ class NormalConvention:
     """Convention of the source's normal map: "opengl" (green up) or "directx" (green down).
 
     `decided_by` is "option", "document" (glTF and MaterialX say it), "name", "pixels" (the integrability test),
-    "assumed" (the test could not tell) or "flat" (there is nothing to tell); `confidence` is that of the test, and 1
-    where no test was needed.
+    "assumed" (the test could not tell) or "flat" (there is nothing to tell); `confidence` is the confidence of the
+    test, and 1 where no test was needed.
     """
 
     name: str
     decided_by: str
     confidence: float
+
+
+DECISIONS = {
+    "option": "as the option says",
+    "document": "as the document says",
+    "name": "as the file's name says",
+    "pixels": "as the curl of its slopes shows",
+    "assumed": "which is assumed",
+    "flat": "which is assumed, because all normals are the same",
+}
+"""`NormalConvention.decided_by` to words that follow the name of a convention."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A folder with several texture sets, such as an export of Substance Painter: which files are of which set."""
+"""A folder with several texture sets, such as an export of Substance Painter: which file belongs to which set."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Division:
-    """The sets of a folder, and files that are of none of them."""
+    """The sets of a folder, and files that belong to no set."""
 
     parts: tuple[Part, ...]
     left_out: tuple[Path, ...]
@@ -45,7 +45,7 @@ class _Named:
 
 
 def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None) -> Division | None:
-    """The several sets that files are of, by the words that their names begin with; None where they are one set.
+    """The several sets that files belong to, by the words that their names begin with; None where they are one set.
 
     They are several where two of them are complete, with a normal and a roughness map each, and two files would fill
     one role. `--map ROLE=PATTERN` tells roles of files whose names do not.
@@ -53,7 +53,7 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
     Args:
         files: of one folder.
         options: choices of maps; roles that they settle for all sets tell nothing.
-        tiles: file to the text of its UDIM tile, which is no part of a set's name.
+        tiles: file to the text of its UDIM tile, which is not a part of a set's name.
 
     Raises:
         UsageError: a pattern has more than one *.
@@ -114,7 +114,8 @@ def resolved(options: LoadOptions, files: Sequence[Path], what: str) -> LoadOpti
         found = [file for file in files if _expression(role, text).fullmatch(file.name)]
         if len(found) > 1:
             raise InputError(
-                f"--map {role}={text} matches {listed(file.name for file in found)} of {what}: expected one file a set"
+                f"--map {role}={text} matches {listed(file.name for file in found)} of {what}: expected one file for "
+                "each set"
             )
         if found:
             maps[role] = f"{found[0]}{channels[0] if channels else ''}"
@@ -126,10 +127,10 @@ def _is_pattern(choice: MapChoice) -> bool:
 
 
 def _expression(role: str, text: str) -> re.Pattern[str]:
-    """Of the names of files that a pattern stands for."""
+    """A regular expression for the names of files that a pattern stands for."""
     bare = _CHANNELS.sub("", text)
     if bare.count(_STAR) != 1 or "/" in bare:
-        raise UsageError(f"--map {role}={text} is no pattern of files: expected the name of a file with * once")
+        raise UsageError(f"--map {role}={text} is not a pattern of files: expected the name of a file with * once")
     before, after = (re.escape(part) for part in bare.split(_STAR))
     # Of tiles the name holds <UDIM>, as elsewhere.
     return re.compile(_TILE.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)

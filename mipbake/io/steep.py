@@ -2,7 +2,7 @@
 
 A tangent-space normal has a height z above 0. Exporters and compression leave a few that have not, or none at all, and
 one of them is enough: its slope is without bound, so the mean slope of a pixel is its own, and rules that add up the
-variance of slopes make the pixel as rough as can be, and dark. There is nothing to be read from such a texel but that
+variance of slopes make the pixel as rough as can be, and dark. Such a texel says nothing but that
 it is broken.
 """
 
@@ -24,7 +24,8 @@ _NO_LENGTH = 0.02
 
 
 def holes(normals: Vectors, length: NDArray[np.float32] | None = None) -> NDArray[np.bool_]:
-    """(H, W) which of (H, W, 3) unit vectors are no normals; `length` (H, W): theirs before they were made unit."""
+    """(H, W) which of (H, W, 3) unit vectors are not normals; `length` (H, W): their lengths before they were made
+    unit."""
     found = np.asarray(normals[..., 2] < np.float32(MIN_NORMAL_Z))
     return found if length is None else np.asarray(found | (length < np.float32(_NO_LENGTH)))
 

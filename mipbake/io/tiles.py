@@ -17,7 +17,7 @@ from mipbake.io.options import LoadOptions, MapChoice
 
 FIRST, LAST = 1001, 1999
 
-# What stands before and after a tile in a name, so that numbers within words are none.
+# What stands before and after a tile in a name, so that numbers within words are not tiles.
 _NUMBER = re.compile(r"(?<=[._-])1\d{3}(?=[._-])")
 _PAIR = re.compile(r"(?<=[._-])u(\d{1,2})_v(\d{1,3})(?=[._-])", re.IGNORECASE)
 _PLACEHOLDER = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
@@ -40,7 +40,7 @@ def pattern_files(pattern: str | os.PathLike[str]) -> dict[int, Path]:
     path = Path(pattern)
     parts = _PLACEHOLDER.split(path.name)[::2]
     if len(parts) != 2 or is_pattern(path.parent):
-        raise InputError(f"{path} is no pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
+        raise InputError(f"{path} is not a pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
     before, after = parts
     names = [p.name for p in disk.files_in(path.parent)] if disk.is_dir(path.parent) else []
     found = {}
@@ -59,9 +59,9 @@ def tiles_of(files: Iterable[str | os.PathLike[str]]) -> Mapping[int, list[Path]
     """The tiles that files belong to, by their names: tile to its files, in their order; empty when there are none.
 
     A name holds its tile between dots, underscores or hyphens: `wood_color.1001.exr`, `wood_1001_color.png`,
-    `wood_color_u1_v1.tif`. A number is taken for a tile only where a second file has the same name but for the tile,
+    `wood_color_u1_v1.tif`. A number is taken for a tile only where a second file has the same name except for the tile,
     or where others do so with the same number: `wood_1024.png` alone is as wide as it says. A name with <UDIM> or
-    <UVTILE> stands for all its files, be it a single one. Files of no tile are left out.
+    <UVTILE> stands for all its files, even for a single file. Files of no tile are left out.
 
     Raises:
         InputError: a pattern stands for no file.
@@ -134,12 +134,12 @@ def text_of(name: str, tile: int) -> str:
 
 
 def name_with(name: str, tile: int) -> str:
-    """What the set of a tile is called."""
+    """The name of the set of a tile."""
     return f"{name}_{tile}"
 
 
 def name_without(name: str, tile: int) -> str:
-    """What the set of all tiles is called, from that of one."""
+    """The name of the set of all tiles, from the name of one tile."""
     return name.removesuffix(f"_{tile}")
 
 

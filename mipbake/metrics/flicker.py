@@ -20,7 +20,8 @@ _RESOLVED = 0.05  # share of the noise energy in the reference's change; chance 
 
 
 def flicker_ratio(candidate: ImageArray, first: ImageArray, second: ImageArray) -> float:
-    """Mean squared change of the candidate over that of the reference: 1 is right, more shimmers, less is blurred.
+    """Mean squared change of the candidate over the mean squared change of the reference: 1 is right, more shimmers,
+    less is blurred.
 
     sum (P_t+1 - P_t)^2 / sum (A_t+1 - A_t)(B_t+1 - B_t), with A and B two independent unbiased estimates of the
     reference, whose product holds no bias from their noise (see snr_db). Pass one array twice where there is no noise.

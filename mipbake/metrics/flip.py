@@ -76,7 +76,8 @@ def ldr_flip(candidate: ImageArray, reference: ImageArray, pixels_per_degree: fl
     """FLIP of what a display shows: mean of the map, 0 (no difference) to 1. Symmetric in its images.
 
     Andersson et al. 2020, "FLIP: a difference evaluator for alternating images": Delta E = (Delta E_c)^(1 - Delta E_f),
-    with Delta E_c the colour difference after the eye's contrast sensitivity and Delta E_f that of edges and points.
+    with Delta E_c the colour difference after the eye's contrast sensitivity and Delta E_f the difference of edges and
+    points.
 
     Args:
         candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1].
@@ -98,7 +99,7 @@ def hdr_flip(
     """HDR-FLIP: FLIP at several exposures, tonemapped with ACES; the map holds each pixel's worst. 0 to 1.
 
     Andersson et al. 2021, "Visualizing errors in rendered high dynamic range images". Not symmetric unless
-    `exposures` are given: they come from the reference. The cost is that of one FLIP an exposure.
+    `exposures` are given: they come from the reference. Each exposure costs as much as one FLIP.
 
     Args:
         candidate, reference: (H, W, 3) linear radiance, from 0 up.

@@ -72,7 +72,8 @@ def _around_mirror(rng: np.random.Generator, view: Array, normal: Array) -> Arra
 
 
 def _cells(rng: np.random.Generator, count: int) -> Array:
-    """(count, 2) numbers in [0, 1)^2, one in each cell of a grid, in an order in which blocks are stratified, too.
+    """(count, 2) numbers in [0, 1)^2, one in each cell of a grid, in an order in which every block is stratified as
+    well.
 
     The grid has 2^a by 2^b cells, with a and b as equal as count allows. The order takes the cells by their row and
     column with the bits reversed: any 2^n cells in a row, from a multiple of 2^n on, are spread evenly.
@@ -129,7 +130,7 @@ _STRATIFIED: Mapping[str, Callable[[np.random.Generator, Array], Array]] = {
 def pair_set(name: str, seed: int, count: int = PAIRS) -> LightViewPairs:
     """The pair set of that name: `count` stratified pairs, fixed by the seed. UsageError for an unknown name.
 
-    Views are cosine-distributed, one in each cell of a grid; in every block of BLOCK pairs, too. Lights of `hemisphere`
+    Views are cosine-distributed, one in each cell of a grid; so is every block of BLOCK pairs. Lights of `hemisphere`
     are drawn in the same way and dealt to the views at random. For `near-mirror` each component of the Gaussian is
     stratified, and dealt at random.
     """

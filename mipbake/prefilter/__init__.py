@@ -38,13 +38,13 @@ def method_named(name: str, weights: str | None = None, budget: str | None = Non
 
     Args:
         name: a key of METHODS.
-        weights: trained weights by name, for methods that use some; None for those released as the default.
+        weights: trained weights by name, for methods that use some; None for the weights released as the default.
         budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds or minutes, or `best`,
-            until nothing improves any more; None for the method's own.
+            until nothing improves any more; None for the default of the method.
 
     Raises:
-        UsageError: an unknown name, with the list of names; an option that the method does not have; unknown weights;
-            a budget that is none.
+        UsageError: an unknown name, with the list of names; an option that the method does not have; unknown weights; a
+            budget that cannot be read.
     """
     if name not in METHODS:
         raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")

@@ -13,7 +13,7 @@ from mipbake.prefilter.pixel_filter import Wrap
 from mipbake.prefilter.promise import Promise
 
 Progress = Callable[[float], None]
-"""Told the finished share of the work, from 0 to 1."""
+"""Is told the finished share of the work, from 0 to 1."""
 
 
 @runtime_checkable
@@ -21,7 +21,7 @@ class Notes(Protocol):
     """A Progress that also takes notes: how good the result is by now, in a few words."""
 
     def note(self, text: str) -> None:
-        """Shows the text beside the share, in place of the last one."""
+        """Shows the text beside the share, in place of the last text."""
 
 
 def say(progress: object, text: str) -> None:
@@ -37,7 +37,7 @@ class PrefilterResult:
     Args:
         levels: (H_L, W_L, C) float32 stored channels of the target model, level 0 to 1 x 1.
         weights: name of the trained weights; None for closed forms.
-        weights_sha256: their hash; None for closed forms.
+        weights_sha256: hash of the weights; None for closed forms.
         promise: what was measured while it was made; None for methods that measure nothing.
     """
 

@@ -1,8 +1,8 @@
-"""Candidates of a blend: stacks that may be baked, looked up at the points of several sets of renders, and scored.
+"""Ingredients of a blend: stacks that may be baked, looked up at the points of several sets of renders, and scored.
 
-A candidate is baked, looked up at all points and, unless there is memory to keep it, forgotten: 4096 x 4096 sets do not
-need fifteen stacks in memory. With a deadline, candidates that would take too long are left out, the least promising
-first.
+An ingredient is baked, looked up at all points and, unless there is memory to keep it, forgotten: 4096 x 4096 sets do
+not need fifteen stacks in memory. With a deadline, ingredients that would take too long are left out, the least
+promising first.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ PLAIN = ("linear", "lean")
 every group of pairs."""
 
 BLENDED = ("linear", "lean", "unreal", "godot")
-"""Closed forms that blends are made of, each with the pixel filter; BASE with the box, too."""
+"""Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
 
 _FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
-_MEMORY = 1 << 30  # bytes of blended candidates that are kept rather than baked twice
-_PILOT = 256  # texels a side of the part that says how long a candidate will take
-_MARGIN = 1.1  # of what it says
-_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two candidates are baked at a time
+_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice
+_PILOT = 256  # texels a side of the part that says how long an ingredient will take
+_MARGIN = 1.1  # factor on what that part says
+_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two ingredients are baked at a time
 _WORSE = 3.0  # weight of a logarithm behind the best closed form against one gained
-_WORSE_BRIGHT = 10.0  # of one behind under the brightest pairs, which rule the figure of a set, or under the studio's
+_WORSE_BRIGHT = 10.0  # the same under the brightest pairs, which rule the figure of a set, or under the studio's lights
 WORSE_IN_GROUP = 6.0
 """Weight of a logarithm behind in a group of pairs, where another plain form may be the best than in the mean."""
 
@@ -82,7 +82,7 @@ def closed_forms(problem: Problem) -> Iterator[Candidate]:
 
 
 def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Candidate:
-    """A method as a candidate."""
+    """A method as an ingredient."""
 
     def bake(stored: Image) -> list[Image]:
         return method(stored, problem.source, problem.target, kernel, problem.wrap, progress).levels
@@ -92,9 +92,10 @@ def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progre
 
 
 class Bench:
-    """All candidates, looked up at all points of several sets of renders, and scored by all but the last, the witness.
+    """All ingredients, looked up at all points of several sets of renders, and scored by all sets but the last, the
+    witness.
 
-    With a deadline, those that are not baked by then are left out, and what is blended is what was kept.
+    With a deadline, ingredients that are not baked by then are left out, and the blend mixes what was kept.
     """
 
     def __init__(
@@ -152,7 +153,8 @@ class Bench:
         self._baked = set(self._kept) if timed else set(self._candidates)
 
     def _expected(self, name: str) -> float:
-        """Seconds that a candidate will take, from a part of the set; its first call of all loads what it needs."""
+        """Seconds that an ingredient will take, from a part of the set; the first call of all loads what the method
+        needs."""
         height, width = self.problem.stored.shape[:2]
         rows, columns = (min(_PILOT, max(1, side // 2)) for side in (height, width))
         began = time.monotonic()
@@ -160,7 +162,7 @@ class Bench:
         return _MARGIN * (time.monotonic() - began) * float(height * width) / float(rows * columns)
 
     def levels(self, name: str) -> list[Image]:
-        """Every level of a candidate, baked again unless it was kept."""
+        """Every level of an ingredient, baked again unless it was kept."""
         if name in self._kept:
             return self._kept[name]
         levels = self._candidates[name].bake()
@@ -195,7 +197,7 @@ class Bench:
         }
 
     def seen(self, name: str, which: int, index: int, level: int) -> Image:
-        """(N, C): a level of a candidate at the points of a probe."""
+        """(N, C): a level of an ingredient at the points of a probe."""
         return self._looked_up[name, which, index, level]
 
     def fitted(self, which: int, index: int, level: int, weights: NDArray[np.float32]) -> Image:
@@ -232,7 +234,8 @@ class Bench:
         return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
     def asked(self, which: int, index: int) -> Score:
-        """The least errors of all closed forms: each row of log_errors is that of the best one."""
+        """The least errors of all closed forms: each row of log_errors comes from the closed form that is best
+        there."""
         by_name = self.judged[index] if which else {
             name: self._found[name, 0][index] for name, c in self._candidates.items() if c.closed_form
         }  # fmt: skip
@@ -257,7 +260,7 @@ class Bench:
         return np.asarray(np.min([scores[name].log_errors for name in self._plain], 0))
 
     def safest(self, level: int, asked: Sequence[Score]) -> str:
-        """The candidate that comes nearest to what is asked for at a level, and goes beyond, as fitted to."""
+        """The ingredient that comes nearest to what is asked for at a level, and goes beyond, as fitted to."""
         index = 2 * level
         names = [name for name in self._candidates if name in self._baked]
         return min(names, key=lambda name: _cost(self._found[name, 0][index], asked[index]))

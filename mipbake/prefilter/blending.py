@@ -1,12 +1,12 @@
-"""The best blend of candidates at every level, by measurement: closed forms under both kernels, and a network.
+"""The best blend of ingredients at every level, by measurement: closed forms under both kernels, and a network.
 
-Every candidate is baked, looked up at the points of three independent sets of renders and forgotten: 4096 x 4096 sets
+Every ingredient is baked, looked up at the points of three independent sets of renders and forgotten: 4096 x 4096 sets
 do not need fifteen stacks in memory. One set of renders is fitted to (level_fit.py), from the coarsest level to the
 finest, each level together with the half level that it shares with the coarser one. Another judges. Where it finds a
 blend behind the best closed form, at a level or halfway to the next, by more than chance, the levels around give way to
-the candidate that is safe there, as far as needed. The third decides nothing: it bears witness to what came of it.
+the ingredient that is safe there, as far as needed. The third decides nothing: it bears witness to what came of it.
 
-With a deadline, candidates that would take too long are left out, the least promising first.
+With a deadline, ingredients that would take too long are left out, the least promising first.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from mipbake.prefilter.held_out import Image, Problem
 from mipbake.prefilter.scores import Array, Effort, Score, Scores, certainty
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-_CHANCE = 0.5  # of a standard error by which a rival may be ahead
+_CHANCE = 0.5  # standard errors by which a rival may be ahead
 _TIE = 0.01  # logarithm of errors below which two measure the same
-_APART = 0.02  # mean logarithm by which groups are behind, each its best plain form, that is looked into
+_APART = 0.02  # mean logarithm that is looked into: by how much groups are behind their best plain forms
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Blend:
 
     Args:
         levels: (H_L, W_L, C) valid stored channels.
-        sources: of each level, the names of the candidates in it.
+        sources: for each level, the names of its ingredients.
         judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
         rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_log of any.
         plain: there, the least log_errors of PLAIN in every group.
@@ -68,10 +68,10 @@ def blend(
     """Fits every level, coarsest first, and keeps of it what independent renders confirm.
 
     Args:
-        candidates: in the order of preference where they measure the same, BASE with the pixel filter among them. A
-            network need not be.
+        candidates: the ingredients, in the order of preference where they measure the same, BASE with the pixel filter
+            among them. A network need not be.
         effort: of the renders that judge; those that are fitted to have half the points.
-        deadline: time.monotonic() by which all candidates are baked; those that would not be are left out.
+        deadline: time.monotonic() by which all ingredients are baked; ingredients that would not be are left out.
     """
     # A handful of weights a level needs fewer points than a verdict on them.
     fewer = replace(
@@ -129,7 +129,7 @@ def _settled(
     lit: Sequence[float],
     plain: Sequence[Array],
 ) -> list[float]:
-    """Of each level the share of its blend against its safe candidate, so that no rival is ahead beyond chance."""
+    """For each level the share of its blend against its safe ingredient, so that no rival is ahead beyond chance."""
     target = bench.problem.target
 
     def texels(index: int, level: int, share: float) -> Image:
@@ -179,7 +179,7 @@ def settle(
         return float((sure * (gained + worse(len(lost)) * lost)).sum() + WORSE_IN_GROUP * apart(found, index))
 
     def apart(found: Score, index: int) -> float:
-        """By how much groups are behind what is the best for each, the mean over them."""
+        """The mean over groups of how much each is behind what is the best for it."""
         return float(np.maximum(found.log_errors - plain[index], 0).mean(1).sum())
 
     now = [score(index) for index in range(len(judge.probes))]
@@ -200,5 +200,5 @@ def settle(
 
 
 def standard_error(values: Array) -> Array:
-    """Of means over the last axis."""
+    """Standard errors of means over the last axis."""
     return np.asarray(values.std(-1) / np.sqrt(max(1, values.shape[-1] - 1)))

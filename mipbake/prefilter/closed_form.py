@@ -67,7 +67,7 @@ class RoughnessRule:
 
         def read(texels: Array) -> Array:
             own = material.convert(texels, source, target)
-            isotropic = source == "gltf" and target != "beckmann"  # whose alpha is another for the same lobe
+            isotropic = source == "gltf" and target != "beckmann"  # beckmann has another alpha for the same lobe
             alpha2 = roughness_tensor(texels, source) if isotropic else roughness_tensor(own, target)
             spread = unit_normals(texels, source) - centre
             moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)
@@ -166,7 +166,7 @@ def positive_definite(tensor: Array, target: str) -> Array:
 def averaged_channels(target: str) -> list[int]:
     """The channels of a model that every closed form averages as they are stored: reflectances, and g of `beckmann`.
 
-    The average of g is that of section 4 of Kemppinen et al. 2023. What a method adds to the roughness tensor assumes a
+    g is averaged as in section 4 of Kemppinen et al. 2023. What a method adds to the roughness tensor assumes a
     distribution of its own, and not that g.
     """
     if target == "beckmann":
@@ -241,7 +241,7 @@ def by_rows(function: Callable[..., Array], *images: Image) -> Image:
 
 
 def mean_by_rows(function: Callable[[Array], Array], image: Image) -> NDArray[np.float32]:
-    """(D,) mean over all texels of what function makes of (rows, W, C) bands of an image."""
+    """(D,) mean over all texels of the results of a function that takes (rows, W, C) bands of an image."""
     height, width = image.shape[:2]
     step = max(1, _BAND // width)
     sums = [function(image[start : start + step]).sum((0, 1), dtype=np.float64) for start in range(0, height, step)]

@@ -22,12 +22,12 @@ Image = NDArray[np.float32]
 SET_SIZE = 64
 """Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set)."""
 
-LOBES = 2  # that half vectors of pixels are drawn from (pixel_samples.py)
+LOBES = 2  # lobes that half vectors of pixels are drawn from (pixel_samples.py)
 
 SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])
 """Additive recurrence of low discrepancy (Roberts 2018): powers of 1 / plastic number."""
 
-QUANTILES = 1 << 14  # of the pixel filter, in a table
+QUANTILES = 1 << 14  # quantiles of the pixel filter in a table
 
 _PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128
 _HELD_OUT_STREAM = 104729  # keeps these pairs apart from every set that pair_set draws
@@ -36,7 +36,7 @@ _RADIANCES = 1 << 17  # at a time: they stay in the cache
 
 @dataclass(frozen=True)
 class Budget:
-    """How long to optimise; whichever ends first.
+    """How much effort an optimisation makes, and how long it may take; whichever ends first.
 
     Args:
         rounds: most rounds of a block. A round draws pixels, pairs and targets anew; after every few of them held-out
@@ -46,7 +46,7 @@ class Budget:
         samples: reference samples of a pixel of level 0; they double with every second level.
         points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
         window: blocks of large sets are at most so many texels a side.
-        lit: whether renders under a studio's lights, tonemapped, count beside those of pairs (lit_samples.py).
+        lit: whether renders under a studio's lights, tonemapped, count beside the renders of pairs (lit_samples.py).
         seconds: wall-clock limit, checked after each round; None for none. Only without one are results reproducible.
     """
 
@@ -138,7 +138,7 @@ class HeldOut:
         region: where the pixels lie, and for which levels: levels of detail run from the first to the last of them in
             steps of 1/2, and half a level further where there is one more.
         stream: of random numbers.
-        part: divides the budget's points and pairs.
+        part: divides the points and pairs of the effort.
     """
 
     def __init__(self, problem: Problem, region: Region, budget: Budget, stream: list[int], part: int = 1) -> None:

@@ -1,7 +1,7 @@
 """`lean`: slope moments, after LEAN mapping (Olano and Baker 2010).
 
 S' = mean(S) + 2 Cov(slopes), with slopes = (n_x, n_y) / n_z and S the roughness tensor (alpha^2 = 2 sigma^2 is what
-turns a slope variance into GGX's and Beckmann's alpha). The new normal is that of the mean slope. Reflectances are
+turns a slope variance into GGX's and Beckmann's alpha). The new normal has the mean slope. Reflectances are
 averaged, and so is g of `beckmann`, though the rule is derived for g = 0 (as in section 4 of Kemppinen et al. 2023).
 Moments are linear, so one pass of the averaging kernel filters everything. Isotropic targets take the mean eigenvalue
 of S'.

@@ -1,8 +1,8 @@
-"""A level as a blend of candidates, the few weights of it fitted to renders by Gauss-Newton.
+"""A level as a blend of ingredients, its few weights fitted to renders by Gauss-Newton.
 
 Methods differ in how rough they make a level, how much they straighten its normals and what they take its colours to
 be, and each of these may be right where the others are wrong. So every map of a level is a blend of its own:
-base + sum_k theta_k (candidate_k - base), with one theta for each map and candidate, negative or above 1 where that
+base + sum_k theta_k (ingredient_k - base), with one theta for each map and ingredient, negative or above 1 where that
 fits. A level has some twenty numbers to fit to a million renders: unlike free texels, they do not follow noise.
 
 What is minimised is the sum of logarithms of the errors, as figures are quoted (scores.py): of every group of pairs,
@@ -40,14 +40,14 @@ from mipbake.shading.adjoint import shade_adjoint
 
 _SETS = len(PAIR_SETS)
 _BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
-_BEHIND_BRIGHT = 8.0  # that one under the brightest pairs does, or under the studio's lights
-_BEHIND_GROUP = 4.0  # that one does in a group that is behind the best plain form of that very group
-_LIT = 2.0  # that the error under the studio's lights counts, beside each pair set
+_BEHIND_BRIGHT = 8.0  # times that a logarithm under the brightest pairs, or under the studio's lights, counts then
+_BEHIND_GROUP = 4.0  # times that it counts then in a group that is behind the best plain form of that very group
+_LIT = 2.0  # times that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # of weights, about the best candidate: where candidates all but agree, they run off
-_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # that rows of Score.means count: near the mirror, over the hemisphere
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree
+_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # what rows of Score.means count: near the mirror, over the hemisphere
 _ROWS = np.array([_BEHIND, _BEHIND, _BEHIND_BRIGHT, 0.5, _BEHIND_BRIGHT, 0.5])  # in addition, while they are behind
 
 
@@ -71,7 +71,8 @@ class Term:
 
 
 def columns(base: Image, others: Sequence[Image], model: str) -> Image:
-    """(J, ..., C): differences of candidates from the base, each map of the model by itself, candidate by candidate."""
+    """(J, ..., C): differences of ingredients from the base, each map of the model by itself, ingredient by
+    ingredient."""
     out = np.zeros((len(MODELS[model].maps) * len(others), *base.shape), np.float32)
     for index, channels in enumerate(MODELS[model].maps.values()):
         for k, other in enumerate(others):
@@ -85,7 +86,7 @@ def fit_level(terms: Sequence[Term], model: str, lighting: Lighting) -> NDArray[
     theta = np.zeros(len(terms[0].columns))
     if not theta.size:
         return theta.astype(np.float32)
-    # From the best of the candidates.
+    # From the best of the ingredients.
     count = len(MODELS[model].maps)
     starts = [theta, *np.tile(np.eye(len(theta) // count), count)]
     values = [_value(seen, each) for each in starts]

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
 _ANGLES = 8  # groups of pixels by their angle of view, each of whose brightness is compared
-_DARKER = 0.02  # of a group's brightness that is as good as right
+_DARKER = 0.02  # share of a group's brightness: an error that is as good as none
 _BRIGHTNESS = 0.5  # share of brightness in what is measured
 _LEAST = 1e-7  # squared value as displayed that is as good as none
 
@@ -45,7 +45,7 @@ class LitError:
 
     @property
     def logarithm(self) -> float:
-        """Of squared errors: of pixels, and of the brightness of groups."""
+        """The logarithm of squared errors: of pixels, and of the brightness of groups."""
         groups = float(np.log(np.square(self.brightness) + self.scale).mean())
         return (1 - _BRIGHTNESS) * math.log(self.square) + _BRIGHTNESS * groups
 
@@ -73,7 +73,7 @@ class LitError:
 
 
 def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:
-    """Of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
+    """The error of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
     cosine = np.einsum("nj,nj->n", frame[:, 2], view)
     angles = min(_ANGLES, len(off))
     groups = np.argsort(cosine, kind="stable")[: len(off) // angles * angles].reshape(angles, -1)

@@ -19,7 +19,7 @@ class Neural:
     """A trained network.
 
     Args:
-        weights: name of the weights; None for those released as the default of the target and the pixel filter.
+        weights: name of the weights; None for the weights released as the default of the target and the pixel filter.
 
     Raises:
         UsageError: no weights of that name.

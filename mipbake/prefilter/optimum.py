@@ -39,7 +39,7 @@ from mipbake.prefilter.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.time_budget import seconds_of
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
-_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of a level's change that may be kept
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of a level's change that may be kept
 _WORSE = 10.0  # weight of a logarithm lost against one gained, when shares are chosen
 _DECIBEL = 10 / math.log(10)
 
@@ -98,7 +98,7 @@ class Optimum:
 
     @classmethod
     def within(cls, budget: str) -> Optimum:
-        """With a time budget as users write it (time_budget.py)."""
+        """The method with a time budget as users write it (time_budget.py)."""
         return cls(Budget(seconds=seconds_of(budget)))
 
     def __call__(
@@ -111,7 +111,7 @@ class Optimum:
 
 
 def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: int = 0) -> Start:
-    """Each level from the closed form that held-out pairs like best at that level.
+    """A stack that takes each level from the closed form that held-out pairs like best there.
 
     All closed forms take part, each with the pixel filter and with the box as its averaging kernel. The measure is the
     mean of the SNR on all pair sets.
@@ -151,11 +151,11 @@ def refine(
         problem: the source and what the stack is for.
         start: (H_L, W_L, C) valid stored channels of model `problem.target`, every level to 1 x 1. Not changed.
         budget: how long.
-        seed: of all that is drawn. The result is the same for a seed, unless the budget ends by time.
+        seed: seed of all that is drawn. The result is the same for a seed, unless the budget ends by time.
         progress: told the finished share.
 
     Raises:
-        UsageError: a start that is no complete stack of the target model, or an unknown pixel filter.
+        UsageError: a start that is not a complete stack of the target model, or an unknown pixel filter.
     """
     from mipbake.prefilter.pixel_samples import Lobes
     from mipbake.prefilter.texel_descent import descend
@@ -211,7 +211,8 @@ def refine(
 
 
 def lobes_under(problem: Problem) -> list[list[Image]]:
-    """Stacks of `gltf` whose lobes cover those under a texel: that of the mean material, and a wide one of all."""
+    """Two stacks of `gltf` whose lobes cover the lobes under a texel: the lobe of the mean material, and a wide lobe of
+    all."""
     from mipbake.prefilter import METHODS
 
     return [
@@ -258,7 +259,7 @@ def _blended(start: Sequence[Image], end: Sequence[Image], shares: Sequence[floa
 
 
 def _shares(judge: HeldOut, start: Start, end: Sequence[Image], model: str) -> list[float]:
-    """Of each level's change the share to keep, so that no lod and no pair set is worse off than at the start.
+    """The share of each level's change that is kept, so that no lod and no pair set is worse off than at the start.
 
     Levels are settled one after the other, twice: a lod between two levels sees both. Where the mean over sets of pairs
     is then still worse by more than its standard error, the levels around keep less.

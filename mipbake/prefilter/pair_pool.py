@@ -8,7 +8,7 @@ themselves:
 - near-mirror pairs whose views graze, though not so much that no stack shows anything right there. Nearly half of
   all sets hold one;
 - the expected energy of all others near the mirror, for which lights closest to it are drawn more often than they come,
-  and weigh less (Veach and Guibas 1995, the balance heuristic): those that flat gloss reflects;
+  and weigh less (Veach and Guibas 1995, the balance heuristic): flat gloss reflects such lights;
 - the expected energy over the hemisphere, for which lights near the mirror and grazing views are drawn more often.
 """
 
@@ -26,7 +26,7 @@ _TIGHT = 0.03  # spread of the lights closest to the mirror direction
 
 
 KINDS = 2
-"""Of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
+"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
 
 
 def draw_pool(rng: np.random.Generator, each: int, kind: int) -> tuple[LightViewPairs, Array]:
@@ -45,7 +45,8 @@ def _grazing(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array]
 
 
 def _near_mirror(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array]:
-    """Lights, views and weights: a mean of weight * g estimates that of g over near-mirror pairs with other views."""
+    """Lights, views and weights: a mean of weight * g estimates the mean of g over near-mirror pairs with other
+    views."""
     low = _GRAZING[1] ** 2
     view = _views(rng, np.sqrt(low + _spread(rng, count) * (1 - low)))
     light = PAIR_SETS["near-mirror"](rng, view)
@@ -55,8 +56,8 @@ def _near_mirror(rng: np.random.Generator, count: int) -> tuple[Array, Array, Ar
 
 
 def _hemisphere(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array]:
-    """Lights, views and weights: a mean of weight * g estimates that of g over all pairs of that set whose views do not
-    graze beyond the range."""
+    """Lights, views and weights: a mean of weight * g estimates the mean of g over all pairs of that set whose views do
+    not graze beyond the range."""
     height = (np.sqrt(1 + 8 * _spread(rng, count)) - 1) / 2  # density height + 1/2: cosine and uniform, in halves
     view, light = _views(rng, height), cosine_directions(rng, count)
     for kind, spread in enumerate((NEAR_MIRROR_SPREAD, _TIGHT)):

@@ -3,8 +3,8 @@
 The figure of a set of pairs is the logarithm of the sum of their errors e_k, and what counts is its mean over sets. Its
 derivative by the error of one pair is phi(e_k) = E[1 / (e_k + the sum of 63 others)]: pairs that rule their set
 (grazing views, highlights of mirrors) weigh less than the rest, by what they have more. Plain sums of squares follow
-those few alone. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of the
-expected energy, whose derivative is the same for all pairs, is gained as well.
+only these few pairs. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of
+the expected energy, whose derivative is the same for all pairs, is gained as well.
 
 phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
 them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.
@@ -27,9 +27,9 @@ from mipbake.prefilter.held_out import SET_SIZE, HeldOut, Image
 from mipbake.prefilter.pixel_samples import Batch
 from mipbake.shading import shade
 
-_POOLED = 1.0  # that the logarithm of the expected energy counts beside the mean over sets
+_POOLED = 1.0  # times that the logarithm of the expected energy counts, beside the mean over sets
 _SETS = 200  # random sets that phi is a mean over
-_FLOOR = 1e-3  # of the mean error: chance makes errors of single pairs vanish
+_FLOOR = 1e-3  # share of the mean error: chance makes errors of single pairs vanish
 _SOLVED = 1e-6  # error in units of the signal that is as good as none
 _RIDGE, _ITERATIONS = 0.1, 20
 _HURRY, _MOST_URGENT = 1.5, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update

@@ -1,4 +1,4 @@
-"""Pixels with light-view pairs of their own and low-noise targets: what texels are fitted to.
+"""Pixels with light-view pairs of their own and low-noise estimates of the reference: what texels are fitted to.
 
 A texel has a handful of parameters, and what is measured of it hangs on few pairs: those that hit its lobe. So pixels
 of fine levels have pairs of their own, drawn where they count: one part like each pair set, the others with half
@@ -25,7 +25,7 @@ from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quan
 from mipbake.shading import shade
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
-_RADIANCES = 1 << 16  # of samples, at a time
+_RADIANCES = 1 << 16  # radiances of samples that are computed at a time
 _MOST_SAMPLES = 128
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
@@ -155,7 +155,7 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
     """Light and view (K, P, 3) for lobes (M, P, 4), and (S, K, P) importance weights.
 
     Views are cosine-distributed in every pair set and here; given the view, lights are drawn from a mixture, the same
-    number from each density: those of the pair sets, and half vectors distributed like each lobe. A pair weighs
+    number from each density: the densities of the pair sets, and half vectors distributed like each lobe. A pair weighs
     p / q / K in the mean over pairs of density p, where q is the mixture's density.
     """
     part = pairs // (2 + len(lobes))
@@ -171,7 +171,7 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
 
     view = cosine((steps[0] + shifts[0]).frac(), (steps[1] + shifts[1]).frac())
     mirror = view * torch.tensor([-1.0, -1, 1])
-    # Box and Muller 1958: two normal numbers of two uniform ones, of which the fourth is not needed.
+    # Box and Muller 1958: two normal numbers are made from two uniform numbers; the fourth is not needed.
     radii = [(-2 * (1 - uniform(axis, 0)).clamp(min=1e-7).log()).sqrt() for axis in (2, 4)]
     angles = [uniform(axis, 0) * (2 * math.pi) for axis in (3, 5)]
     noise = torch.stack([radii[0] * angles[0].cos(), radii[0] * angles[0].sin(), radii[1] * angles[1].cos()], -1)

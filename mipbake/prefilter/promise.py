@@ -16,7 +16,7 @@ class _Measured:
 
     Args:
         snr: of the stack. standard_error: of that.
-        best_closed_form: name of the best one, as other renders have it. best_closed_form_snr: its own.
+        best_closed_form: name of the best closed form, as other renders have it. best_closed_form_snr: its SNR.
         gain_error: standard error of the difference between the two, which share their points and pairs.
     """
 
@@ -61,7 +61,7 @@ class BetweenPromise(_Measured):
 class Promise:
     """How every level, and every lookup halfway between two, measured beside the best closed form.
 
-    Levels that were found behind it by more than the measure is uncertain by gave way to the safest candidate, as far
+    Levels that were found behind it by more than the measure is uncertain by gave way to the safest ingredient, as far
     as that helped; the figures say what remains.
 
     Args:
@@ -78,7 +78,7 @@ class Promise:
     between: tuple[BetweenPromise, ...] = ()
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         figures = "; ".join(f"{name}: {self.summary(name)}" for name in self.levels[0].snr) if self.levels else "none"
         return f"Promise({len(self.levels)} levels, {figures})"
 
@@ -93,12 +93,12 @@ class Promise:
         )
 
     def first(self, count: int) -> Promise:
-        """Of the first levels of the stack alone."""
+        """The promise for the first levels of the stack alone."""
         return replace(self, levels=self.levels[:count], between=self.between[: max(0, count - 1)])
 
 
 def promise_from(content: object) -> Promise | None:
-    """A promise from what JSON holds; None for none. ValueError, with what was expected, where it is no promise."""
+    """A promise from what JSON holds; None for null. ValueError, with what was expected, where it is not a promise."""
     if content is None:
         return None
     if isinstance(content, dict):

@@ -1,9 +1,9 @@
 """`refine` and `auto`: the best blend of all methods at every level, then texels optimised where time is best spent.
 
-Both start from the blend (blending.py), which costs seconds and is better than any of its candidates. From there texels
-are optimised one by one (texel_descent.py), held by what the blend knows: so nothing is lost to noise in the first
-rounds, and a few rounds already gain. Coarse levels have few texels and are seen from afar: they come first and cost
-next to nothing. `auto` leaves it at those; `refine`, or `auto` with a budget, goes on to the fine ones.
+Both start from the blend (blending.py), which costs seconds and is better than any of its ingredients. From there
+texels are optimised one by one (texel_descent.py), held by what the blend knows: so nothing is lost to noise in the
+first rounds, and a few rounds already gain. Coarse levels have few texels and are seen from afar: they come first and
+cost next to nothing. `auto` stops there; `refine`, or `auto` with a budget, goes on to the fine levels.
 
 Each level has a share of the time that grows with the root of its texels, since gains fall off with time spent. Where
 a level would get so little that a round or two is all, its blend stays and the others have its time.
@@ -38,18 +38,18 @@ from mipbake.prefilter.time_budget import seconds_of
 DEFAULT_EFFORT = Effort()
 DEFAULT_BUDGET = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
 AUTO_BUDGET = Budget(rounds=6, pairs=16, samples=4, points=48, held_out_pairs=256, lit=True)
-"""Of coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
+"""Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
 
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
 
 _COARSE = 128  # texels a side up to which levels are refined together, and without being asked
 _TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
-_LIT_SLACK = 0.1  # by which the logarithm of the error under the studio's lights may grow
+_LIT_SLACK = 0.1  # how much the logarithm of the error under the studio's lights may grow
 _FEWEST = 3  # rounds that are worth beginning with a level
 _SOLVED_DB = 60.0  # SNR from which a level is left alone
-_BAKING = 0.75  # of the time, at most, for candidates; those of large sets that take longer are left out
-_SETTLING = 0.04  # of the time left after the blend, for judging what was gained
+_BAKING = 0.75  # most of the time that ingredients take; in a large set, an ingredient that takes longer is left out
+_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Refine:
     Args:
         weights: trained weights by name; None for the default ones, and without a network where there are none.
         budget: time as users write it (time_budget.py); None for REFINE_SECONDS.
-        seed: of all that is drawn.
+        seed: seed of all that is drawn.
     """
 
     name = "refine"
@@ -95,7 +95,7 @@ class Refine:
         problem = Problem(stored, source, target, pixel_filter, wrap)
         learned = self._learned(problem)
         candidates = [*closed_forms(problem), *learned]
-        first = 0.5 if not self.everything else 0.1  # of the progress
+        first = 0.5 if not self.everything else 0.1  # share of the progress
         timed = self.everything and self.seconds is not None
         seconds = self.seconds if timed and self.seconds is not None else math.inf
         # Tensors here are small and many, and two Python threads work on them.
@@ -237,7 +237,7 @@ def _steps(problem: Problem, everything: bool) -> Iterator[_Step]:
 
 
 def _texels(problem: Problem, region: Region) -> float:
-    """How many of them a round works on, and a thousand more for what does not depend on it."""
+    """How many texels a round works on, and a thousand more for what does not depend on that number."""
     each = [height * width for height, width in (problem.sizes[level] for level in region.levels)]
     return sum(each) * float(region.extent.prod()) + 1000.0 * len(region.levels)
 
@@ -258,7 +258,7 @@ def scored(scores: Scores, levels: Sequence[Image]) -> list[Score]:
 
 
 def _kept(problem: Problem, start: Blend, levels: Sequence[Image], before: Sequence[Score]) -> list[float]:
-    """Of each level's change the share that the judge confirms against the start; 0 of none."""
+    """The share of each level's change that the judge confirms against the start; 0 where it confirms none."""
     judge, cache = start.judge, dict[tuple[int, int], tuple[Image, Image]]()
 
     def texels(index: int, level: int, share: float) -> Image:

@@ -1,4 +1,4 @@
-"""Scores of candidates against the reference, at many points under many pairs, from looked-up texels alone.
+"""Scores of ingredients and blends against the reference, at many points under many pairs, from looked-up texels alone.
 
 The SNR of a set of pairs varies by decibels from set to set, and on glossy sets from points to points. So each level of
 detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
@@ -7,8 +7,8 @@ Means over groups average both kinds of chance, and their scatter says what is l
 A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
 those. So the energy of errors is measured for such pairs by themselves (pair_pool.py).
 
-Candidates are looked up once at all points. A level that blends candidates blends what was looked up, since lookups are
-linear in stored channels, so blends cost a shading each and no images.
+Ingredients are looked up once at all points. A level that blends ingredients blends what was looked up, since lookups
+are linear in stored channels, so blends cost a shading each and no images.
 
 SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped: dim
 renders and casts of colour count there. So every level of detail is also measured under a studio's lights, on surfaces
@@ -80,8 +80,9 @@ class Score:
 
     Args:
         log_errors: (S, G) natural logarithms of the error relative to the signal, of S pair sets and G groups.
-        pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to that of the signal;
-            values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over groups).
+        pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
+            signal; values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over
+            groups).
         lit: tonemapped error under the studio's lights. lit_log: LitError.logarithm, half of it brightness by angle.
         plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
             asked for.
@@ -97,7 +98,7 @@ class Score:
 
     @property
     def rows(self) -> list[Array]:
-        """All rows: those of log_errors, then those of pooled."""
+        """All rows: first the rows of log_errors, then the rows of pooled."""
         return [*self.log_errors, *self.pooled]
 
     @property
@@ -135,7 +136,7 @@ class Probe:
         lod: level of detail; `levels` that a lookup reads, one or two.
         groups: of pair sets; those after them hold pairs drawn where renders are bright.
         uv: (G, P, 2). light, view: (G, K, 3), K = S * 64.
-        weights: (S, G, 64) of the pairs of a group, those of one pair set after the other, in the mean over its own.
+        weights: (S, G, 64) of the pairs of a group, one pair set after the other, in the mean over the pair set.
         mean: (G, K, P, 3) mean of two estimates of the reference. noise: (S, G) what their difference says of it.
         signal: (S, G).
     """
@@ -208,7 +209,7 @@ class Scores:
         lit_uv = np.resize(lit_uv, (lit, 2))
         frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)
-        # Level 0 is what pixels see that are smaller than its texels, too.
+        # Pixels that are smaller than the texels of level 0 look level 0 up as well.
         seen = lod - _MAGNIFIED * rng.random((lit, 1)) if lod == 0 else lod
         shown = displayed(lit_reference(problem, self.lighting, lit_uv, seen, frame, lit_view, many, rng))
         return Probe(lod, groups, uv, light, view, weights, mean, difference, signal, lit_uv, frame, lit_view, shown)
@@ -303,7 +304,7 @@ def pooled_rows(error: Array, probe: Probe) -> Array:
     """(2 S, H) pseudo-values of the logarithms of the pooled errors, of (S, G) errors of all groups."""
 
     def log(parts: Array) -> Array:
-        """Of sums over groups: error, noise and signal (3, ...)."""
+        """Logarithms from sums over groups: error, noise and signal (3, ...)."""
         ratio = np.maximum(parts[0], 2 * _RESOLVED * parts[1]) / np.maximum(parts[2], 1e-30)
         return np.where(parts[2] > UNLIT, np.log(np.maximum(ratio, FLOOR)), 0.0)
 

@@ -1,9 +1,9 @@
 """Gauss-Newton descent on the texels of a stack (optimum.py says what for).
 
-A round draws pixels, pairs and targets anew (pixel_samples.py) and takes a few steps on them. Each texel is divided by
-a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each weighted by the texel's
-share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled matrix from above: all
-texels step at once without overshooting.
+A round draws pixels, pairs and estimates of the reference anew (pixel_samples.py) and takes a few steps on them. Each
+texel is divided by a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each
+weighted by the texel's share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled
+matrix from above: all texels step at once without overshooting.
 
 The noise of a round is averaged in two ways. Curvature of past rounds holds texels where they are, as in recursive
 least squares, so steps shrink like 1 / rounds; and what is kept is an average over rounds, later ones counting more.
@@ -36,17 +36,17 @@ from mipbake.shading.adjoint import shade_adjoint
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
 
-_LIT, _LIT_BEHIND = 0.5, 2.0  # that the tonemapped error counts beside a pair set; more while above the start's
-_LIT_SLACK = 1.05  # of the start's, squared
-_LIT_PIXELS = 1024  # of a level and round, at least
+_LIT, _LIT_BEHIND = 0.5, 2.0  # times that the tonemapped error counts, beside a pair set; more while above the start's
+_LIT_SLACK = 1.05  # factor on the start's tonemapped error, squared
+_LIT_PIXELS = 1024  # pixels of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 _COMMON, _COMMON_PIXELS = 4, 2048  # times as many common pairs, at most; where pixels are more than this, fewer
-_LEAST_PIXELS = 128  # of a level and round: the coarsest levels have a texel or two
+_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
 _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
-_RECENT = 3.0  # of the average over rounds: the last round counts (_RECENT + 1) / (_RECENT + rounds)
+_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
 _DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
-_TEXELS = 2048  # whose equations are solved at a time: they stay in the cache
+_TEXELS = 2048  # texels whose equations are solved at a time: they stay in the cache
 _STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 
@@ -65,7 +65,7 @@ class Descended:
 
 @dataclass
 class _State:
-    """Of the texels of a level, between rounds."""
+    """State of the texels of a level between rounds."""
 
     held: Tensor | None = None  # (h, w, P, P) curvature of past rounds
     mean: Tensor | None = None  # (h, w, P)
@@ -173,7 +173,7 @@ def _draw(
     turn: int,
     rng: np.random.Generator,
 ) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
-    """The batches of a round, with (K, P, 3) targets."""
+    """The batches of a round, with (K, P, 3) estimates of the reference."""
     out, lit = list[tuple[Batch, Image]](), list[LitBatch]()
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
@@ -195,7 +195,7 @@ class _Drawn:
     """What a round is fitted to.
 
     Args:
-        renders: batches, (K, P, 3) targets, and (K, P) what the squared error of each render counts.
+        renders: batches, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
         lit: batches under the studio's lights. lookups: of all pixels, renders first.
     """
 

@@ -3,11 +3,11 @@
 With r = |mean unit normal| and the exponent s = 2 / alpha^2 - 2:
 f = r / (r + s (1 - r)), s' = f s, alpha'^2 = 2 / (s' + 2).
 
-Solved for alpha^2, which needs no infinite exponent at alpha = 0, with v = (1 - r) / r:
+This is solved for alpha^2, which needs no infinite exponent at alpha = 0, with v = (1 - r) / r:
 alpha'^2 = (alpha^2 + 2 v (1 - alpha^2)) / (1 + 2 v (1 - alpha^2)).
 
 Toksvig has one exponent for a whole texture. Where roughness varies, the level's alpha^2 is the mean of alpha^2 (of S):
-the rule adds the variance of the normals to that of the lobe, 1 / s, and variances are what averages.
+the rule adds the variance of the normals to the variance of the lobe, 1 / s, and variances can be averaged.
 """
 
 from __future__ import annotations

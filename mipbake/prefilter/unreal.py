@@ -9,8 +9,8 @@ that is the tensor S^(1/4), averaged.)
 
 The engine measures level 0 on a blurred copy of the normals, so that it is wider there too. The blur here is the 2 x 2
 box of level 1 centred on the texel, weights 1/4, 1/2, 1/4 along each axis; the engine's own changed with its versions
-(two taps, later five). A pixel filter other than the box is such a blur itself, and then nothing is added to it. The
-normals that are stored are not blurred.
+(two taps, later five). A pixel filter other than the box is already a blur of this kind, and then nothing is added to
+it. The normals that are stored are not blurred.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 After Han, Sun, Ramamoorthi and Grinspun 2007, "Frequency domain normal map filtering", and Neubelt and Pettineo 2013,
 "Crafting a next-gen material pipeline for The Order: 1886", with one lobe. A lobe of concentration kappa = 2 / alpha^2
-about n has the mean A n with A = coth(2 / alpha^2) - alpha^2 / 2. The mean of A n over a footprint, of length R, is
-that of its lobe: alpha'^2 = 2 (1 - R^2) / (R (3 - R^2)), after Banerjee et al. 2005.
+about n has the mean A n with A = coth(2 / alpha^2) - alpha^2 / 2. The lobe of a footprint has the mean of A n over the
+footprint, of length R: alpha'^2 = 2 (1 - R^2) / (R (3 - R^2)), after Banerjee et al. 2005.
 
 That last step is an approximate inverse: without any spread it returns an alpha^2 too small by up to 0.026. What it
 gets wrong on the level's mean lobe alone is added back, so that what does not spread does not change.

@@ -6,7 +6,7 @@
     image = antialias(color, rast, pos, tri)
 
 Every function takes torch tensors, on the CPU or with CUDA, with gradients and under torch.compile; or NumPy arrays,
-forward only, and then torch is not imported. The semantics are those of nvdiffrast (Laine et al., Modular Primitives
+forward only, and then torch is not imported. The semantics follow nvdiffrast (Laine et al., Modular Primitives
 for High-Performance Differentiable Rendering, 2020); the plain torch twins are in `mipbake.raster.reference`.
 
 Images are (batch, height, width, channels) with OpenGL's rows, bottom up: pixel (row i, column j) is centred at

@@ -129,7 +129,7 @@ def check_antialias(color: Described, rast: Described, pos: Described, tri: Desc
 
 
 def check_topology(count: int, device: str, tri: Described) -> None:
-    """UsageError unless a topology of `count` triangles on that device can be that of tri."""
+    """UsageError unless a topology of `count` triangles on that device can belong to tri."""
     if count != tri.shape[0] or device != tri.device:
         raise UsageError(
             f"topology_hash is of {count} triangles on {device}: expected the {tri.shape[0]} on {tri.device} of tri; "

@@ -22,7 +22,7 @@ class RasterizeContext:
     __slots__ = ("__weakref__", "handle")
 
     handle: int
-    """By which the native core knows the scratch."""
+    """The number by which the native core knows the scratch memory."""
 
     def __init__(self) -> None:
         from mipbake import _native

@@ -20,8 +20,8 @@ class DepthPeeler:
             front, front_db = peeler.rasterize_next_layer()
             second, second_db = peeler.rasterize_next_layer()
 
-    The arguments are those of `rasterize`, in the same order. They are checked when the first layer is rasterised, and
-    must not be changed in place before the last layer.
+    The arguments are the same as in `rasterize`, in the same order. They are checked when the first layer is
+    rasterised, and must not be changed in place before the last layer.
     """
 
     def __init__(

@@ -129,7 +129,7 @@ def _errors_of_data() -> Iterator[None]:
 
 
 def _plain(tensor: Tensor) -> Tensor:
-    """As the native core reads it: contiguous, aligned, and no part of a graph."""
+    """A tensor as the native core reads it: contiguous, aligned, and no part of a graph."""
     return aligned(tensor.detach().contiguous())
 
 

@@ -157,8 +157,8 @@ def interpolate(
 ) -> tuple[Tensor, Tensor]:
     """`mipbake.raster.interpolate`: arguments, shapes and results.
 
-    A = u A_0 + v A_1 + (1 - u - v) A_2 (eq. 3), of which autograd takes eq. 4, and dA/d{X, Y} = (A_0 - A_2) du/d{X, Y}
-    + (A_1 - A_2) dv/d{X, Y}.
+    A = u A_0 + v A_1 + (1 - u - v) A_2 (eq. 3); autograd differentiates this to eq. 4, and dA/d{X, Y} = (A_0 - A_2)
+    du/d{X, Y} + (A_1 - A_2) dv/d{X, Y}.
     """
     count = attr.shape[-1]
     selected = list(range(count)) if diff_attrs == "all" else [int(k) for k in diff_attrs or ()]
@@ -194,7 +194,8 @@ def antialias(color: Tensor, rast: Tensor, pos: Tensor, tri: Tensor, pos_gradien
         crossing = (at_b * a[:, axis] - at_a * b[:, axis]) / (at_b * a[:, 3] - at_a * b[:, 3])
         d = (crossing - pair.start) * (size / 2)
         d = d.detach() + pos_gradient_boost * (d - d.detach())
-        # Half of the slab between the centres belongs to each pixel; the crossing says how much of which is covered.
+        # Half of the slab between the centres belongs to each pixel; the crossing says how much of each half is
+        # covered.
         second = d > 0.5
         into, source = torch.where(second, pair.second, pair.first), torch.where(second, pair.first, pair.second)
         out = out.index_add(0, into, (d - 0.5).abs()[:, None] * (flat[source] - flat[into]))

@@ -27,7 +27,7 @@ LIMIT = 1 << 30
 _SUFFIX, _PART = ".mipbake.npz", ".mipbake.part"  # what is ours in the folder, finished and not
 _ABANDONED = 3600.0  # seconds after which a file that never got its name is taken to be of a process that died
 
-# What reading a file can raise that is no archive of plain arrays, or not a whole one.
+# What reading a file can raise that is not an archive of plain arrays, or not a whole archive.
 _UNREADABLE = (
     OSError, ValueError, KeyError, EOFError, TypeError, AttributeError, RuntimeError, MemoryError, zipfile.BadZipFile,
     zlib.error,
@@ -69,7 +69,7 @@ def load(folder: Path, key: str) -> dict[str, NDArray[Any]] | None:
     except _UNREADABLE:
         return None
     with suppress(OSError):
-        os.utime(path)  # the age by which files are removed is that of their last use
+        os.utime(path)  # files are removed by the age of their last use
     return arrays
 
 

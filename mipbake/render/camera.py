@@ -99,8 +99,8 @@ def orbit(
 ) -> Camera:
     """A camera that looks at `target` from `distance`: `azimuth` degrees from +z towards +x, `elevation` up from there.
 
-    At the elevations of 90 and -90 degrees, where +y is no up direction, that of neighbouring elevations is kept.
-    Near and far planes leave room for a scene as deep as the distance, and for one of radius 1.
+    At the elevations of 90 and -90 degrees, where +y is not an up direction, the up direction of neighbouring
+    elevations is kept. Near and far planes leave room for a scene as deep as the distance, and for one of radius 1.
     """
     a, e = math.radians(azimuth), math.radians(elevation)
     offset = (math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e))

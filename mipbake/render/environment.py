@@ -91,7 +91,7 @@ def from_map(name: str, radiance: ArrayLike, lights: int = LIGHTS, normalised: b
     Raises:
         InputError: a map that is not H x W x 3 with W = 2 H, that holds a value that is negative or not finite, or
             that is black.
-        UsageError: a number of lights that is no power of two.
+        UsageError: a number of lights that is not a power of two.
     """
     if lights < 1 or lights & (lights - 1):
         raise UsageError(f"the number of lights is {lights}: expected a power of two")

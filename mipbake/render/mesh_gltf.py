@@ -42,7 +42,8 @@ _MALFORMED = (
     ValueError,
     struct.error,
 )
-"""What reading a file as glTF can raise when it is none: values of the wrong type, missing or out of place."""
+"""What reading a file as glTF can raise when the file is not glTF: values of the wrong type, missing or out of
+place."""
 
 
 def read_gltf(path: Path, data: bytes) -> Mesh:
@@ -87,7 +88,7 @@ def _parsed(path: Path, data: bytes) -> Any:
                 f"the mesh {path} is cut off: expected {length} bytes, found {len(data)}, so copy or export it again"
             )
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of chunks that extensions define
+            warnings.simplefilter("ignore")  # it warns of chunks that extensions define
             gltf = GLTF2.load_from_bytes(data)
     if not str(gltf.asset.version).startswith("2."):
         raise ValueError(f"it is of glTF version {gltf.asset.version}")
@@ -340,7 +341,7 @@ def _has_volume(matrix: Array) -> bool:
 
 
 def _placed(mesh: Mesh, matrix: Array) -> Mesh:
-    """The mesh in the world; unchanged to the last bit where the transform is none."""
+    """The mesh in the world; unchanged to the last bit where the transform changes nothing."""
     linear = matrix[:3, :3]
     if np.array_equal(matrix, np.eye(4)):
         return mesh

@@ -1,7 +1,7 @@
 """Wavefront OBJ, read line by line.
 
-No library: those at hand take indices that count backwards from the end of the file instead of from their line, or
-drop what they cannot resolve without a word.
+This module uses no library: the known libraries take indices that count backwards from the end of the file and not from
+their line, or silently drop what they cannot resolve.
 """
 
 from __future__ import annotations

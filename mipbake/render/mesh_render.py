@@ -1,6 +1,6 @@
 """Renders of a textured mesh: the once-per-pixel candidate and its supersampled, pixel-filtered reference.
 
-Both see the same primitives under the same lights. At every point the tangent frame is that of glTF 2.0: interpolated
+Both see the same primitives under the same lights. At every point the tangent frame follows glTF 2.0: interpolated
 normal and tangent, made orthonormal there, and the bitangent from the handedness; the material is shaded in it. There
 are no shadows and no reflections between surfaces; both sides of a triangle are drawn, and a side that faces away is
 black.
@@ -28,12 +28,12 @@ from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
 
-_FORMAT = 1  # of cached references; to be raised whenever a pass renders anything else
+_FORMAT = 1  # version of cached references; to be raised whenever a pass renders anything else
 
 _HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however long a check is away
 _SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose
 
-_RESOLVED = 1e-4  # of the image's root mean square: a standard error that is as good as none
+_RESOLVED = 1e-4  # share of the image's root mean square: a standard error that is as good as none
 
 # As in mipbake.render.texture_space: Roberts' additive recurrence, here of one offset a pass for the whole image.
 _PLASTIC = 1.32471795724474602596
@@ -179,7 +179,8 @@ def reference(
             also beyond max_passes, and what is rendered more is saved.
 
     Raises:
-        UsageError: no candidate or one of another resolution, or numbers of passes or a seed that are no such.
+        UsageError: no candidate or a candidate of another resolution, or numbers of passes or a seed outside their
+            ranges.
     """
     height, width = resolution
     if not candidates:
@@ -313,7 +314,7 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """What every pass renders, but for its offset."""
+    """What every pass renders, except for its offset."""
 
     surface: Surface
     lighting: Lighting

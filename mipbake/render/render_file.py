@@ -106,7 +106,7 @@ def _write(path: Path, parts: Mapping[str, Channels], said: Mapping[str, object]
 
     made = []
     for name, channels in parts.items():
-        # The identifiers are those of the Color Interop Forum, which OpenEXR's attribute is for.
+        # OpenEXR's attribute takes the identifiers of the Color Interop Forum.
         space = {"chromaticities": _REC709, "colorInteropID": "lin_rec709_scene"}
         kind = space if "R" in channels else {"colorInteropID": "data"}
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **kind, **said}

@@ -32,7 +32,7 @@ def sphere(rows: int = 64, repeat: tuple[float, float] = (2.0, 1.0)) -> Mesh:
     """A sphere of radius 1 around the origin: v from the north pole (+y) to the south, u eastwards from -z.
 
     `rows` quads from pole to pole, twice as many around. Normals and tangents are the exact ones. The meridian of u = 0
-    has its vertices twice, and each triangle at a pole a vertex of its own, whose u is that of its middle.
+    has its vertices twice, and each triangle at a pole a vertex of its own, whose u is the u of the triangle's middle.
     """
     columns = 2 * rows
     u = np.broadcast_to(np.arange(columns + 1) / columns, (rows + 1, columns + 1)).copy()

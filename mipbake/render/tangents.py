@@ -18,13 +18,13 @@ from mipbake.render.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-_PAIRS = 1 << 20  # of corners at one position, compared at a time
+_PAIRS = 1 << 20  # pairs of corners at one position that are compared at a time
 
 
 def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triangles: NDArray[np.int32]) -> Mesh:
     """The mesh with tangents; vertices where two handednesses meet are split, so V may grow, and T stays.
 
-    Arrays as those of `Mesh`.
+    The arrays have the shapes and dtypes of the arrays of `Mesh`.
     """
     place = _places(positions, normals, uv)[triangles]  # (T, 3)
     p, t = positions[triangles], uv[triangles] * [1, -1]  # the frame's second axis points up in the image
@@ -48,7 +48,7 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     sums = np.zeros((2 * (place.max() + 1), 3))
     np.add.at(sums, key.reshape(-1), tangent.reshape(-1, 3))
 
-    # A vertex for each pair of the old one and a side.
+    # A vertex for each combination of an old vertex and a side.
     pair, corner = np.unique(triangles.astype(np.int64) * 2 + (side < 0)[:, None], return_inverse=True)
     corner = corner.reshape(-1)
     old, w = pair // 2, np.where(pair % 2, -1.0, 1.0)

@@ -17,7 +17,7 @@ from mipbake.render.mesh import Mesh
 # return their memory to the system, whose pages then cost more than what is computed in them.
 _BAND = 1 << 14
 
-_NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # of the attributes
+_NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # slices of the attributes
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Surface:
 
 
 def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], first: int) -> Points:
-    """Those of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated."""
+    """The points of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated."""
     covered = np.flatnonzero(rast[..., 3] > 0)
 
     def of(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -100,6 +100,6 @@ def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], fir
 
 
 def _normalise(planes: NDArray[np.float32]) -> None:
-    """(3, P) vectors to unit length; those of none stay so."""
+    """Scales (3, P) vectors to unit length; vectors of length 0 stay as they are."""
     length = np.sqrt(planes[0] * planes[0] + planes[1] * planes[1] + planes[2] * planes[2])
     planes *= 1 / np.where(length > 0, length, 1)

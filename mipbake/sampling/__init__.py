@@ -105,7 +105,7 @@ def texture(
     of its size, with a third as much scratch for the coarser levels. For many lookups the CPU takes 8 to 16 bytes more
     for each lookup, of at most 4 M at a time.
 
-    The gradient is that of the piecewise linear interpolant, one-sided at its kinks: at a texel centre it is the slope
+    The gradient belongs to the piecewise linear interpolant, one-sided at its kinks: at a texel centre it is the slope
     towards larger u and v, at a whole level of detail the step to the next coarser level. The gradient by uv is 0 under
     "nearest" and beyond the outer texel centres under "clamp". The gradient by the level of detail is 0 where that is
     clamped, and under "linear-mipmap-nearest". The gradient of "anisotropic" holds its number of taps fixed. An

@@ -60,7 +60,7 @@ def boundaries(boundary_mode: str | Sequence[str]) -> tuple[str, str]:
 
 
 def check_texture(name: str, shape: Shape, cube: bool, setting: str = "boundary_mode to 'cube'") -> None:
-    """UsageError unless the shape is that of a texture, or of a cube map; `setting` is what says which."""
+    """UsageError unless the shape fits a texture, or a cube map; `setting` is what says which."""
     form = "(B, 6, S, S, C), S and C" if cube else "(B, H, W, C), H, W and C"
     fits = len(shape) == (5 if cube else 4) and (not cube or (shape[1] == 6 and shape[2] == shape[3]))
     if not fits or any(size == 0 for size in shape[1:]):

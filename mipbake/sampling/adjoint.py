@@ -15,8 +15,8 @@ _Floats = NDArray[np.float32]
 def scatter_linear(size: tuple[int, int], uv: _Floats, values: _Floats, boundary: tuple[str, str]) -> _Floats:
     """What lookups of one level pass back to its texels: the gradient of the sum of `values * lookup` by the level.
 
-    Lookups are those of `mipbake.sampling.texture` with the filter "linear". Sums run in the order of the lookups: the
-    same bits whatever the number of threads.
+    Lookups are made as by `mipbake.sampling.texture` with the filter "linear". Sums run in the order of the lookups:
+    the same bits whatever the number of threads.
 
     Args:
         size: (height, width) of the level.

@@ -187,7 +187,7 @@ def _texture(
     boundary_v: str,
     chain: bool,  # noqa: ARG001
 ) -> Tensor:
-    """`chain`: all levels come from the first, which takes all the gradient. Shapes are those of `texture`."""
+    """`chain`: all levels come from the first, which takes all the gradient. Shapes are the same as in `texture`."""
     from mipbake import _native
 
     out = _empty_result(levels, uv, uv_da, bias)
@@ -230,7 +230,8 @@ def _texture_backward(
     chain: bool,
     needs: Sequence[bool],
 ) -> list[Tensor]:
-    """The gradients that are needed, in the order of the arguments; those of lookups before any sum over repeats.
+    """The gradients that are needed, in the order of the arguments; gradients of lookups come before any sum over
+    repeats.
 
     needs: of levels, uv, uv_da and bias. A chain has one level's gradient, the first's.
     """
@@ -351,7 +352,7 @@ def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:
         return grad
     if shape.numel() != 1:
         return grad.sum(axes, keepdim=True)
-    # Two stages: torch splits the sum of a long vector among its threads, but not that of a short one or of rows.
+    # Two stages: torch splits the sum of a long vector among its threads, but not the sum of a short vector or of rows.
     flat = grad.reshape(-1)
     rows = torch.nn.functional.pad(flat, (0, -flat.shape[0] % 256)).view(256, -1)
     return rows.sum(1).sum().reshape(shape)

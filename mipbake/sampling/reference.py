@@ -193,7 +193,7 @@ def _footprint(uv_da: Tensor, pyramid: Pyramid, anisotropic: bool) -> tuple[Tens
 
     The footprint of a pixel is its image under the Jacobian J in texels of level 0. Its major and minor axes are the
     singular values of J (section 3.5: "the texture-space length of the major axis"). Where both are equal the
-    derivative of the larger is the mean of its one-sided ones.
+    derivative of the larger is the mean of its one-sided derivatives.
     """
     scale = torch.tensor([pyramid.base[1], pyramid.base[0]], dtype=uv_da.dtype, device=uv_da.device)
     jacobian = uv_da * scale[:, None]
@@ -361,7 +361,8 @@ def _project(vector: Tensor, derivatives: Tensor | None) -> tuple[Tensor, Tensor
 def _fetch_cube(
     pyramid: Pyramid, level: Tensor, rows: list[Tensor], columns: list[Tensor], face: Tensor
 ) -> list[Tensor]:
-    """The texels at rows x columns, beyond an edge those of the next face; beyond a corner the mean of the others."""
+    """The texels at rows x columns, beyond an edge the texels of the next face; beyond a corner the mean of the
+    others."""
     size = pyramid.width[level]
     texels, corners = [], []
     for row in rows:

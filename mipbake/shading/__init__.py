@@ -44,8 +44,8 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
             anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
             channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, of ggx's log-roughness tensor the
             mean of the eigenvalues to [-30, 10] and their distance from it to 20, and g of beckmann to +-1.5.
-        light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3), those
-            of each texel, of which an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
+        light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3) for
+            vectors of each texel; an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
         view: the same, from the surface to the viewer.
 
     A batch axis of size 1, or none, repeats for every item of the others.
@@ -77,8 +77,8 @@ def shade_lit(
 ) -> NDArray[Any]:
     """Radiance towards the viewer of points under K directional lights: the sum of radiance_k f(theta, l_k, v).
 
-    f is that of `shade`. The points turn lights and viewer into their own tangent spaces, and nothing of K x N is ever
-    stored. For NumPy arrays, on the CPU, without gradients.
+    f is the same as in `shade`. The points turn lights and viewer into their own tangent spaces, and nothing of K x N
+    is ever stored. For NumPy arrays, on the CPU, without gradients.
 
     Args:
         model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".

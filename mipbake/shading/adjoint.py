@@ -22,7 +22,8 @@ def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, 
     Args:
         model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
         material: (B, N, C) stored channels, float32, as are all arrays here.
-        light: (B, K, 3) unit vectors, or (B, K, N, 3), those of each texel; strides of 0 repeat. view: the same shape.
+        light: (B, K, 3) unit vectors, or (B, K, N, 3) for vectors of each texel; strides of 0 repeat. view: the same
+            shape.
         radiance: (B, K, N, 3), what each colour of each render counts.
 
     Returns:

@@ -24,8 +24,8 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
         model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
         material: (N, C) or (B, N, C) stored channels, float32 or float64 (CUDA: float32), any strides, read without a
             copy.
-        light: (K, 3) or (B, K, 3) unit vectors, or (B, K, N, 3), those of each texel, of which an axis of size 1
-            or stride 0 repeats; on the material's device; converted to its dtype.
+        light: (K, 3) or (B, K, 3) unit vectors, or (B, K, N, 3) for vectors of each texel; an axis of size 1 or stride
+            0 repeats; on the material's device; converted to its dtype.
         view: the same.
 
     A batch axis of size 1, or none, repeats for every item of the others.

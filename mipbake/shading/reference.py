@@ -1,7 +1,7 @@
 """The plain torch twins of the shading kernels: every model written out as its equations, and nothing native.
 
-It is the oracle of the tests, in float64, and the yardstick of the benchmark. It is differentiable by autograd, in
-the lights and views too, and runs wherever torch does. Equations: docs/conventions.md, section 2.
+They are the oracle of the tests, in float64, and the yardstick of the benchmark. Autograd differentiates them, also in
+the lights and views, and they run wherever torch does. docs/conventions.md, section 2, has the equations.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def _ggx_masking(w_n: Tensor, form: Tensor) -> Tensor:
 def _beckmann_masking(w_n: Tensor, form: Tensor) -> Tensor:
     """w_n (1 + 2 Lambda(w)) with Beckmann's Lambda = (erf a - 1) / 2 + exp(-a^2) / (2 a sqrt pi), a = w_n / sqrt(form).
 
-    Walter et al. 2007, section 5.2. It is that of gamma = 1 whatever gamma is: an approximation.
+    Walter et al. 2007, section 5.2. This is masking for gamma = 1, whatever gamma is: an approximation.
     """
     flat = form < 1e-4 * w_n * w_n  # there a is beyond 100, and Lambda is 0
     s = torch.sqrt(torch.where(flat, 1.0, form))
@@ -203,4 +203,4 @@ MODELS: Mapping[str, Callable[[Tensor], Surface]] = {
     "ggx": _ggx,
     "beckmann": _beckmann,
 }
-"""What each model makes of its (..., C) stored channels."""
+"""The texel that each model makes from its (..., C) stored channels."""

@@ -52,7 +52,7 @@ class Defect:
 
 @dataclass
 class Result:
-    """Of a campaign: how many inputs each reader got, how many were refused or read, and what broke."""
+    """The result of a campaign: how many inputs each reader got, how many were refused or read, and what broke."""
 
     inputs: Counter[str] = field(default_factory=Counter)
     answers: Counter[str] = field(default_factory=Counter)

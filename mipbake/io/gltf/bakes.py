@@ -19,13 +19,13 @@ class GltfBake:
         name: safe as a folder name, and no other bake's of the document.
         materials: indices of the materials that show these textures.
         options: how `mipbake.load` reads the set out of `files`. An `occlusion` map in it is the red channel of the
-            metallicRoughness image, and has to be that of the baked one.
+            metallicRoughness image, and has to be the red channel of the baked image as well.
         files: the images, each in its own file.
         slots: the slots that baked maps may fill. baseColorTexture is not among them where the base colour has no
             texture, or one that lies elsewhere on the surface: it is not prefiltered.
         notes: what was found, in sentences.
         warnings: what the user should look at, in sentences.
-        lobe: whose normals and roughness these are: the material's own, or those of its clearcoat.
+        lobe: whose normals and roughness these are: the material itself, or its clearcoat.
     """
 
     name: str
@@ -75,8 +75,8 @@ def sampler_warnings(name: str, slots: Sequence[Slot], reference: Slot) -> list[
     other = [s.name for s in slots if s.wrap != reference.wrap]
     if other:
         found.append(
-            f"{name}: {', '.join(other)} repeat otherwise at the borders than {reference.name}, which all are filtered "
-            "by"
+            f"{name}: {', '.join(other)} repeat in another way at the borders than {reference.name}: all are "
+            f"filtered as {reference.name} repeats"
         )
     mirrored = [s.name for s in slots if s.mirrored]
     if mirrored:

@@ -1,4 +1,4 @@
-"""The buffers of a document made into the one of a GLB, without the bytes that nobody needs any more."""
+"""Makes the buffers of a document into the one buffer of a GLB, without the bytes that nobody needs any more."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Binary:
         return len(self._data) - len(data)
 
     def taken(self) -> bytes:
-        """Everything."""
+        """All bytes."""
         return bytes(self._data)
 
 

@@ -1,6 +1,6 @@
 """Clearcoats (KHR_materials_clearcoat) as texture sets: a lobe of a dielectric with normals and a roughness of its own.
 
-Base colour and metallic of such a set are 0: what is measured and prefiltered is the reflection of F0 = 0.04 alone,
+Base colour and metallic of this set are 0: what is measured and prefiltered is the reflection of F0 = 0.04 alone,
 which is all that the extension's layer has. Its roughness is the green channel of an image, as it is in
 metallicRoughness, and how much coat there is may be the red one, which is averaged, as an occlusion there is.
 """
@@ -139,7 +139,7 @@ def _bake(
         if any(coat.amount for coat in coats):
             maps["occlusion"] = channels(first.roughness, "R")
     notes = [
-        f"{listed(coat.name for coat in coats)}: normals and roughness are filtered together, as those of a dielectric "
+        f"{listed(coat.name for coat in coats)}: normals and roughness are filtered together, as in a dielectric "
         "without a colour"
     ]
     if factors:

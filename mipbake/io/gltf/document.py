@@ -40,7 +40,7 @@ class Document:
     chunks: tuple[tuple[bytes, bytes], ...] = ()
 
     def __repr__(self) -> str:
-        """In one line."""
+        """A description in one line."""
         return f"Document({str(self.path)!r}, {len(self.all('materials'))} materials)"
 
     def all(self, kind: str) -> list[Json]:
@@ -49,7 +49,7 @@ class Document:
         return found
 
     def one(self, kind: str, index: object, where: str) -> Json:
-        """An object of a top-level array; InputError, which says `where` it is named, where there is no such one."""
+        """An object of a top-level array; InputError, which says `where` it is named, where there is none."""
         objects = self.all(kind)
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(objects):
             raise InputError(
@@ -63,8 +63,8 @@ def read_document(path: Path) -> Document:
     """Reads a .gltf or .glb file, which of them its content tells, with its buffers.
 
     Raises:
-        InputError: it is no glTF 2, damaged or cut short; a buffer is missing, or too short for what lies in it; a
-            texture names an image that is not there.
+        InputError: it is not glTF 2, or it is damaged or cut short; a buffer is missing, or too short for what lies in
+            it; a texture names an image that is not there.
     """
     data = _read(path)
     if data.startswith(container.MAGIC):
@@ -72,7 +72,7 @@ def read_document(path: Path) -> Document:
     elif data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         chunks = container.Chunks(data, None)
     else:
-        raise InputError(f"{path} is no glTF file: expected JSON, or a GLB that begins with glTF")
+        raise InputError(f"{path} is not a glTF file: expected JSON, or a GLB that begins with glTF")
     parsed = _parsed(path, chunks.text)
     _check_version(path, parsed)
     _check_arrays(path, parsed)
@@ -91,7 +91,7 @@ def view_bytes(document: Document, index: object, where: str) -> bytes:
     data = document.buffers[view["buffer"]]
     if data is None:
         raise InputError(
-            f"{document.path}: {where} lies in buffer {view['buffer']}, for which the file brings no bytes: it is "
+            f"{document.path}: {where} lies in buffer {view['buffer']}, for which the file has no bytes: it is "
             "broken, export it again"
         )
     start = view.get("byteOffset", 0)
@@ -99,7 +99,7 @@ def view_bytes(document: Document, index: object, where: str) -> bytes:
 
 
 def number(value: object, where: str, path: Path, least: float, most: float) -> float:
-    """A number of the JSON; InputError where it is none or lies outside least..most."""
+    """A number of the JSON; InputError where it is not a number or lies outside least..most."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
         raise InputError(
             f"{path}: {where} is {value!r}, expected a number from {least:g} to {most:g}: correct it or export again"
@@ -132,10 +132,10 @@ def _parsed(path: Path, text: bytes) -> Json:
             f"{path} holds JSON that is damaged ({one_line(str(error))}): export or download it again"
         ) from error
     if not isinstance(parsed, dict):
-        raise InputError(f"{path} holds JSON that is no object: expected a glTF 2.0 document")
+        raise InputError(f"{path} holds JSON that is not an object: expected a glTF 2.0 document")
     if _is_deeper(parsed, _DEPTH):
         raise InputError(
-            f"{path} holds JSON with more than {_DEPTH} objects in each other: expected fewer, export it flat"
+            f"{path} holds JSON with more than {_DEPTH} objects nested in each other: expected fewer, export it flat"
         )
     return parsed
 
@@ -170,8 +170,8 @@ def _check_arrays(path: Path, parsed: Json) -> None:
         held, expected = (dict, "objects") if kind in _ARRAYS else (str, "names")
         if not isinstance(found, list) or not all(isinstance(each, held) for each in found):
             raise InputError(
-                f"{path}: its {kind} are no array of {expected}: the file is broken, check it with the glTF validator "
-                "and export it again"
+                f"{path}: its {kind} are not an array of {expected}: the file is broken, check it with the glTF "
+                "validator and export it again"
             )
 
 
@@ -194,7 +194,8 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
 
 
 def _check_sources(document: Document, index: int, texture: Json) -> None:
-    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that is none."""
+    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that does not
+    exist."""
     extensions = texture.get("extensions")
     named = {f"{name} of texture {index}": e for name, e in extensions.items()} if isinstance(extensions, dict) else {}
     for where, holder in {f"texture {index}": texture, **named}.items():

@@ -27,7 +27,7 @@ class Extracted:
     """Files in a folder, one for each image that is asked for; images of equal bytes are one file.
 
     Args:
-        document: the images are those of.
+        document: the document that the images belong to.
         folder: an existing one, for these files alone.
     """
 
@@ -40,7 +40,7 @@ class Extracted:
         self._written: dict[tuple[Any, ...], Path] = {}
 
     def key(self, image: int) -> str:
-        """Of an image's content; equal for equal bytes."""
+        """The key of an image's content; equal for equal bytes."""
         if image not in self._keys:
             self._keys[image] = content_key(self.document, image, "a texture")
         return self._keys[image]
@@ -56,7 +56,8 @@ class Extracted:
         return self._files[key]
 
     def header(self, image: int) -> Header:
-        """Of an image's file; InputError, which names the document and the image, where any of it is damaged."""
+        """The header of an image's file; InputError, which names the document and the image, where any of it is
+        damaged."""
         key = self.key(image)
         if key not in self._headers:
             self.pixels(image)
@@ -64,7 +65,7 @@ class Extracted:
         return self._headers[key]
 
     def pixels(self, image: int) -> NDArray[Any]:
-        """As they are stored; InputError, which names the document and the image, where they are damaged."""
+        """Pixels as they are stored; InputError, which names the document and the image, where they are damaged."""
         path = self.file(image)
         try:
             return read_image(path).pixels
@@ -73,7 +74,7 @@ class Extracted:
             # The extracted file is gone when this is read.
             reason = str(error).replace(str(path), "its data")
             raise InputError(
-                f"{self.document.path}: {label} is no readable image: export it again ({reason})"
+                f"{self.document.path}: {label} is not a readable image: export it again ({reason})"
             ) from error
 
     def _stem(self, image: int) -> str:

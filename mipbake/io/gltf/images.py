@@ -69,8 +69,8 @@ def stored_image(document: Document, index: object, where: str = "a texture") ->
         declared = str(image.get("mimeType") or "")
         said = f", though it is declared as {declared}" if declared in _KINDS else f" ({declared})" if declared else ""
         raise InputError(
-            f"{document.path}: {what} is of no image type that glTF knows{said}: expected PNG or JPEG, convert it and "
-            "export again"
+            f"{document.path}: {what} is not of an image type that glTF knows{said}: expected PNG or JPEG, convert it "
+            "and export again"
         )
     return data, kind
 
@@ -102,7 +102,7 @@ def image_files(document: Document, within: Path) -> list[Path]:
 
 
 def image_label(index: object, image: Json) -> str:
-    """How messages call an image."""
+    """The name of an image in messages."""
     name = image.get("name") or image.get("uri")
     return f"image {index} ({name})" if isinstance(name, str) and not name.startswith("data:") else f"image {index}"
 

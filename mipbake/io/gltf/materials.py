@@ -66,7 +66,7 @@ class _Material:
     name: str
     slots: dict[str, Slot]
     elsewhere: Slot | None
-    """Its base colour where that does not share the texels."""
+    """The material's base colour, where it does not share the texels."""
     occluded: bool
     roughness: float
     metallic: float

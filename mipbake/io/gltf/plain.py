@@ -36,7 +36,7 @@ Use: TypeAlias = tuple[int, str]
 
 PREFILTERED = (
     *(NORMAL, METALLIC_ROUGHNESS, ANISOTROPIC, COAT_NORMAL, COAT_ROUGHNESS),
-    *(DIFFUSE, SPECULAR_AND_GLOSS),  # of materials that were not converted, and are left as they are
+    *(DIFFUSE, SPECULAR_AND_GLOSS),  # slots of materials that were not converted, and are left as they are
 )
 """Slots whose averages say something else than their texels: they are baked, or left as they are."""
 
@@ -67,7 +67,7 @@ def plain_textures(
     document: Document, bakes: Sequence[GltfBake], images: Extracted
 ) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
     """The textures of materials that no bake fills and that averages are right for, and what is to be said of all
-    textures beside those of the bakes."""
+    textures beside the textures of the bakes."""
     found: dict[tuple[str, tuple[str, str]], dict[Use, Slot]] = {}
     names: dict[Use, str] = {}
     kept: dict[str, list[str]] = {}
@@ -109,7 +109,7 @@ def _filled(bakes: Sequence[GltfBake]) -> set[Use]:
 
 
 def _untouched(document: Document, filled: set[Use]) -> set[int]:
-    """Textures that stay as they are because of something else that shows them."""
+    """Textures that stay as they are because something else shows them."""
     known = {}
     for index, material in enumerate(document.all("materials")):
         for name in PLACES:

@@ -35,7 +35,7 @@ class QuadOptions:
         base_color: red, green, blue, alpha, linear: multiplied with the base colour map, or alone.
         roughness, metallic: where there is no metallicRoughness map.
         occlusion: whether the red channel of the metallicRoughness map is ambient occlusion.
-        alpha_mode: "OPAQUE", "MASK" or "BLEND". alpha_cutoff: that of "MASK".
+        alpha_mode: "OPAQUE", "MASK" or "BLEND". alpha_cutoff: the cutoff for "MASK".
         double_sided: whether the back is seen.
         ranges: what the material multiplies the values in its maps by.
     """
@@ -51,7 +51,7 @@ class QuadOptions:
     ranges: Ranges = field(default_factory=Ranges)
 
     def __post_init__(self) -> None:
-        """UsageError when a value is none of those listed."""
+        """UsageError when a value is not in the list."""
         if len(self.wrap) != 2 or any(mode not in WRAP_MODES for mode in self.wrap):
             raise UsageError(f"wrap is {self.wrap!r}: expected two of {', '.join(WRAP_MODES)}")
         if self.alpha_mode not in ALPHA_MODES:

@@ -19,11 +19,12 @@ from mipbake.io.map_files import Levels, MapFile
 Values: TypeAlias = NDArray[np.float32]
 
 LEAST_SCALE = 1 / 64
-"""Of normals: a step of eight bits is then a slope of 1/8192, below which no lobe is narrow enough to show it."""
+"""The least scale of normals: a step of eight bits is then a slope of 1/8192, below which no lobe is narrow enough to
+show it."""
 
 _LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255
-_USUAL_SHARE = 0.9  # of slopes within the scale: the best of the shares tried that fits all sets (benchmarks/uastc.py)
+_USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks/uastc.py)
 
 
 @dataclass(frozen=True)
@@ -40,18 +41,19 @@ class Ranges:
     roughness: float = 1.0
 
     def stored(self, file: MapFile) -> MapFile:
-        """A file with the values that its texture holds, of one with the values that are meant."""
+        """A file with the values that its texture holds, from a file with the values that are meant."""
         return self._changed(file, self._stretched)
 
     def shown(self, file: MapFile) -> MapFile:
-        """A file with the values that a material shows, of one with those that its texture holds.
+        """A file with the values that a material shows, from a file with the values that its texture holds.
 
         Normals are not made unit again: engines filter them as they are stored, so that steep ones count less.
         """
         return self._changed(file, self._shown)
 
     def meant(self, file: MapFile) -> MapFile:
-        """As `shown`, with unit normals where they are stretched: to be compared with what was stretched."""
+        """Values as from `shown`, with unit normals where they are stretched: to be compared with what was
+        stretched."""
         return self._changed(file, self._meant)
 
     def _changed(self, file: MapFile, change: Callable[[str, Values], Values]) -> MapFile:
@@ -119,5 +121,5 @@ def _unit(vectors: Values) -> Values:
 
 
 def _short(value: float) -> float:
-    """Of six decimals: what stands in the document is exactly what is reckoned with."""
+    """The number to six decimals: what stands in the document is exactly what is reckoned with."""
     return round(value, 6)

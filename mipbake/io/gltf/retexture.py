@@ -114,7 +114,8 @@ def _images(document: Document, texture: int) -> list[int]:
 
 
 def _assign(made: Json, wants: Sequence[_Want], replaced: Replaced) -> None:
-    """Gives every want a texture: its own where everything that uses that one wants the same, else a new one."""
+    """Gives every want a texture: its own texture where everything that uses this texture wants the same, else a new
+    texture."""
     mine = {id(want.info) for want in wants}
     kept = {use.index for use in texture_uses(made) if use.parent is not None and id(use.parent) not in mine}
     taken: dict[int, str] = {}

@@ -83,9 +83,9 @@ class Lobe:
         normal: slot of its normals.
         roughness: slot whose green channel is the roughness.
         red: slot that may show the red channel of the same image.
-        keys: as those of a `Place`: where the factors are.
-        factors: members that the texture is multiplied with, that of the roughness first, and what each is where it is
-            not given.
+        keys: where the factors are, as in a `Place`.
+        factors: members that the texture is multiplied with, the roughness factor first, and the value of each where it
+            is not given.
     """
 
     normal: str
@@ -136,7 +136,7 @@ class Slot:
 
 
 def label_of(index: int, material: Json) -> str:
-    """How messages call a material."""
+    """The name of a material in messages."""
     name = material.get("name")
     return f"material {index} ({name})" if isinstance(name, str) and name else f"material {index}"
 
@@ -157,7 +157,7 @@ def info_of(material: Json, slot: str) -> Json | None:
         if not isinstance(holder, dict):
             return None
     info = holder.get(slot)
-    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is no texture
+    return info if isinstance(info, dict) and "index" in info else None  # an object without an index is not a texture
 
 
 def made_holder(material: Json, keys: tuple[str, ...]) -> Json:

@@ -1,4 +1,4 @@
-"""Materials of KHR_materials_pbrSpecularGlossiness as those of metallic-roughness, in a document without the extension.
+"""Turns materials of KHR_materials_pbrSpecularGlossiness into metallic-roughness, in a document without the extension.
 
 `mipbake.specular_glossiness` has the formula. What is read after this is an ordinary document.
 """
@@ -41,12 +41,12 @@ from mipbake.specular_glossiness import Loss, metallic_roughness
 
 Pixels = NDArray[np.float32]
 
-_HALF_STEP = 0.5 / 65535  # of what is written
+_HALF_STEP = 0.5 / 65535  # half a step of the 16 bits that are written
 
 
 @dataclass(frozen=True)
 class Converted:
-    """A document without specular and glossiness, but for the materials that warnings and errors name.
+    """A document without specular and glossiness, except for the materials that warnings and errors name.
 
     Args:
         document: the same one where it has no such material.
@@ -99,7 +99,7 @@ class _Want:
 
 @dataclass
 class _Told:
-    """Sentences; materials of which the same is to be said are named together."""
+    """Sentences; one sentence names all materials that it is about."""
 
     notes: dict[str, list[str]] = field(default_factory=dict)
     warnings: dict[str, list[str]] = field(default_factory=dict)
@@ -107,8 +107,9 @@ class _Told:
 
 
 def without_specular_glossiness(document: Document, folder: Path) -> Converted:
-    """The document with its materials of specular and glossiness converted to metallic-roughness, every factor baked
-    in but that of alpha. A metallic-roughness material that lay beside, for readers without the extension, is dropped.
+    """The document with its materials of specular and glossiness converted to metallic-roughness, every factor baked in
+    except the factor of alpha. A metallic-roughness material that lay beside, for readers without the extension, is
+    dropped.
 
     Args:
         document: from `read_document`.
@@ -130,7 +131,7 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
         try:
             given = _given(document, material, images, where)
             if any(name.startswith(f"extensions/{SPECULAR_GLOSSINESS}/") for name in animated.get(index, ())):
-                raise _KeptError("an animation sets its factors, which have none to stand for them in the other")
+                raise _KeptError("an animation sets its factors, which metallic-roughness does not have")
             key = _key(given, images)
             if key not in known:
                 known[key] = _converted(given, images)

@@ -17,7 +17,7 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # longer than a letter: C: is
 
 
 def is_remote(uri: str) -> bool:
-    """Whether a URI names a scheme other than data, so that it is no file beside the document."""
+    """Whether a URI names a scheme other than data, so that it is not a file beside the document."""
     return bool(_SCHEME.match(uri)) and not _is_data(uri)
 
 
@@ -28,8 +28,8 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
         uri: as the document has it: a data URI, or a path relative to the document's folder, percent-encoded.
         document: the file that says so.
         what: what it should be, for messages ("image 3 (bark)").
-        within: whether the file must lie within the document's folder. Exporters write ../textures, and what is no
-            image is refused as one later; other bytes of files elsewhere must not get into what is written.
+        within: whether the file must lie within the document's folder. Exporters write ../textures, and what is not an
+            image is refused later; other bytes of files elsewhere must not get into what is written.
 
     Raises:
         InputError: damaged data, a missing file, a path out of the document's folder or an address in a network.
@@ -39,7 +39,7 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
     if is_remote(uri) or any(_leaves(text, within) for text in _spellings(uri)):
         raise InputError(
             f"{what} of {document} lies at {_short(uri)}: expected a path relative to the file, within its folder, so "
-            "put the file beside it and name it so"
+            "put the file beside the document, and name it by that path"
         )
     named = _existing(uri, document)
     if named is None:

@@ -30,7 +30,7 @@ COLOUR_SLOTS = (BASE_COLOUR, EMISSIVE)
 
 _DESCRIPTOR_AT = 48
 _UASTC, _RGBSDA = 166, 1  # colour models
-_SRGB, _DATA = (1, 2), {"none": (0, 1), "those of BT.709": (1, 1)}  # primaries and transfer function
+_SRGB, _DATA = (1, 2), {"none": (0, 1), "BT.709": (1, 1)}  # primaries and transfer function
 _EIGHT_BITS = 37, 43  # VK_FORMAT_R8G8B8A8_UNORM and _SRGB
 
 
@@ -69,7 +69,7 @@ def rewritten(
         document: as it was read.
         results: bakes of `read_materials` of the same document, none twice.
         provenance: JSON values that say how the maps were made: `asset.extras.mipbake`.
-        plain: textures of `read_materials` with complete KTX 2 files as those of the maps.
+        plain: textures of `read_materials` with complete KTX 2 files, made like the files of the maps.
 
     Raises:
         UsageError: a map for a slot that the bake does not fill, a material in two results, or a map that
@@ -126,13 +126,13 @@ def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] =
 
 
 def check_map(name: str, slot: str, data: bytes) -> None:
-    """UsageError where a file is none that KHR_texture_basisu takes in a slot (its section on KTX v2 images).
+    """UsageError where KHR_texture_basisu does not take a file in a slot (its section on KTX v2 images).
 
     Plain RGBA of eight bits passes too: the extension has no place for it, but three.js and Babylon.js load it there.
     """
     what = f"the map {slot} of {name}"
     if data[: len(IDENTIFIER)] != IDENTIFIER or len(data) < 80:
-        raise UsageError(f"{what} is no KTX 2 file: expected one of UASTC blocks")
+        raise UsageError(f"{what} is not a KTX 2 file: expected one of UASTC blocks")
     vulkan, _, width, height = struct.unpack_from("<4I", data, len(IDENTIFIER))
     if vulkan not in (0, *_EIGHT_BITS):
         raise UsageError(
@@ -145,7 +145,7 @@ def check_map(name: str, slot: str, data: bytes) -> None:
         )
     (descriptor,) = struct.unpack_from("<I", data, _DESCRIPTOR_AT)
     found, colour = tuple(data[descriptor + 12 : descriptor + 15]), slot in COLOUR_SLOTS
-    model, data_primaries = (_RGBSDA, "those of BT.709") if vulkan else (_UASTC, "none")
+    model, data_primaries = (_RGBSDA, "BT.709") if vulkan else (_UASTC, "none")
     if found != (model, *(_SRGB if colour else _DATA[data_primaries])):
         expected = "sRGB with the primaries of BT.709" if colour else f"linear, primaries: {data_primaries}"
         raise UsageError(
@@ -206,7 +206,7 @@ def _settle_images(made: Json, replaced: Replaced) -> dict[int, str]:
     """Gives every content an image, in the place of one that nothing uses any more where there is such.
 
     Returns:
-        bufferView to the content that it is to hold; those of old images have lost theirs.
+        bufferView to the content that it is to hold; the bufferViews of old images have no content.
     """
     images, all_views = made.setdefault("images", []), made.setdefault("bufferViews", [])
     used = {use.index for use in image_uses(made)}
@@ -249,7 +249,8 @@ def _point(image: Json, view: int) -> None:
 def _embed_images(document: Document, made: Json, binary: Binary) -> None:
     """Takes the images that stay from their files and data URIs; addresses in a network stay addresses.
 
-    So do those of images that nothing shows and that cannot be read: they break nothing, here as in the source.
+    An address stays as well where nothing shows the image and the image cannot be read: it breaks nothing, here as in
+    the source.
     """
     shown = {use.index for use in image_uses(document.json)}
     for index, image in enumerate(made["images"]):
@@ -278,6 +279,6 @@ def _declare(made: Json, before: set[str]) -> None:
 
 
 def _with_provenance(extras: Any, provenance: Mapping[str, Any]) -> Json:
-    """What the asset had, and the provenance; extras that are no object move into one."""
+    """What the asset had, and the provenance; extras that are not an object move into one."""
     kept = extras if isinstance(extras, dict) else {} if extras is None else {"extras": extras}
     return {**kept, "mipbake": dict(provenance)}

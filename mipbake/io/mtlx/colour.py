@@ -28,7 +28,8 @@ _INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga")
 
 
 def colour_space_of(textures: Mapping[str, Texture], log: Log) -> str | None:
-    """Of the colours among textures by role, as `LoadOptions` takes it; None leaves it to the type of the file."""
+    """The colour space of the colours among textures by role, as `LoadOptions` takes it; None leaves it to the type of
+    the file."""
     spaces: dict[str, str | None] = {}
     for role in COLOUR_ROLES:
         texture = textures.get(role)

@@ -67,7 +67,7 @@ class Document:
 
     Args:
         path: of the main file.
-        root: its top element, that of the included files' elements as well.
+        root: its top element, which also holds the elements of included files.
         parents: of every element.
         folders: folders that names in an element are relative to, of the top elements that came from included files.
         notes: what was found, in sentences.
@@ -83,7 +83,7 @@ class Document:
 
     @property
     def scope(self) -> Scope:
-        """That of the document itself."""
+        """The scope of the document itself."""
         return Scope(self.root)
 
     def lineage(self, element: Element) -> Iterator[Element]:
@@ -261,9 +261,9 @@ def _parsed(path: Path) -> Element:
             f"{path} is damaged in line {error.position[0]} ({reason}): expected XML of MaterialX; export it again"
         ) from error
     except _DoctypeError:
-        raise InputError(f"{path} declares a document type, which MaterialX has none of: remove <!DOCTYPE>") from None
+        raise InputError(f"{path} declares a document type, which MaterialX does not have: remove <!DOCTYPE>") from None
     except (LookupError, ValueError) as error:  # encodings that Python does not know
-        raise InputError(f"{path} is in no encoding that can be read ({error}): save it as UTF-8") from error
+        raise InputError(f"{path} is in an encoding that cannot be read ({error}): save it as UTF-8") from error
     if root.tag != "materialx":
         raise InputError(f"{path} holds <{root.tag}>: expected a MaterialX document")
     version = root.get("version", "")

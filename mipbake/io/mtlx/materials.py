@@ -35,7 +35,7 @@ class MtlxMaterial:
         document: the file that it is from.
         shader: its surface shader's kind, "standard_surface" and so on.
         options: what fills every role, with absolute paths. Every role is set, so that names decide nothing.
-        files: of all its textures, those of all tiles included.
+        files: the files of all its textures, with the files of all tiles.
         udim: whether names in `options.maps` hold <UDIM> or <UVTILE>: `tiles` is to be used then.
         notes: what was found and assumed, in sentences.
         warnings: what the user should look at, in sentences.
@@ -176,7 +176,7 @@ def _material(document: Document, tracer: Tracer, surface: _Surface, where: str,
 
 
 def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:
-    """The files that maps name, those of all tiles included; InputError where one is not there."""
+    """The files that maps name, with the files of all tiles; InputError where one is not there."""
     files: list[Path] = []
     for file in _paths(options):
         if is_pattern(file):

@@ -35,7 +35,7 @@ class Sources:
         return self.tracer.input(self.node, name, self.scope)
 
     def number(self, name: str, default: float) -> float | None:
-        """The value of a constant input; None where it is none."""
+        """The value of a constant input; None where the input is not constant."""
         signal = self.input(name)
         values = (default,) if signal is None else signal.numbers
         return values[0] if values else None
@@ -171,7 +171,7 @@ class _Reading:
             )
         scale = signal.normal_scale or (1.0,)
         if max(scale) - min(scale) > _CLOSE:
-            self.log.warnings.append(f"{texture.path.name}: its scale differs along u and v, the mean is taken")
+            self.log.warnings.append(f"{texture.path.name}: its scale differs along u and v, the mean is used")
         mean = sum(scale) / len(scale)
         if mean < 0:
             raise _UnreadError(f"{texture.path.name} with the scale {mean:g}")
@@ -270,7 +270,7 @@ def _weights(sources: Sources, reading: _Reading, log: Log) -> None:
         if weight == 0:
             _drop(reading, role, f"the shader's {name} is 0", log)
         elif weight is None:
-            log.warnings.append(f"{spoken(role)} is multiplied by {name}, which is no constant and is not read")
+            log.warnings.append(f"{spoken(role)} is multiplied by {name}, which is not a constant and is not read")
         elif abs(weight - 1) > _CLOSE:
             log.notes.append(f"{spoken(role)} is multiplied by {name} = {weight:g}, which is not baked in: keep it")
 
@@ -293,7 +293,7 @@ def _check_placement(reading: _Reading, log: Log) -> None:
     for role, texture in shading.items():
         if texture.placement != first.placement:
             log.warnings.append(
-                f"{texture.path.name}: {spoken(role)} lies otherwise on the surface than {first.path.name} (its "
+                f"{texture.path.name}: {spoken(role)} lies differently on the surface than {first.path.name} (its "
                 "tiling, offset or coordinates differ), but they are filtered as if they lay on each other"
             )
 
@@ -302,10 +302,12 @@ def _wrap(reading: _Reading, log: Log) -> tuple[str, str]:
     shading = [reading.textures[r] for r in (*SHADING_ROLES, *PLAIN_ROLES) if r in reading.textures]
     leading = reading.textures.get("normal") or reading.textures["roughness"]
     if any(t.wrap != leading.wrap for t in shading):
-        log.warnings.append(f"maps are addressed differently beyond their borders: as {leading.path.name} is taken")
+        log.warnings.append(
+            f"maps are addressed differently beyond their borders: all are addressed as {leading.path.name} is"
+        )
     modes = []
     for axis, mode in zip("uv", leading.wrap, strict=True):
         if mode in ("mirror", "constant"):
-            log.warnings.append(f"{leading.path.name}: is addressed as {mode} along {axis}, clamp is taken")
+            log.warnings.append(f"{leading.path.name}: is addressed as {mode} along {axis}, clamp is used instead")
         modes.append("wrap" if mode == "wrap" else "clamp")
     return modes[0], modes[1]

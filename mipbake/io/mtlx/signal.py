@@ -17,7 +17,7 @@ class Texture:
     Args:
         path: the file, or a pattern of tiles.
         node: the image node's name and kind.
-        type: what the node makes of it: "float", "color3", ...
+        type: the type of the node: "float", "color3", ...
         colour_space: as the document names it; None where it says nothing.
         inherited: whether that is said of something around the node only.
         wrap: addressing along u and v: "wrap", "clamp", "mirror" or "constant".
@@ -97,7 +97,7 @@ def unread(reason: str) -> Signal:
 
 
 def numbers(text: str) -> tuple[float, ...] | None:
-    """The numbers that a value holds; None where they are none, or not finite."""
+    """The numbers that a value holds; None where it holds anything else, or a number that is not finite."""
     if text.strip() in ("true", "false"):
         return (float(text.strip() == "true"),)
     try:
@@ -132,7 +132,7 @@ def taken(signal: Signal, letters: str) -> Signal:
 
 
 def converted(signal: Signal, kind: str) -> Signal:
-    """As many channels as the type has: one is repeated, a missing alpha is 1, others are cut off."""
+    """The signal with as many channels as the type has: one is repeated, a missing alpha is 1, others are cut off."""
     count = len(LETTERS.get(kind, "RGB"))
     channels = signal.channels * count if len(signal.channels) == 1 else (*signal.channels, number(1))
     return Signal(channels[:count])

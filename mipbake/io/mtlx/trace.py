@@ -157,7 +157,7 @@ def _normal_map(at: _At) -> Signal:
     if space != "tangent":
         return unread(f"a normal map in {space} space ({at.node.get('name')})")
     if scale is None:
-        return unread(f"a normal map whose scale is no constant ({at.node.get('name')})")
+        return unread(f"a normal map whose scale is not a constant ({at.node.get('name')})")
     return replace(at.given("in"), normal_scale=scale)
 
 
@@ -167,7 +167,7 @@ def _image(at: _At) -> Signal:
     if not isinstance(file, Value) or not file.text.strip():
         return unread(f"an image node without a file ({node.get('name')})")
     kind = {"gltf_normalmap": "vector3", "gltf_anisotropy_image": "vector3"}.get(node.tag, node.get("type", ""))
-    kind = kind if kind in LETTERS else "color4"  # of several outputs
+    kind = kind if kind in LETTERS else "color4"  # a node of several outputs
     space = document.attribute("colorspace", file.element)
     if space is None or space[1] is not file.element:
         space = document.attribute("colorspace", node) or space
@@ -250,4 +250,4 @@ _NODES: Mapping[str, Callable[[_At], Signal]] = {
     "mix": _mixed,
     "clamp": _clamped,
 }
-"""How nodes are read; any other cannot be."""
+"""How nodes are read, by kind; other nodes cannot be read."""

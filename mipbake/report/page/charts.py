@@ -13,7 +13,7 @@ from mipbake.report.page.methods import Look, looks
 from mipbake.report.page.verdict import PLACES
 
 WIDTH, HEIGHT = 490, 330
-LEFT, RIGHT, TOP, BOTTOM = 38, 124, 30, 38  # of the axes; labels of lines stand to the right
+LEFT, RIGHT, TOP, BOTTOM = 38, 124, 30, 38  # margins of the axes; labels of lines stand to the right
 _LABEL_GAP = 14
 
 
@@ -158,7 +158,8 @@ def _line(points: Sequence[Figure], axes: _Axes, name: str, look: Look) -> Html:
 
 
 def _labels(lines: Mapping[str, Sequence[Figure]], axes: _Axes, styles: Mapping[str, Look]) -> Html:
-    """Names beside the ends of lines, pushed apart; those of thin lines are drawn when they come to stand out."""
+    """Names beside the ends of lines, pushed apart; the name of a thin line is drawn when the line comes to stand
+    out."""
     wanted = {name: axes.y(_runs(points, "value")[-1][-1].value) for name, points in lines.items()}
     placed = dict(wanted)
     placed.update(_apart({name: y for name, y in wanted.items() if styles[name].stands_out}))

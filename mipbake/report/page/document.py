@@ -163,9 +163,8 @@ def _curves(comparison: Comparison) -> Html | None:
     if not drawn:
         return None
     note = (
-        "Bands are 95 % intervals over light-view pairs. They say how far a figure would move with other "
-        "pairs; methods share the pairs and so what is hard in them, so differences between methods are surer than "
-        "bands suggest."
+        "Bands are 95 % intervals over light-view pairs. They say how far a figure would move with other pairs; all "
+        "methods were measured with the same pairs, so differences between methods are surer than the bands suggest."
     )
     return joined([drawn, element("p", note, class_="note"), _folded("The curves as tables", curve_table(comparison))])
 
@@ -187,13 +186,13 @@ def _figures(comparison: Comparison) -> Html | None:
 
 
 def _plots(shown: Html) -> Html:
-    note = "The figures by which the paper on pixel-filter-aware MIP maps shows shimmer, for this material."
+    note = "The paper on pixel-filter-aware MIP maps shows shimmer with these plots. Here they show this material."
     return joined([element("p", note, class_="note"), shown])
 
 
 def _view(live: Html, cropped: str) -> Html:
     note = (
-        "Level for level as they were baked, looked up once for each pixel. Turn the surface slowly: what shimmers, "
+        "Every level as it was baked, looked up once for each pixel. Turn the surface slowly: what shimmers, "
         f"shimmers here. {cropped}"
     )
     return joined([element("p", note, class_="note"), live])

@@ -8,6 +8,7 @@ from typing import Any
 
 from mipbake import __version__
 from mipbake.compare.result import Comparison
+from mipbake.io.sources import DECISIONS
 from mipbake.report.page.markup import DASH, TIMES, Content, Html, element
 from mipbake.report.page.tables import plain_table
 
@@ -33,9 +34,9 @@ def found(source: Mapping[str, Any]) -> Html:
         spoken = {"opengl": "OpenGL (green is up)", "directx": "DirectX (green is down)"}
         name, confidence = str(convention.get("name")), convention.get("confidence")
         sure = f", confidence {confidence:.2f}" if isinstance(confidence, int | float) else ""
-        parts.append(
-            element("p", f"Normal convention: {spoken.get(name, name)}, by {convention.get('decided_by')}{sure}.")
-        )
+        decided = str(convention.get("decided_by"))
+        words = DECISIONS.get(decided, f"by {decided}")
+        parts.append(element("p", f"Normal convention: {spoken.get(name, name)}, {words}{sure}."))
     for key, label in (("warnings", "Warnings"), ("notes", "Notes"), ("ignored", "Files that were left out")):
         sentences = [_sentence(item) for item in source.get(key) or ()]
         if sentences:

@@ -10,7 +10,7 @@ DASH, MINUS, TIMES, SPACE = "\N{EN DASH}", "\N{MINUS SIGN}", "\N{MULTIPLICATION 
 """Signs of print: of what is missing, of negative numbers, of sizes, and the space that no line ends at."""
 
 _VOID = {"img", "input", "br", "col"}
-_EMPTY = {"path", "line", "rect", "circle", "polygon"}  # of SVG, which closes them itself
+_EMPTY = {"path", "line", "rect", "circle", "polygon"}  # empty elements of SVG, which closes them itself
 
 
 class Html(str):

@@ -21,8 +21,8 @@ class Look:
     """How a method is drawn.
 
     Args:
-        colour: index of its colour: methods that differ in their averaging kernel only share it.
-        dashed: whether its lines are dashed: those of the plain box.
+        colour: index of its colour: methods that differ only in their kernel share a colour.
+        dashed: whether its lines are dashed: a method with the plain box has dashed lines.
         stands_out: whether it does so at first.
     """
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 IMAGES = "images"
 """The folder of the files."""
 
-_SHADES = 64  # of error maps: fewer than a byte's, so that they compress
+_SHADES = 64  # shades of error maps: fewer than a byte has, so that maps compress
 
 
 @dataclass(frozen=True)

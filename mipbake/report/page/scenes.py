@@ -146,7 +146,7 @@ def _described(scene: Scene) -> str:
     error = "" if math.isnan(share) else f", its standard error {share:.2g} of the closest method's error"
     less = "" if scene.converged else " (more than was wanted: small differences here are noise)"
     lod = "" if "median" in scene.title else f"Median level of detail {scene.lod:.1f}; "
-    text = f"{lod}{scene.lighting}; reference of {scene.passes} samples a pixel{error}{less}."
+    text = f"{lod}{scene.lighting}; reference of {scene.passes} samples per pixel{error}{less}."
     return text[0].upper() + text[1:]
 
 

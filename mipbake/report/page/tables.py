@@ -52,7 +52,7 @@ def measure_tables(comparison: Comparison) -> Html:
 def title(measure: str, subject: str) -> str:
     """What a reader is shown as the name of a measure."""
     if measure == SNR_GAIN:
-        return f"SNR of {subject} above that of each method"
+        return f"SNR of {subject} above the SNR of each method"
     return MEASURES[measure].title if measure in MEASURES else measure
 
 

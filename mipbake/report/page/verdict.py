@@ -71,7 +71,7 @@ def verdict(comparison: Comparison) -> Verdict:
     gap = {(d.view, d.scale): share for d in best if (share := _closed_gap(comparison, d)) is not None}
     names = {d.rival for d in best}
     against = f"{next(iter(names))}, the best closed form," if len(names) == 1 else "the best closed form of each scale"
-    if len(rivals) == 1:  # the best of one is no praise
+    if len(rivals) == 1:  # to be the best of one is not praise
         against = rivals[0]
     clauses: list[str] = []
     for name, found in ((against, best), (LINEAR, linear if names != {LINEAR} else [])):

@@ -36,9 +36,9 @@ def write_report(
 
     Args:
         comparison: what was found.
-        stacks: name of a method to its stack, as far as they are at hand. The interactive view holds the subject's, the
-            best closed form's and that of `linear (box)`, cropped where they are large; levels of the subject and of
-            `linear (box)` are shown as thumbnails.
+        stacks: name of a method to its stack, as far as there are stacks. The interactive view holds the subject's, the
+            best closed form's and the stack of `linear (box)`, cropped where they are large; levels of the subject and
+            of `linear (box)` are shown as thumbnails.
         source: level 0 before prefiltering, for the view's reference.
         folder: where to. Missing parent folders are made.
         progress: told "report" and the finished share, from 0 to 1.

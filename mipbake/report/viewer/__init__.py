@@ -52,7 +52,7 @@ class Source:
 
     Args:
         stored: (H, W, C) float32 stored channels.
-        model: a name in `mipbake.material.MODELS`; it may differ from that of the stacks.
+        model: a name in `mipbake.material.MODELS`; it may differ from the model of the stacks.
         wrap: addressing along u and v, each "wrap" or "clamp".
         name: what the viewer calls it.
     """

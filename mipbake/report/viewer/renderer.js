@@ -40,7 +40,7 @@ function product(a, b) {
 
 const FIELD_OF_VIEW = 40 * Math.PI / 180;
 
-// Where the eye is and the clip matrix; closed in the angles, so that straight down is no special case.
+// Where the eye is and the clip matrix; closed in the angles, so that straight down is not a special case.
 function camera(view, aspect) {
     const a = view.azimuth * Math.PI / 180, e = view.elevation * Math.PI / 180;
     const back = [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)];

@@ -1,4 +1,4 @@
-// GLSL of the viewer. The formulas, their names and their guards are those of docs/conventions.md.
+// GLSL of the viewer. docs/conventions.md has the formulas, their names and their guards.
 
 const MAX_LIGHTS = 64;
 
@@ -183,7 +183,7 @@ void main() {
     vec3 t = normalize(vTangent - dot(vTangent, n) * n);
     mat3 frame = mat3(t, cross(n, t), n);  // every mesh here has a right-handed frame
     vec3 view = normalize(uEye - vPosition) * frame;
-    // uv / w and 1 / w are linear on the screen, so that their differences are exact where those of uv are not.
+    // uv / w and 1 / w are linear on the screen, so that their differences are exact, and differences of uv are not.
     float w = gl_FragCoord.w;
     vec2 dx = (dFdx(vUv * w) - vUv * dFdx(w)) / w, dy = (dFdy(vUv * w) - vUv * dFdy(w)) / w;
     // The level of detail: the longer axis of the pixel's footprint, in texels of level 0.
