@@ -38,8 +38,8 @@ def _wins(results: Results) -> str:
     return (
         "**Where it wins.** The network alone is `--method neural`. `auto` is the default; it mixes the network with "
         f"closed forms. There are {len(results.lods)} levels of detail and {len(PAIR_SETS)} pair sets, {cells} cases. "
-        f"In {ahead[SUBJECT]} of these cases the mean SNR of the network is above that of every closed form; that of "
-        f"`auto` is so in {ahead['auto']} cases. `{LINEAR}` is what engines do. Over it the network gains "
+        f"The mean SNR of the network is above the mean SNR of every closed form in {ahead[SUBJECT]} of these cases, "
+        f"and the mean SNR of `auto` in {ahead['auto']}. `{LINEAR}` is what engines do. Over it the network gains "
         f"{min(near):.1f} to {max(near):.1f} dB near the mirror and {min(over):.1f} to {max(over):.1f} dB over the "
         "hemisphere, depending on the level. Over the best of four the network gains "
         f"{gains[SUBJECT][0]:.1f} and {gains[SUBJECT][1]:.1f} dB in the mean, and `auto` {gains['auto'][0]:.1f} and "
@@ -64,8 +64,9 @@ def _loses(results: Results) -> str:
     return (
         f"**Where it loses.** There are {lost[SUBJECT, _NEAR].size} cases of set and level. Near the mirror the "
         f"network is more than 1 dB behind the best of four in {count[SUBJECT, _NEAR]} cases{listed}, and over the "
-        f"hemisphere in {count[SUBJECT, _OVER]}. `auto` is so in {count['auto', _NEAR]} and {count['auto', _OVER]} "
-        f"cases. From far away the network's FLIP is below that of every closed form in {int(far.sum())} of {far.size} "
+        f"hemisphere in {count[SUBJECT, _OVER]}. `auto` is that far behind in {count['auto', _NEAR]} cases near the "
+        f"mirror and in {count['auto', _OVER]} over the hemisphere. From far away the network's FLIP is below the FLIP of "
+        f"every closed form in {int(far.sum())} of {far.size} "
         "sets. Levels that are sharp enough for still pictures flicker more at the near scale. Over the hemisphere "
         f"the network's pixels change {flicker[SUBJECT]:.1f} times as much as they should there, those of `vmf "
         f"(gaussian)` {flicker['vmf (gaussian)']:.2f} times, and those of `{LINEAR}` {flicker[LINEAR]:.1f} times."
