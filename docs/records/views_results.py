@@ -55,12 +55,12 @@ def results_words(records: Records) -> str:
     return (
         "The figures are mean signal-to-noise ratios in dB against the supersampled reference; more is better. The "
         f"means are over {len(results.sets)} real texture sets that the training never saw. `highlights` holds pairs "
-        "of light and view around the mirror direction (`near-mirror` elsewhere), and `all directions` holds pairs from "
-        "everywhere (`hemisphere`). At lod L a pixel covers 2^L texels; the last two columns are means over "
+        "of light and view around the mirror direction (`near-mirror` elsewhere), and `all directions` holds pairs "
+        "from everywhere (`hemisphere`). At lod L a pixel covers 2^L texels; the last two columns are means over "
         f"{len(results.lods)} lods. Rules marked `(gaussian)` average under mipbake's pixel filter; engines average "
-        "with the box. Bold is the best method of a column. The last row is an oracle. It knows the figures, and picks the "
-        "best of four closed forms for every set and lod. By FLIP, which compares pictures, `auto` is nearer to the "
-        f"reference than every closed form in {_seen(results, 'auto')} of cases, and the network alone in "
+        "with the box. Bold is the best method of a column. The last row is an oracle. It knows the figures, and picks "
+        "the best of four closed forms for every set and lod. By FLIP, which compares pictures, `auto` is nearer to "
+        f"the reference than every closed form in {_seen(results, 'auto')} of cases, and the network alone in "
         f"{_seen(results, SUBJECT)}."
     )
 
