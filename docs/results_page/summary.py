@@ -65,10 +65,11 @@ def _loses(results: Results) -> str:
         f"**Where it loses.** There are {lost[SUBJECT, _NEAR].size} cases of set and level. Near the mirror the "
         f"network is more than 1 dB behind the best of four in {count[SUBJECT, _NEAR]} cases{listed}, and over the "
         f"hemisphere in {count[SUBJECT, _OVER]}. `auto` is that far behind in {count['auto', _NEAR]} cases near the "
-        f"mirror and in {count['auto', _OVER]} over the hemisphere. From far away the network's FLIP is below the "
-        f"FLIP of every closed form in {int(far.sum())} of {far.size} sets. Levels that are sharp enough for still pictures flicker more at the near scale. Over the hemisphere "
-        f"the network's pixels change {flicker[SUBJECT]:.1f} times as much as they should there, those of `vmf "
-        f"(gaussian)` {flicker['vmf (gaussian)']:.2f} times, and those of `{LINEAR}` {flicker[LINEAR]:.1f} times."
+        f"mirror and in {count['auto', _OVER]} over the hemisphere. From far away the network's FLIP is below the FLIP "
+        f"of every closed form in {int(far.sum())} of {far.size} sets. Levels that are sharp enough for still pictures "
+        "flicker more at the near scale. Over the hemisphere the network's pixels change "
+        f"{flicker[SUBJECT]:.1f} times as much as they should there, the pixels of `vmf (gaussian)` "
+        f"{flicker['vmf (gaussian)']:.2f} times, and the pixels of `{LINEAR}` {flicker[LINEAR]:.1f} times."
     )
 
 
