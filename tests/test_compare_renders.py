@@ -126,7 +126,7 @@ def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
     flat = dataclasses.replace(ball, positions=ball.positions * 0)
     with pytest.raises(InputError, match="no extent"):
         mesh_views(flat, (256, 256), LIGHTS, (64, 64))
-    with pytest.raises(UsageError, match="at least 16 a side"):
+    with pytest.raises(UsageError, match="at least 16 along each side"):
         mesh_views(moved, (256, 256), LIGHTS, (64, 8))
 
 
@@ -291,7 +291,7 @@ def test_the_apparent_brdf_of_a_constant_material_is_its_brdf(pixel_filter: str)
         f = shading.shade("gltf", TEXEL[None].astype(np.float64), direction, np.array([[0.0, 0, 1]]))[0, 0]
         scale = plot.reference[i, j] / f
         assert np.ptp(scale) < 1e-3 * scale.max()
-        assert f"times {scale.mean():.2g} " in plot.caption
+        assert f"times {scale.mean():.2g}." in plot.caption
 
 
 def test_the_apparent_brdf_is_picked_where_the_subject_errs_most_and_shows_several_lobes() -> None:
