@@ -7,11 +7,10 @@ measurements that are not there have no section.
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
 from records.record import FOLDER
-from records.views import wrapped
+from records.wrapping import wrapped_page
 from results_page import charts, models, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary
@@ -51,13 +50,6 @@ best of four to the optimum a method goes, in the means over sets. It is negativ
 of four, and above 100 % where it is ahead of the optimum. `refine` has the time that two minutes for a set of 512 x 512
 texels leave for so many texels.
 """
-
-
-def _wrapped(page: str) -> str:
-    """The page with paragraphs as lines of at most 120 characters; tables, headings and pictures stay as they are."""
-    parts = page.split("\n\n")
-    prose = re.compile(r"[A-Za-z0-9*`\[(]")
-    return "\n\n".join(wrapped(part) + "\n" * part.endswith("\n") if prose.match(part) else part for part in parts)
 
 
 def _ahead(whole: Results, page: Path) -> list[str]:
@@ -177,7 +169,7 @@ def text(folder: Path, page: Path) -> str:
         *_measures(whole),
         *_per_set(whole),
     ]
-    return _wrapped("\n".join(parts))
+    return wrapped_page("\n".join(parts))
 
 
 def main() -> None:

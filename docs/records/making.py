@@ -14,6 +14,7 @@ from records.missing import Missing
 from records.pages import WHOLE, filled, pages
 from records.record import FOLDER, Record, load
 from records.views import VIEWS
+from records.wrapping import wrapped_page
 
 _RESULTS, _CHARTS = "docs/results.md", "results-figure-5-*.svg"
 
@@ -75,7 +76,7 @@ def _figure_7(records: Records) -> Mapping[str, bytes]:
 
 
 def _from(folder: str, script: str, name: str, page: str) -> Callable[[Records], Mapping[str, bytes]]:
-    return lambda records: {page: _script(folder, script).page_of(records[name]).encode()}
+    return lambda records: {page: wrapped_page(_script(folder, script).page_of(records[name])).encode()}
 
 
 _PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {

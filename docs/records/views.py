@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
 from records.views_results import in_three, results_table, results_words
+from records.wrapping import wrapped
 
 if TYPE_CHECKING:
     from records.making import Records
 
 PLAIN, BAKED = "linear", "mipbake"
-
-
-def wrapped(words: str) -> str:
-    """A paragraph as lines of at most 120 characters."""
-    return "\n".join(textwrap.wrap(words, 120, break_long_words=False, break_on_hyphens=False))
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
