@@ -67,10 +67,10 @@ def _far(records: Records) -> tuple[dict[str, float], int, int]:
 def failure_words(records: Records) -> str:
     best, behind, of = _far(records)
     data = records["failure"]
-    scales = ", ".join(f"{scale} (lod {lod:g})" for scale, lod in data["lods"].items())
+    scales = ", ".join(f"{lod:g} ({scale})" for scale, lod in data["lods"].items())
     below = sum(value < 0 for value in data["methods"]["linear (box)"]["near-mirror"].values())
     return wrapped(
-        f"SNR in dB against the reference, as `mipbake.validate` measures it, at the scales {scales}. Far away no "
+        f"SNR in dB against the reference, as `mipbake.validate` measures it, at the lods {scales}. Far away no "
         f"method is above {best['near-mirror']:.1f} dB near the mirror or {best['hemisphere']:.1f} dB over the "
         f"hemisphere. Averaging with the box is below 0 dB, where a black picture would be closer, at {below} of "
         f"{len(data['lods'])} scales near the mirror. The network is behind the best closed form in {behind} of the "
