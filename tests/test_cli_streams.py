@@ -91,7 +91,8 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
 ) -> None:
     # It says when the entry point has begun: Python itself takes a moment before.
     program = (
-        "import sys, time; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
+        "import signal, sys, time; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
+        "import mipbake_start as start; sys.argv[0] = 'mipbake'; "
         "start._fill_descriptors = lambda: (print(flush=True), time.sleep({wait})); start.run()"
     )
     for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):

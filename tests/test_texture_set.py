@@ -144,7 +144,7 @@ def test_gloss_is_inverted_and_packed_channels_are_taken(tmp_path: Path) -> None
     result = load(write_set(tmp_path / "unity", files | {"a_MetallicSmoothness.png": packed}))
     np.testing.assert_allclose(result.maps["metallic"].pixels[..., 0], packed[..., 0] / 255, atol=1e-6)
     np.testing.assert_allclose(result.maps["roughness"].pixels[..., 0], 1 - packed[..., 3] / 255, atol=1e-6)
-    assert any("gloss, inverted" in n for n in result.notes)
+    assert any("gloss, which is inverted" in n for n in result.notes)
     result = load(write_set(tmp_path / "orm", files | {"a_orm.png": packed[..., :3].copy()}))
     for role, channel in (("occlusion", 0), ("roughness", 1), ("metallic", 2)):
         np.testing.assert_allclose(result.maps[role].pixels[..., 0], packed[..., channel] / 255, atol=1e-6)

@@ -139,7 +139,10 @@ def test_resumed_exported_and_baked(tmp_path: Path) -> None:
     assert info.targets == DECODERS
     assert info.pixel_filters == ("gaussian",)
     assert json.loads((tmp_path / "weights" / "tiny-cross.json").read_text())["network"]["encoders"] == list(ENCODERS)
-    assert "make `ggx`, `beckmann`, `gltf` and `gltf-anisotropic`" in (tmp_path / "weights/tiny-cross.md").read_text()
+    assert (
+        "| Makes | `ggx`, `beckmann`, `gltf` and `gltf-anisotropic` |"
+        in (tmp_path / "weights/tiny-cross.md").read_text()
+    )
     network, stored, wrap = load_network(info), procedural_set(7, 32), ("wrap", "wrap")
     for target in DECODERS:
         assert default_weights(target, folder=tmp_path / "weights") == info
