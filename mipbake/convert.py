@@ -20,9 +20,7 @@ from mipbake import __version__, material
 from mipbake.bake import bake
 from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
-from mipbake.io import disk
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
-from mipbake.io.json_text import parsed
 from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, PARAMETRISATIONS, extra_layout
 from mipbake.io.map_files import (
     CONVENTIONS,
@@ -35,6 +33,7 @@ from mipbake.io.map_files import (
     write_files,
 )
 from mipbake.io.publish import check_target
+from mipbake.manifest import declared
 from mipbake.material import MODELS, model_named
 from mipbake.packing import unpacked
 from mipbake.texture_set import TextureSet
@@ -264,17 +263,7 @@ def open_material(path: str | Path) -> Material:
     """
     folder = Path(path)
     file = folder / MATERIAL_MANIFEST
-    try:
-        manifest = parsed(disk.read_bytes(file, "what `mipbake convert` wrote"))
-    except ValueError as error:
-        raise InputError(f"cannot read {file} ({error}): expected what `mipbake convert` wrote") from error
-    if not isinstance(manifest, dict) or manifest.get("schema") != MATERIAL_SCHEMA:
-        raise InputError(f"{file} is not the description of a material: its schema is not {MATERIAL_SCHEMA}")
-    if manifest.get("schema_version") != MATERIAL_SCHEMA_VERSION:
-        raise InputError(
-            f"{file} has schema version {manifest.get('schema_version')}, expected {MATERIAL_SCHEMA_VERSION}: open it "
-            "with the version of mipbake that wrote it, or convert it again"
-        )
+    manifest = declared(file, "material", "convert", MATERIAL_SCHEMA, MATERIAL_SCHEMA_VERSION)
     try:
         title = str(manifest["name"])
         if title in ("", ".", "..") or any(mark in title for mark in "/\\\0"):  # the name of its own folder

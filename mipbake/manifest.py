@@ -69,18 +69,31 @@ def manifest_path(path: str | Path) -> Path:
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """What a stack's file declares, from `manifest_path`; InputError where it is broken or of another version."""
+    return declared(path, "stack", "bake", SCHEMA, SCHEMA_VERSION)
+
+
+def declared(path: Path, what: str, command: str, schema: str, version: int) -> dict[str, Any]:
+    """What a JSON file of ours declares.
+
+    Args:
+        path: the file. what: what it describes. command: the command of mipbake that writes it.
+        schema: its name. version: the version of the schema that can be read.
+
+    Raises:
+        InputError: the file is missing, broken, or of another schema or version.
+    """
     try:
-        manifest = parsed(disk.read_bytes(path, "what `mipbake bake` wrote"))
+        found = parsed(disk.read_bytes(path, f"what `mipbake {command}` wrote"))
     except ValueError as error:
-        raise InputError(f"cannot read {path} ({error}): bake the stack again") from error
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise InputError(f"{path} is not the description of a stack: its schema is not {SCHEMA}")
-    if manifest.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(f"cannot read {path} ({error}): {command} the {what} again") from error
+    if not isinstance(found, dict) or found.get("schema") != schema:
+        raise InputError(f"{path} is not the description of a {what}: its schema is not {schema}")
+    if found.get("schema_version") != version:
         raise InputError(
-            f"{path} has schema version {manifest.get('schema_version')}, expected {SCHEMA_VERSION}: "
-            "open it with the version of mipbake that wrote it, or bake it again"
+            f"{path} has schema version {found.get('schema_version')}, expected {version}: "
+            f"open it with the version of mipbake that wrote it, or {command} it again"
         )
-    return manifest
+    return found
 
 
 def read_output(path: str | Path, index: int) -> list[MapFile]:
