@@ -26,7 +26,7 @@ from mipbake.io.gltf.write import check_images
 from mipbake.io.publish import published
 from mipbake.jobs import Failure, Job
 from mipbake.manifest import check_output, is_stack_folder
-from mipbake.output import GLB, Output, check_outputs
+from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
@@ -266,7 +266,8 @@ def _textures(job: Job, seen: TextureSet, stack: MipStack, asked: Asked, progres
     """The textures of a GLB, with the ranges and the texels that cost the least."""
     inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
     slots, lobe = (job.bake.slots, job.bake.lobe) if job.bake else (None, BASE)
-    ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), *asked.finer[-1:])
+    best = (GLB_TEXELS[0], *asked.finer)[-1]
+    ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), best)
     texels = chosen(seen, inside, output(asked.finer), part_of(progress, 1, 3), ranges).texels
     return encoded(inside, slots, asked.levels, part_of(progress, 2, 3), lobe, ranges, texels)
 

@@ -222,7 +222,8 @@ def test_what_is_advised_for_a_preset_is_known_of_its_engine(name: str) -> None:
 
 
 def test_a_preset_has_no_say_where_the_user_chose(tmp_path) -> None:
-    folder = write_set(tmp_path / "metal")
+    polished = np.full((16, 16), 26, np.uint8)
+    folder = write_set(tmp_path / "metal", roughness=polished)
     for options, wanted in (([], "Unity is not known"), (["--format", "dds:bc1"], "use --format dds:bc where")):
         arguments = ["-o", tmp_path / "out", "--method", "linear", "--preset", "unity", *options]
         code, said = run("bake", folder, *arguments)
