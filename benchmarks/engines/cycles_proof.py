@@ -3,7 +3,8 @@
     python benchmarks/engines/cycles_proof.py SETS --count 5 --python PYTHON
 
 SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. PYTHON is
-an interpreter that has the package `bpy`; the default is this one. `python docs/remake.py` makes RESULTS-cycles.md.
+an interpreter that has the package `bpy`; the default is $BPY_PYTHON, or this one. `python docs/remake.py` makes
+RESULTS-cycles.md.
 Cycles knows no levels: level 0 is what a render from near reads, one texel a pixel here.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -60,7 +62,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sets", type=Path, help="a folder of texture sets")
     parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
-    parser.add_argument("--python", default=sys.executable, help="an interpreter that has bpy")
+    python = os.environ.get("BPY_PYTHON", sys.executable)
+    parser.add_argument(
+        "--python", default=python, help="an interpreter that has bpy (default: BPY_PYTHON, or this one)"
+    )
     parser.add_argument("--results", type=Path, required=True, help="a .json file of what was measured")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
