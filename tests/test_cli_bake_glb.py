@@ -17,7 +17,7 @@ from mipbake.io import ktx2
 from .command_line import bumps, fails, write_set
 from .gltf_files import check_structure, image_of
 
-MIRROR = {**bumps(64, 64), "roughness": np.full((64, 64), 60, np.uint8)}
+MIRROR = {**bumps(64, 64), "roughness": np.full((64, 64), 90, np.uint8)}
 
 
 def bake(*arguments: object) -> tuple[int, Any]:
@@ -40,7 +40,7 @@ def test_a_mirror_in_a_glb(tmp_path: Path, asked: str, texels: str) -> None:
     document, binary = check_structure((tmp_path / "out" / "mirror" / "mirror.glb").read_bytes())
     material = document["materials"][0]
     assert 0 < material["normalTexture"].get("scale", 1) <= 1
-    assert material["pbrMetallicRoughness"]["roughnessFactor"] == pytest.approx(60 / 255, abs=1e-5)
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == pytest.approx(90 / 255, abs=1e-5)
     made = ktx2.decoded(image_of(document, binary, material["normalTexture"]["index"]), "it")
     assert (made.format.name, len(made.levels)) == (texels, 7)
 
