@@ -23,6 +23,23 @@ def tiny(**sections: dict[str, Any]) -> TrainingConfig:
     return config_from(content)
 
 
+def tiny_balanced(**sections: dict[str, Any]) -> TrainingConfig:
+    """As `tiny`, of the architecture and the loss of the released weights."""
+    content: dict[str, dict[str, Any]] = {
+        "network": {
+            "architecture": "moments", "latent_channels": 4, "convolutions": 1, "pointwise": 1, "growth": 4,
+            "decoder_layers": 1, "decoder_growth": 4,
+        },
+        "data": {"held_out": 0, "procedural_sets": 2, "procedural_size": 64, "plain": 0.5, "strided": 0.5},
+        "loss": {"kind": "balanced", "crops": 2, "crop_size": 16},
+        "optimiser": {"learning_rate": 1e-3, "ramp": 2, "ema_decay": 0.9, "clip": 5.0},
+        "run": {"steps": 6, "log_every": 2, "validate_every": 4, "checkpoint_every": 3, "uses": 2},
+    }  # fmt: skip
+    for name, section in sections.items():
+        content[name] |= section
+    return config_from(content)
+
+
 @pytest.fixture
 def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Validation of seconds less."""

@@ -34,6 +34,7 @@ from mipbake.training.export import export_weights
 from mipbake.training.validation import Validator
 
 from .small_training import small_validation
+from .small_training import tiny_balanced as tiny
 from .test_moment_network import TORUS, bumpy
 
 __all__ = ["small_validation"]
@@ -41,22 +42,6 @@ __all__ = ["small_validation"]
 torch.set_num_threads(1)
 
 SETTINGS = BalancedLossConfig(crops=2, crop_size=16)
-
-
-def tiny(**sections: dict[str, object]) -> TrainingConfig:
-    content: dict[str, dict[str, object]] = {
-        "network": {
-            "architecture": "moments", "latent_channels": 4, "convolutions": 1, "pointwise": 1, "growth": 4,
-            "decoder_layers": 1, "decoder_growth": 4,
-        },
-        "data": {"held_out": 0, "procedural_sets": 2, "procedural_size": 64, "plain": 0.5, "strided": 0.5},
-        "loss": {"kind": "balanced", "crops": 2, "crop_size": 16},
-        "optimiser": {"learning_rate": 1e-3, "ramp": 2, "ema_decay": 0.9, "clip": 5.0},
-        "run": {"steps": 6, "log_every": 2, "validate_every": 4, "checkpoint_every": 3, "uses": 2},
-    }  # fmt: skip
-    for name, section in sections.items():
-        content[name] |= section
-    return config_from(content)
 
 
 def patches_of(seed: int, count: int = 2) -> torch.Tensor:

@@ -1,0 +1,109 @@
+"""What is held: levels of stacks by every method, and what training steps of every kind make of a network."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.prefilter import METHODS, Prefilter
+from mipbake.prefilter.held_out import Budget
+from mipbake.prefilter.optimum import Optimum
+from mipbake.prefilter.refine import Refine
+from mipbake.training import loop
+from mipbake.training.batches import batches
+from mipbake.training.config import TrainingConfig
+from mipbake.training.data import load_materials
+from mipbake.training.procedural import procedural_set
+
+from ..small_training import tiny, tiny_balanced
+from ..stacks import gltf_level
+
+Arrays = Sequence[NDArray[np.float32]]
+
+TARGETS = ("gltf", "gltf-anisotropic")
+
+_STEPS = 2
+
+
+@dataclass(frozen=True)
+class Source:
+    """A set, as methods take it."""
+
+    stored: NDArray[np.float32]
+    model: str
+    wrap: tuple[str, str]
+
+
+def sources() -> dict[str, Source]:
+    """Two tiny sets: an uneven one with directions, and bumps that repeat."""
+    return {
+        "waves": Source(gltf_level((16, 32), 0, anisotropic=True), "gltf-anisotropic", ("wrap", "clamp")),
+        "bumps": Source(procedural_set(3, 16), "gltf", ("wrap", "wrap")),
+    }
+
+
+def methods() -> dict[str, Prefilter]:
+    """Every method; those that stop by the clock, whose results differ from run to run, stop by rounds here."""
+    few = Optimum(Budget(rounds=4, held_out_pairs=256))
+    return {**METHODS, "refine": Refine(budget="best"), "optimum": few}
+
+
+def stacks() -> Iterator[tuple[str, Callable[[], Arrays]]]:
+    """Name of a stack, and what bakes it."""
+    for name, source in sources().items():
+        for target in TARGETS:
+            for method in methods().values():
+                for kernel in ("gaussian", "box") if method.averages else ("gaussian",):
+                    yield f"{name}, {target}, {method.name} ({kernel})", partial(_baked, source, target, method, kernel)
+
+
+def _baked(source: Source, target: str, method: Prefilter, kernel: str) -> Arrays:
+    return method(source.stored, source.model, target, kernel, source.wrap, lambda _: None).levels
+
+
+def trainings() -> Iterator[tuple[str, Callable[[], Arrays]]]:
+    """Name of a training, and what makes some steps of it and gives the weights and their averages."""
+    kinds = {
+        "latent": tiny(),
+        "latent ggx": tiny(network={"encoders": ["ggx"], "decoders": ["ggx"]}),
+        "latent cross": tiny(
+            network={"encoders": ["gltf", "ggx"], "decoders": ["gltf", "ggx"], "latent_channels": 20}
+        ),
+        "latent residual": tiny(network={"encoders": ["ggx"], "decoders": ["ggx"], "residual": True}),
+        "latent error weighting": tiny(loss={"weighting": "error"}),
+        "moments": tiny_balanced(),
+        "moments anisotropic": tiny_balanced(network={"decoders": ["gltf-anisotropic"]}),
+        "moments signed filter": tiny_balanced(loss={"pixel_filter": "mitchell", "any_filter": 0.0}),
+    }
+    for name, config in kinds.items():
+        yield name, partial(_trained, config)
+
+
+def _trained(config: TrainingConfig) -> Arrays:
+    config = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=_STEPS))
+    materials, _ = load_materials(config)
+    state = loop.new_state(config)
+    loop.fit_whitening(state.network, materials, config)
+    losses = [state.advance(batch).reshape(1) for batch in batches(materials, config, 0)]
+    values = [value for each in (state.network, state.average) for value in each.state_dict().values()]
+    return [np.asarray(value.numpy(), np.float32) for value in (*losses, *values)]
+
+
+def digest(arrays: Arrays) -> str:
+    """A hash of all bits."""
+    made = hashlib.sha256()
+    for array in arrays:
+        made.update(repr(array.shape).encode())
+        made.update(np.ascontiguousarray(array).tobytes())
+    return made.hexdigest()[:16]
+
+
+def means(arrays: Arrays) -> list[float]:
+    """A number an array, near another machine's: the mean of what it holds."""
+    return [round(float(array.mean(dtype=np.float64)), 6) for array in arrays]
