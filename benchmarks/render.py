@@ -27,7 +27,7 @@ def main() -> None:
     options = parser.parse_args()
 
     from mipbake import _native, raster, sampling, shading
-    from mipbake.prefilter.pixel_filter import filtered_levels
+    from mipbake.pixel_filter import filtered_levels
     from mipbake.render import environment, mesh_render, shapes
     from mipbake.render.camera import orbit
     from mipbake.render.visible import Surface

@@ -27,9 +27,9 @@ from mipbake.io.uastc import check_encoder
 from mipbake.jobs import Job
 from mipbake.output import GLB, GLB_TEXELS, check_outputs
 from mipbake.packing import PACKINGS, SOURCE, Normals
+from mipbake.pixel_filter import FILTERS, filter_named
 from mipbake.prefilter import METHODS, OPTIONS, method_named
-from mipbake.prefilter.pixel_filter import FILTERS, filter_named
-from mipbake.prefilter.time_budget import BEST
+from mipbake.prefilter.search.time_budget import BEST
 from mipbake.presets import PRESETS, Preset, preset_named, wanted_outputs
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())

@@ -28,8 +28,8 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Job
 from mipbake.metrics import PAIR_SETS
+from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.render.cache import default_folder
 from mipbake.render.environment import ENVIRONMENTS, lighting_named
 from mipbake.render.mesh_file import read_mesh

@@ -33,8 +33,8 @@ from mipbake.compare.result import Method
 from mipbake.compare.scenes import standard_views
 from mipbake.errors import UsageError
 from mipbake.models.registry import default_weights, list_weights, load_network
+from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.render import environment
 from mipbake.texture_set import TextureSet
 

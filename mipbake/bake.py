@@ -12,9 +12,9 @@ from mipbake.io.layout import channels_of
 from mipbake.material import MODELS
 from mipbake.opacity import covering, keeping_coverage, opacity_of, shown
 from mipbake.packing import source_files
+from mipbake.pixel_filter import filter_named, filtered_levels
 from mipbake.prefilter import method_named
 from mipbake.prefilter.base import say
-from mipbake.prefilter.pixel_filter import filter_named, filtered_levels
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 
@@ -66,7 +66,7 @@ def bake(
         texture_set: from `mipbake.load` or `TextureSet.from_arrays`.
         method: a name in `mipbake.prefilter.METHODS`.
         target: a material model in `mipbake.material.MODELS`, or "auto".
-        pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`, for the filter of the engine's pixels.
+        pixel_filter: a name in `mipbake.pixel_filter.FILTERS`, for the filter of the engine's pixels.
         progress: told stage and share as the work goes on. Where it has a method `note`, methods that optimise tell it
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.

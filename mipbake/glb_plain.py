@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import __version__
+from mipbake.fill import fill
 from mipbake.io import ktx2
 from mipbake.io.colour import SRGB, decode, unit_range
 from mipbake.io.decode import upsample
@@ -26,8 +27,7 @@ from mipbake.io.layout import UNIT, FileChannel, FileLayout
 from mipbake.io.map_files import Levels, MapFile, quantised_levels
 from mipbake.io.publish import temporary_folder
 from mipbake.opacity import keeping_coverage, premultiplied
-from mipbake.prefilter.fill import fill
-from mipbake.prefilter.pixel_filter import filtered_levels
+from mipbake.pixel_filter import filtered_levels
 
 Image = NDArray[np.float32]
 

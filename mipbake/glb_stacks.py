@@ -30,7 +30,7 @@ from mipbake.io.gltf.slots import (
     slot_of,
 )
 from mipbake.jobs import Job
-from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
 

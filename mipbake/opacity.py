@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.directions import untangled
+from mipbake.fill import fill
 from mipbake.io.decode import unit_directions, upsample
 from mipbake.io.normal import normalised
 from mipbake.io.options import SHADING_ROLES
-from mipbake.prefilter.fill import fill
-from mipbake.prefilter.pixel_filter import filtered_levels, resample
+from mipbake.pixel_filter import filtered_levels, resample
 from mipbake.texture_set import TextureSet
 
 Image = NDArray[np.float32]

@@ -15,7 +15,7 @@ from mipbake.io.layout import FLIPPED, INVERTED, LAYOUTS, LOG, SIGNED, UNIT, Fil
 from mipbake.io.names import with_convention
 from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED
-from mipbake.prefilter.pixel_filter import level_sizes, resample
+from mipbake.pixel_filter import level_sizes, resample
 from mipbake.texture_set import TextureSet
 
 Levels: TypeAlias = list[NDArray[np.float32]]

@@ -31,7 +31,7 @@ from mipbake.manifest import (
 from mipbake.material import MODELS
 from mipbake.output import GLB, Output, check_outputs, planned
 from mipbake.packing import PackedFile, unpacked
-from mipbake.prefilter.pixel_filter import filter_named, level_sizes
+from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
 from mipbake.presets import preset_named, wanted_outputs
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.directions import untangled
 from mipbake.errors import UsageError
+from mipbake.fill import fill
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import TextureMap, resized, unit_directions
 from mipbake.io.messages import listed
@@ -21,8 +22,7 @@ from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
 from mipbake.io.sources import DATA, MapSource, NormalConvention, spoken
 from mipbake.io.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
 from mipbake.opacity import keeping_coverage
-from mipbake.prefilter.fill import fill
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 

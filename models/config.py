@@ -12,7 +12,7 @@ PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
 """Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
-"""Kernels that latents can be downsampled with; mipbake.prefilter.pixel_filter has them."""
+"""Kernels that latents can be downsampled with; mipbake.pixel_filter has them."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
 from mipbake.models.network import Network, border_indices
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
-from mipbake.prefilter.pixel_filter import Wrap, level_sizes
+from mipbake.pixel_filter import Wrap, level_sizes
 
 
 def bake(

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.prefilter.pixel_filter import Wrap, resample_weights
+from mipbake.pixel_filter import Wrap, resample_weights
 
 
 def latent_weights(

@@ -22,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.prefilter.pixel_filter import level_sizes, resample_weights
+from mipbake.pixel_filter import level_sizes, resample_weights
 
 _BETWEEN = 1 / 60
 """What levels are sharper by because lookups lie between them."""

@@ -23,7 +23,7 @@ from mipbake.models.moment_network import DETAIL, MomentNetwork, with_detail
 from mipbake.models.network import border_indices
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
 from mipbake.models.workers import in_order
-from mipbake.prefilter.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
+from mipbake.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
 
 _FROM_TOP = 3
 """Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""

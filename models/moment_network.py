@@ -33,7 +33,7 @@ from mipbake.models.direction import OUTPUTS, stretched
 from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
 from mipbake.models.parameters import settled
-from mipbake.prefilter.pixel_filter import FILTERS, Wrap, level_sizes
+from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
 _INPUTS = 10
 _CODE = 3 + len(FILTERS)

@@ -31,7 +31,7 @@ from mipbake.models.config import PARAMETERS, NetworkConfig
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent import downsample, pixel_taps
 from mipbake.models.parameters import settled, to_parameters, to_stored
-from mipbake.prefilter.pixel_filter import Wrap, level_sizes
+from mipbake.pixel_filter import Wrap, level_sizes
 
 _GATE = 0.01
 """c: variance, in whitened units and summed over parameters, at which half of the correction is applied."""

@@ -19,7 +19,7 @@ import numpy as np
 from mipbake.errors import OutputError
 from mipbake.io.containers import FORMATS
 from mipbake.io.publish import replaced_file
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.render.mesh_render import Frame, Reference
 from mipbake.render.render_file import write_render
 from mipbake.stack import MipStack, Provenance

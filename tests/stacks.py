@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.stack import MipStack, Provenance
 
 

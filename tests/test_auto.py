@@ -13,17 +13,19 @@ import torch
 
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
 from mipbake.errors import UsageError
+from mipbake.judging.bright_pairs import KINDS, draw_pool
+from mipbake.judging.held_out import draw_pairs
+from mipbake.judging.lit_renders import displayed
+from mipbake.judging.scores import Effort, Score, Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
 from mipbake.prefilter import METHODS, bench, blending, method_named, refine
 from mipbake.prefilter.base import PrefilterResult
-from mipbake.prefilter.bench import Rival
-from mipbake.prefilter.held_out import Budget, Problem, draw_pairs
-from mipbake.prefilter.level_fit import Term, columns, fit_level
-from mipbake.prefilter.lit_renders import displayed
-from mipbake.prefilter.pair_pool import KINDS, draw_pool
 from mipbake.prefilter.promise import promise_from
-from mipbake.prefilter.scores import Effort, Score, Scores
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.ingredients import Rival
+from mipbake.prefilter.search.level_fit import Term, columns, fit_level
+from mipbake.reference.problem import Problem
 from mipbake.render import candidate, random_points, reference
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint

@@ -16,11 +16,11 @@ import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import LoadOptions
+from mipbake.judging.scores import Effort
 from mipbake.packing import PACKINGS
+from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS, refine
-from mipbake.prefilter.held_out import Budget
-from mipbake.prefilter.pixel_filter import FILTERS
-from mipbake.prefilter.scores import Effort
+from mipbake.prefilter.search.budget import Budget
 from mipbake.presets import PRESETS
 
 from .command_line import bumps, fails, tree, write_set

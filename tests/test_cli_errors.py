@@ -12,8 +12,8 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import FORMATS
+from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import FILTERS
 from mipbake.stack import MipStack
 
 from .command_line import bumps, fails, tree, write_png, write_set

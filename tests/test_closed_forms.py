@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mipbake import material
+from mipbake.pixel_filter import FILTERS, Wrap, resample
 from mipbake.prefilter import METHODS, closed_form, vmf
-from mipbake.prefilter.pixel_filter import FILTERS, Wrap, resample
 
 WRAP: Wrap = ("wrap", "wrap")
 

@@ -21,8 +21,8 @@ from mipbake.compare.turning import Turning
 from mipbake.errors import InputError, UsageError
 from mipbake.metrics import MEASURES, srgb_encode
 from mipbake.metrics.images import displayed
+from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import level_sizes
 from mipbake.render import mesh_render, shapes
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh

@@ -11,8 +11,8 @@ import torch
 from mipbake import directions, material
 from mipbake.metrics.pairs import pair_set
 from mipbake.models import parameters
+from mipbake.pixel_filter import filtered_levels
 from mipbake.prefilter import METHODS
-from mipbake.prefilter.pixel_filter import filtered_levels
 from mipbake.render import candidate, reference
 from mipbake.texture_set import TextureSet
 

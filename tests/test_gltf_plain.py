@@ -18,7 +18,7 @@ from mipbake.io.gltf.materials import GltfMaterials, read_materials
 from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.ktx2 import decoded
 from mipbake.io.read import read_image
-from mipbake.prefilter.pixel_filter import filtered_levels
+from mipbake.pixel_filter import filtered_levels
 
 from .gltf_files import GltfFile, check_structure, image_of, png
 from .test_presets import run

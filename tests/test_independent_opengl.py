@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.render import shapes
 from mipbake.render.camera import Camera
 from mipbake.render.mesh import Mesh

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
-from mipbake.prefilter import lobes
+from mipbake.reference import lobes
 
 
 def sphere(count: int) -> torch.Tensor:

@@ -10,11 +10,11 @@ import pytest
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, convert
 from mipbake.models import list_weights
+from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS, OPTIONS, method_named, optimum
-from mipbake.prefilter.held_out import Budget
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.pixel_filter import FILTERS
-from mipbake.prefilter.time_budget import seconds_of
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.time_budget import seconds_of
 
 
 def test_budgets_are_seconds_minutes_or_best() -> None:

@@ -21,7 +21,7 @@ from mipbake.models.inference import bake_levels
 from mipbake.models.latent import downsample
 from mipbake.models.network import Network, Whitening
 from mipbake.models.parameters import clamp, to_parameters, to_stored
-from mipbake.prefilter.pixel_filter import FILTERS, level_sizes, resample
+from mipbake.pixel_filter import FILTERS, level_sizes, resample
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 

@@ -18,10 +18,10 @@ from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sha
 from mipbake.models.moment_inference import bake
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.moments import COUNT, FEATURES, moments, statistics
-from mipbake.prefilter.lean import Lean
-from mipbake.prefilter.linear import Linear
-from mipbake.prefilter.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
-from mipbake.prefilter.unreal import UNREAL
+from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
+from mipbake.prefilter.rules.lean import Lean
+from mipbake.prefilter.rules.linear import Linear
+from mipbake.prefilter.rules.unreal import UNREAL
 from mipbake.render import candidate, random_points, reference
 
 torch.set_num_threads(1)

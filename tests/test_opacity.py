@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import mipbake
 from mipbake.material import MODELS
 from mipbake.opacity import keeping_coverage, opacity_of, premultiplied, shown
+from mipbake.pixel_filter import FILTERS, filtered_levels
 from mipbake.prefilter import method_named
-from mipbake.prefilter.pixel_filter import FILTERS, filtered_levels
 from mipbake.texture_set import TextureSet
 
 from .input_files import height_field

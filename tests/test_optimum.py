@@ -11,11 +11,14 @@ import torch
 
 from mipbake import material
 from mipbake.errors import UsageError
+from mipbake.judging.held_out import HeldOut
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.prefilter import optimum, pixel_samples, texel_coordinates, texel_descent
-from mipbake.prefilter.held_out import Budget, HeldOut, Problem, Region, estimate
-from mipbake.prefilter.optimum import Optimum, Refined, Start, best_closed_form, refine
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
+from mipbake.prefilter.search import optimum, pixel_samples, texel_coordinates, texel_descent
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.optimum import Optimum, Refined, Start, best_closed_form, refine
+from mipbake.reference.estimate import estimate
+from mipbake.reference.problem import Problem, Region
 from mipbake.render import candidate, random_points, reference
 
 WRAP = ("wrap", "wrap")
@@ -234,7 +237,7 @@ def test_bad_arguments_say_what_was_expected() -> None:
 
 def test_held_out_pairs_are_not_those_that_figures_are_quoted_for() -> None:
     task = problem(bumpy(4, 4))
-    judge = HeldOut(task, Region(0, 1, 0, 1, range(1)), TINY, [0, 2])
+    judge = HeldOut(task, Region(0, 1, 0, 1, range(1)), TINY.held_out, [0, 2])
     for seed in range(4):
         for name in PAIR_SETS:
             quoted = pair_set(name, seed).view

@@ -14,7 +14,7 @@ from mipbake.errors import UsageError
 from mipbake.io.layout import LAYOUTS, extra_layout, to_file
 from mipbake.output import Output
 from mipbake.packing import PACKINGS, Normals, PackedFile, Piece, pack, source_files, unpacked
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 
 from . import packed_sets
 from .gpu_textures import openimageio_levels

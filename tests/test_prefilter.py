@@ -9,11 +9,11 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import UsageError
+from mipbake.judging.scores import Effort
 from mipbake.models import list_weights
+from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS, method_named, optimum, refine
-from mipbake.prefilter.held_out import Budget
-from mipbake.prefilter.pixel_filter import level_sizes
-from mipbake.prefilter.scores import Effort
+from mipbake.prefilter.search.budget import Budget
 
 WRAP = ("wrap", "wrap")
 

@@ -16,7 +16,7 @@ from PIL import Image
 from mipbake.compare.result import Comparison, Method
 from mipbake.errors import OutputError
 from mipbake.material import MODELS
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.report.page import check_report, write_report
 from mipbake.report.page.markup import Html, element, joined, listed
 from mipbake.report.page.pictures import heat

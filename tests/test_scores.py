@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.prefilter import scores
-from mipbake.prefilter.held_out import Problem
-from mipbake.prefilter.lit_renders import display_slope, displayed, lit_error, lit_reference, placed
-from mipbake.prefilter.pixel_filter import slanted_axes
-from mipbake.prefilter.scores import Effort, Score, Scores
+from mipbake.judging import scores
+from mipbake.judging.lit_renders import display_slope, displayed, lit_error, lit_reference, placed
+from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.pixel_filter import slanted_axes
+from mipbake.reference.problem import Problem
 from mipbake.render.environment import studio
 
 from .test_auto import TINY, WRAP

@@ -13,11 +13,11 @@ from mipbake.adjust import Adjustments, adjusted
 from mipbake.cli.main import main
 from mipbake.errors import InputError
 from mipbake.io.steep import held
+from mipbake.judging.scores import Effort
 from mipbake.material import MIN_NORMAL_Z
 from mipbake.metrics.pairs import pair_set
 from mipbake.prefilter import METHODS, refine
-from mipbake.prefilter.held_out import Budget
-from mipbake.prefilter.scores import Effort
+from mipbake.prefilter.search.budget import Budget
 from mipbake.texture_set import TextureSet
 
 from .input_files import height_field, write_image
@@ -119,7 +119,9 @@ def test_no_texel_of_any_level_is_darker_than_those_around(
     monkeypatch.setattr(refine, "DEFAULT_EFFORT", Effort(2, 4, 2, 8, 2))
     for name in ("DEFAULT_BUDGET", "AUTO_BUDGET"):
         monkeypatch.setattr(refine, name, Budget(rounds=0, pairs=4, samples=2, points=16, held_out_pairs=32))
-    monkeypatch.setattr("mipbake.prefilter.optimum.DEFAULT_BUDGET", Budget(rounds=0, points=16, held_out_pairs=64))
+    monkeypatch.setattr(
+        "mipbake.prefilter.search.optimum.DEFAULT_BUDGET", Budget(rounds=0, points=16, held_out_pairs=64)
+    )
     broken, whole = (load(tmp_path / str(each), normals(each)) for each in (True, False))
     pairs = pair_set("near-mirror", 1, 64)
     for level, other in zip(*(mipbake.bake(s, method, target).levels for s in (broken, whole)), strict=True):

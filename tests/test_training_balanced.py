@@ -14,7 +14,7 @@ from mipbake.metrics import LightViewPairs
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.models import registry
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.pixel_filter import FILTERS
 from mipbake.render import reference
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import (
@@ -28,7 +28,7 @@ from mipbake.training.balanced_loss import (
     rendered,
 )
 from mipbake.training.balanced_pairs import draw_pairs
-from mipbake.training.config import BalancedLossConfig, TrainingConfig, config_from, plain, read_config
+from mipbake.training.config import BalancedLossConfig, config_from, plain, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials
 from mipbake.training.export import export_weights
 from mipbake.training.validation import Validator

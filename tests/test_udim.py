@@ -12,9 +12,9 @@ import pytest
 
 import mipbake
 from mipbake.errors import InputError, UsageError
+from mipbake.fill import fill
 from mipbake.io.tiles import place, tile_options, tiles_of
-from mipbake.prefilter.fill import fill
-from mipbake.prefilter.pixel_filter import filter_named, level_sizes
+from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.stack import MipStack
 from mipbake.texture_set import LoadOptions, TextureSet
 from mipbake.udim import Mosaic, islands, joined, split

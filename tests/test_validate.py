@@ -81,7 +81,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
 def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -> None:
     """Against a dense grid over the filter's support at a few pixels, and unbiased: the mean of estimates converges."""
     from mipbake import sampling, shading
-    from mipbake.prefilter.pixel_filter import FILTERS
+    from mipbake.pixel_filter import FILTERS
 
     texture_set = bumpy(16)
     stored = texture_set.material("gltf")

@@ -14,7 +14,7 @@ import pytest
 
 from mipbake import sampling, shading
 from mipbake.material import MODELS
-from mipbake.prefilter.pixel_filter import filter_named, level_sizes
+from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.report.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
 from mipbake.stack import MipStack
 

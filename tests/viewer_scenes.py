@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.material import convert
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.stack import MipStack, Provenance
 
 from .input_files import height_field

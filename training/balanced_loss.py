@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.prefilter.pixel_filter import FILTERS, slanted_axes
+from mipbake.pixel_filter import FILTERS, slanted_axes
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs

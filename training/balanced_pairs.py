@@ -23,7 +23,7 @@ from torch import Tensor
 
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
-from mipbake.prefilter import lobes
+from mipbake.reference import lobes
 from mipbake.training.config import BalancedLossConfig
 
 GRAZING = 0.4

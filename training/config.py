@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 
 from mipbake.errors import UsageError
 from mipbake.models.config import NetworkConfig
-from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.pixel_filter import filter_named
 from mipbake.training.baseline import TrainableConfig, architectures
 
 if sys.version_info >= (3, 11):

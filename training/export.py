@@ -11,7 +11,7 @@ from mipbake.errors import OutputError, UsageError
 from mipbake.models.config import AnyConfig, NetworkConfig
 from mipbake.models.moments import COUNT
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
-from mipbake.prefilter.pixel_filter import FILTERS
+from mipbake.pixel_filter import FILTERS
 from mipbake.training.baseline import BaselineConfig
 from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
 from mipbake.training.loop import load_state

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
-from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.pixel_filter import filter_named
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.config import LossConfig

@@ -18,8 +18,8 @@ from mipbake import material
 from mipbake.errors import OutputError
 from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
 from mipbake.models.network import Network
-from mipbake.prefilter.linear import Linear
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
+from mipbake.prefilter.rules.linear import Linear
 from mipbake.render import candidate, random_points, reference
 from mipbake.training.baseline import Trainable, TrainableConfig
 from mipbake.training.data import Materials

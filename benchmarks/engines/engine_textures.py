@@ -15,7 +15,7 @@ from mipbake.io import ktx2
 from mipbake.io.blocks import to_blocks
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
 from mipbake.io.layout import srgb_encode
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 
 Image = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

@@ -18,7 +18,7 @@ from engine_textures import level_colours
 from numpy.typing import NDArray
 
 from mipbake import MipStack
-from mipbake.prefilter.pixel_filter import level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.stack import Provenance
 
 SIDE = 256

@@ -33,7 +33,7 @@ from mipbake import TextureSet
 from mipbake.adjust import Adjustments, adjusted
 from mipbake.metrics import ldr_flip, snr_db
 from mipbake.metrics.images import displayed
-from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.pixel_filter import filter_named
 
 SIDE = 96
 """Pixels a side of every picture."""

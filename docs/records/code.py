@@ -32,7 +32,7 @@ BEYOND = (
     "mipbake.io.mip_png", "mipbake.io.oiio_levels", "mipbake.io.ktx2", "mipbake.io.dds", "mipbake.io.gpu_files",
     "mipbake.io.gpu_format", "mipbake.io.blocks", "mipbake.io.bc7", "mipbake.io.uastc", "mipbake.io.decode",
     "mipbake.io.containers", "mipbake.io.map_files", "mipbake.io.layout", "mipbake.io.quantise",
-    "mipbake.io.messages", "mipbake.prefilter.time_budget", "mipbake.render.cache",
+    "mipbake.io.messages", "mipbake.prefilter.search.time_budget", "mipbake.render.cache",
 )  # fmt: skip
 """Modules that records of quality import and that cannot change a figure: they write stacks, or read documents that no
 measured set has. Levels are measured as they are in memory."""

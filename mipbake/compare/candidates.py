@@ -17,9 +17,9 @@ from mipbake.errors import OutputError, UsageError
 from mipbake.io.map_files import Levels
 from mipbake.io.publish import reason, temporary_folder
 from mipbake.material import model_named
+from mipbake.pixel_filter import FILTERS, level_sizes
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.pixel_filter import FILTERS, level_sizes
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -77,7 +77,7 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
 
     Args:
         names: methods (`lean`), which stand for all of their forms, or labels: of a closed form with any kernel of
-            `mipbake.prefilter.pixel_filter.FILTERS` (`lean (box)`).
+            `mipbake.pixel_filter.FILTERS` (`lean (box)`).
         pixel_filter: the filter that the stacks are for.
 
     Raises:

@@ -24,7 +24,7 @@ from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
 from mipbake.errors import UsageError
 from mipbake.metrics import MEASURES, PAIR_SETS
-from mipbake.prefilter.pixel_filter import filter_named
+from mipbake.pixel_filter import filter_named
 from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh

@@ -22,7 +22,7 @@ from mipbake.compare.result import Figure, Image, Rendered, Scene
 from mipbake.compare.scenes import View, shifted
 from mipbake.metrics import MEASURES, Measured, hdr_flip_exposures
 from mipbake.metrics.images import displayed
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
 from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Frame, Reference
 

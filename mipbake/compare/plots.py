@@ -17,7 +17,7 @@ from mipbake.compare.scenes import exposed
 from mipbake.compare.turning import Turning
 from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.metrics.pairs import cosine_directions
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
 from mipbake.render import texture_space
 from mipbake.render.environment import Lighting
 

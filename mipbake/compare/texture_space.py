@@ -36,7 +36,7 @@ from mipbake.metrics import (
     srgb_encode,
 )
 from mipbake.metrics.pairs import BLOCK, PAIRS
-from mipbake.prefilter.pixel_filter import Wrap, level_sizes
+from mipbake.pixel_filter import Wrap, level_sizes
 from mipbake.render import candidate as looked_up
 from mipbake.render import random_points, reference
 from mipbake.texture_set import TextureSet

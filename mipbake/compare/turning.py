@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling, shading
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh_render import level_of_detail

@@ -9,16 +9,16 @@ from collections.abc import Callable, Mapping
 
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
-from mipbake.prefilter.filament import FILAMENT
-from mipbake.prefilter.godot import GODOT
-from mipbake.prefilter.lean import Lean
-from mipbake.prefilter.linear import Linear
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.optimum import Optimum
-from mipbake.prefilter.refine import Auto, Refine
-from mipbake.prefilter.toksvig import TOKSVIG
-from mipbake.prefilter.unreal import UNREAL
-from mipbake.prefilter.vmf import VMF
+from mipbake.prefilter.rules.filament import FILAMENT
+from mipbake.prefilter.rules.godot import GODOT
+from mipbake.prefilter.rules.lean import Lean
+from mipbake.prefilter.rules.linear import Linear
+from mipbake.prefilter.rules.toksvig import TOKSVIG
+from mipbake.prefilter.rules.unreal import UNREAL
+from mipbake.prefilter.rules.vmf import VMF
+from mipbake.prefilter.search.optimum import Optimum
+from mipbake.prefilter.search.refine import Auto, Refine
 
 METHODS: Mapping[str, Prefilter] = {
     m.name: m for m in (Auto(), Neural(), Refine(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.promise import Promise
 
 Progress = Callable[[float], None]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
+from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.pixel_filter import Wrap
 
 if TYPE_CHECKING:
     from mipbake.models.registry import WeightsInfo

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mipbake import __version__, sampling, shading
 from mipbake.errors import UsageError
-from mipbake.prefilter.pixel_filter import PixelFilter, Wrap, filter_named
+from mipbake.pixel_filter import PixelFilter, Wrap, filter_named
 from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mipbake import sampling, shading
 from mipbake.metrics.pairs import LightViewPairs
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.pixel_filter import Wrap, filter_named
 
 _CHUNK = 1024  # pixels shaded at a time: the radiance of 128 pairs, 1.5 MiB, stays in the cache
 

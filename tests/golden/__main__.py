@@ -21,10 +21,11 @@ def main() -> int:
     print("every bit is compared" if same else f"means are compared: bits are those of {place}")
     different = []
     for name, make in record.everything().items():
-        if all(part in name for part in options.names):
-            if name not in wanted or wanted[name].differs(record.made(make), same):
-                different.append(name)
-                print(name, "differs" if name in wanted else "is not in the record", flush=True)
+        if not all(part in name for part in options.names):
+            continue
+        if name not in wanted or wanted[name].differs(record.made(make), same):
+            different.append(name)
+            print(name, "differs" if name in wanted else "is not in the record", flush=True)
     return 1 if different else 0
 
 

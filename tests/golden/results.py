@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.prefilter import METHODS, Prefilter
-from mipbake.prefilter.held_out import Budget
-from mipbake.prefilter.optimum import Optimum
-from mipbake.prefilter.refine import Refine
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.optimum import Optimum
+from mipbake.prefilter.search.refine import Refine
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import TrainingConfig
@@ -72,9 +72,7 @@ def trainings() -> Iterator[tuple[str, Callable[[], Arrays]]]:
     kinds = {
         "latent": tiny(),
         "latent ggx": tiny(network={"encoders": ["ggx"], "decoders": ["ggx"]}),
-        "latent cross": tiny(
-            network={"encoders": ["gltf", "ggx"], "decoders": ["gltf", "ggx"], "latent_channels": 20}
-        ),
+        "latent cross": tiny(network={"encoders": ["gltf", "ggx"], "decoders": ["gltf", "ggx"], "latent_channels": 20}),
         "latent residual": tiny(network={"encoders": ["ggx"], "decoders": ["ggx"], "residual": True}),
         "latent error weighting": tiny(loss={"weighting": "error"}),
         "moments": tiny_balanced(),

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake.errors import UsageError
 from mipbake.io.layout import LAYOUTS, to_file
 from mipbake.material import model_named
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
+from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.stack import MipStack
 
 __all__ = ["DEFAULT_LIGHTS", "MAX_LIGHTS", "LightSet", "Source", "viewer_fragment", "viewer_page"]
@@ -129,7 +129,7 @@ def viewer_page(
         source: what the reference supersamples; without it there is no reference. With it, B is the reference at first
             where there is one stack.
         lights: the light sets to choose from, the first one at first; up to 64 lights each.
-        pixel_filter: a name in `mipbake.prefilter.pixel_filter.FILTERS`, the reference's.
+        pixel_filter: a name in `mipbake.pixel_filter.FILTERS`, the reference's.
         half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
             them. Stacks of `ggx` and `beckmann` are in half floats always.
 

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
+from mipbake.judging.scores import Array, Effort, Score, Scores, certainty
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.bench import WORSE_IN_GROUP, Bench, Candidate, Rival, mean, worse
-from mipbake.prefilter.held_out import Image, Problem
-from mipbake.prefilter.scores import Array, Effort, Score, Scores, certainty
+from mipbake.prefilter.search.ingredients import WORSE_IN_GROUP, Bench, Candidate, Rival, mean, worse
+from mipbake.reference.problem import Image, Problem
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
 _CHANCE = 0.5  # standard errors by which a rival may be ahead
@@ -104,7 +104,7 @@ def blend(
 
 def _fitted(bench: Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray[np.float32]]:
     """Weights of every level."""
-    from mipbake.prefilter.level_fit import Term, columns, fit_level
+    from mipbake.prefilter.search.level_fit import Term, columns, fit_level
 
     target, last = bench.problem.target, bench.problem.last
     out: list[NDArray[np.float32]] = []

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
-from mipbake.prefilter.held_out import Image
-from mipbake.prefilter.lit_samples import LitBatch
-from mipbake.prefilter.pixel_samples import Batch
-from mipbake.prefilter.texel_coordinates import Crop
+from mipbake.prefilter.search.lit_samples import LitBatch
+from mipbake.prefilter.search.pixel_samples import Batch
+from mipbake.prefilter.search.texel_coordinates import Crop
+from mipbake.reference.problem import Image
 from mipbake.sampling.adjoint import scatter_linear
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.prefilter.held_out import Image, Problem
-from mipbake.prefilter.lit_renders import EXPOSURE, displayed, lit_reference, placed
-from mipbake.prefilter.pixel_samples import chunks, levels_seen, share_of
+from mipbake.judging.lit_renders import EXPOSURE, displayed, lit_reference, placed
+from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, share_of
+from mipbake.reference.problem import Image, Problem
 from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint

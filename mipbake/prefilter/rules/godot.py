@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.closed_form import RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
 
 _SCALE, _LIMIT = 0.75, 0.4**2
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
 
 Array = NDArray[np.float32]
 

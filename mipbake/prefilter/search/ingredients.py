@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.judging.scores import Array, Score, Scores
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
-from mipbake.prefilter.held_out import Image, Problem
-from mipbake.prefilter.scores import Array, Score, Scores
+from mipbake.reference.problem import Image, Problem
 
 KERNEL_OF_ORIGIN = "box"
 BASE = "linear"

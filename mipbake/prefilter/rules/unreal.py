@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.closed_form import Array, RoughnessRule
-from mipbake.prefilter.toksvig import excess, widened
+from mipbake.prefilter.rules.averages import Array, RoughnessRule
+from mipbake.prefilter.rules.toksvig import excess, widened
 
 _DEAD_ZONE = 4e-5
 

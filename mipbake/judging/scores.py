@@ -5,7 +5,7 @@ detail is measured in groups: a group is what a figure is quoted for, 64 pairs o
 Means over groups average both kinds of chance, and their scatter says what is left of it.
 
 A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
-those. So the energy of errors is measured for such pairs by themselves (pair_pool.py).
+those. So the energy of errors is measured for such pairs by themselves (bright_pairs.py).
 
 Ingredients are looked up once at all points. A level that blends ingredients blends what was looked up, since lookups
 are linear in stored channels, so blends cost a shading each and no images.
@@ -24,19 +24,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.judging.bright_pairs import KINDS, draw_pool
+from mipbake.judging.held_out import SET_SIZE, draw_pairs
+from mipbake.judging.lit_renders import displayed, lit_error, lit_radiance, lit_reference, placed
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.prefilter.held_out import (
-    SET_SIZE,
-    Image,
-    Problem,
-    draw_pairs,
-    look_up,
-    random_points,
-    sample_offsets,
-    whole,
-)
-from mipbake.prefilter.lit_renders import displayed, lit_error, lit_radiance, lit_reference, placed
-from mipbake.prefilter.pair_pool import KINDS, draw_pool
+from mipbake.reference.estimate import look_up
+from mipbake.reference.problem import Image, Problem, whole
+from mipbake.reference.sequences import random_points, sample_offsets
 from mipbake.render.environment import studio
 from mipbake.shading import shade
 

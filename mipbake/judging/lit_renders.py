@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from mipbake.metrics.images import srgb_encode
 from mipbake.metrics.pairs import cosine_directions
-from mipbake.prefilter.held_out import Image, Problem, look_up, sample_offsets
-from mipbake.prefilter.pixel_filter import slanted_axes
+from mipbake.pixel_filter import slanted_axes
+from mipbake.reference.estimate import look_up
+from mipbake.reference.problem import Image, Problem
+from mipbake.reference.sequences import sample_offsets
 from mipbake.render.environment import Lighting
 from mipbake.shading import shade_lit
 

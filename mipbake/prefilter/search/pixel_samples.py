@@ -20,8 +20,9 @@ from torch import Tensor
 
 from mipbake import sampling
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
-from mipbake.prefilter import lobes as around
-from mipbake.prefilter.held_out import QUANTILES, SEQUENCE, Image, Problem, quantiles
+from mipbake.reference import lobes as around
+from mipbake.reference.problem import Image, Problem
+from mipbake.reference.sequences import QUANTILES, SEQUENCE, quantiles
 from mipbake.shading import shade
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near

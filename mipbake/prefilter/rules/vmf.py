@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.closed_form import Array, RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.averages import Array, RoughnessRule, inverse_kappa
 
 _NEWTON_STEPS = 4
 

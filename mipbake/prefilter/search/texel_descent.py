@@ -22,14 +22,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.judging.held_out import HeldOut
+from mipbake.judging.lit_renders import display_slope, displayed
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region
-from mipbake.prefilter.lit_renders import display_slope, displayed
-from mipbake.prefilter.lit_samples import LitBatch, lit_pixels
-from mipbake.prefilter.lookups import Lookups
-from mipbake.prefilter.pair_weights import PairWeights
-from mipbake.prefilter.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
-from mipbake.prefilter.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.lit_samples import LitBatch, lit_pixels
+from mipbake.prefilter.search.lookups import Lookups
+from mipbake.prefilter.search.pair_weights import PairWeights
+from mipbake.prefilter.search.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
+from mipbake.prefilter.search.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
+from mipbake.reference.problem import Image, Problem, Region
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
@@ -102,7 +104,7 @@ def descend(
     free = {i: crop for i, crop in crops.items() if crop.free}
     for crop in free.values():
         crop.move(crop.coordinates)
-    held_out = HeldOut(problem, block, budget, [int(rng.integers(1 << 31))])
+    held_out = HeldOut(problem, block, budget.held_out, [int(rng.integers(1 << 31))])
     asked = held_out.typical(levels)
     first = 2 * block.levels.start
     asked = asked - ahead[:, first : first + asked.shape[1]]

@@ -23,17 +23,19 @@ import numpy as np
 
 from mipbake import directions, material
 from mipbake.errors import UsageError
+from mipbake.judging.held_out import SET_SIZE
+from mipbake.judging.scores import DECIBEL, Array, Effort, Score, Scores
 from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress, say
-from mipbake.prefilter.bench import Candidate, Rival, candidate, closed_forms, mean
-from mipbake.prefilter.blending import Blend, blend, settle
-from mipbake.prefilter.blending import standard_error as error_of_mean
-from mipbake.prefilter.held_out import SET_SIZE, Budget, Image, Problem, Region
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.promise import BetweenPromise, LevelPromise, Promise
-from mipbake.prefilter.scores import DECIBEL, Array, Effort, Score, Scores
-from mipbake.prefilter.time_budget import seconds_of
+from mipbake.prefilter.search.blending import Blend, blend, settle
+from mipbake.prefilter.search.blending import standard_error as error_of_mean
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.ingredients import Candidate, Rival, candidate, closed_forms, mean
+from mipbake.prefilter.search.time_budget import seconds_of
+from mipbake.reference.problem import Image, Problem, Region
 
 DEFAULT_EFFORT = Effort()
 DEFAULT_BUDGET = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
@@ -166,9 +168,9 @@ class _Refined:
 
 def _refined(problem: Problem, start: Blend, deadline: float, everything: bool, seed: int, progress: _Part) -> _Refined:
     """Optimises texels from the coarsest levels on until the deadline, and keeps what the judge confirms."""
-    from mipbake.prefilter.optimum import lobes_under
-    from mipbake.prefilter.pixel_samples import Lobes
-    from mipbake.prefilter.texel_descent import descend
+    from mipbake.prefilter.search.optimum import lobes_under
+    from mipbake.prefilter.search.pixel_samples import Lobes
+    from mipbake.prefilter.search.texel_descent import descend
 
     judge, last = start.judge, problem.last
     before = scored(judge, start.levels)

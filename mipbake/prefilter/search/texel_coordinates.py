@@ -18,8 +18,8 @@ from torch import Tensor
 from mipbake import material, sampling
 from mipbake.material import MAX_LOG_GAMMA
 from mipbake.models import parameters
-from mipbake.prefilter.held_out import Image, Region
-from mipbake.prefilter.pixel_filter import Wrap
+from mipbake.pixel_filter import Wrap
+from mipbake.reference.problem import Image, Region
 
 _COLOUR, _LOG_ALPHA2, _NORMAL, _DIRECTION, _STRENGTH, _LOG_GAMMA = 0.03, 0.15, 0.15, 0.1, 0.03, 0.1
 _UNITS = {

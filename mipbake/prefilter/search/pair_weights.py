@@ -22,9 +22,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.judging.held_out import SET_SIZE, HeldOut
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
-from mipbake.prefilter.held_out import SET_SIZE, HeldOut, Image
-from mipbake.prefilter.pixel_samples import Batch
+from mipbake.prefilter.search.pixel_samples import Batch
+from mipbake.reference.problem import Image
 from mipbake.shading import shade
 
 _POOLED = 1.0  # times that the logarithm of the expected energy counts, beside the mean over sets

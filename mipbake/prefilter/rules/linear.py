@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.pixel_filter import Wrap, filtered_levels
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.closed_form import by_rows
-from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
+from mipbake.prefilter.rules.averages import by_rows
 
 
 class Linear:

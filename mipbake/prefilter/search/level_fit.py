@@ -19,12 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.material import MODELS
-from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.prefilter.held_out import SET_SIZE, Image
-from mipbake.prefilter.lit_renders import EXPOSURE, display_slope, displayed, lit_error, lit_radiance
-from mipbake.prefilter.pair_pool import KINDS
-from mipbake.prefilter.scores import (
+from mipbake.judging.bright_pairs import KINDS
+from mipbake.judging.held_out import SET_SIZE
+from mipbake.judging.lit_renders import EXPOSURE, display_slope, displayed, lit_error, lit_radiance
+from mipbake.judging.scores import (
     UNLIT,
     Array,
     Probe,
@@ -34,6 +32,9 @@ from mipbake.prefilter.scores import (
     pooled_rows,
     relative,
 )
+from mipbake.material import MODELS
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.reference.problem import Image
 from mipbake.render.environment import Lighting
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint

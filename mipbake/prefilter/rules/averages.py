@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.pixel_filter import Wrap, filtered_levels, resample
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.pixel_filter import Wrap, filtered_levels, resample
 
 Array = NDArray[np.floating]
 Image = NDArray[np.float32]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.closed_form import Array, RoughnessRule, length
+from mipbake.prefilter.rules.averages import Array, RoughnessRule, length
 
 
 def excess(variance: Array) -> Array:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.pixel_filter import Wrap, filtered_levels
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.closed_form import (
+from mipbake.prefilter.rules.averages import (
     Array,
     averaged_channels,
     by_rows,
@@ -24,7 +25,6 @@ from mipbake.prefilter.closed_form import (
     stored_channels,
     unit_normals,
 )
-from mipbake.prefilter.pixel_filter import Wrap, filtered_levels
 
 
 class Lean:

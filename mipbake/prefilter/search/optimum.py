@@ -32,11 +32,13 @@ from numpy.typing import NDArray
 
 from mipbake import directions, material
 from mipbake.errors import UsageError
+from mipbake.judging.held_out import HeldOut
 from mipbake.material import model_named
+from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.held_out import Budget, HeldOut, Image, Problem, Region, whole
-from mipbake.prefilter.pixel_filter import Wrap, filter_named
-from mipbake.prefilter.time_budget import seconds_of
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.time_budget import seconds_of
+from mipbake.reference.problem import Image, Problem, Region, whole
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of a level's change that may be kept
@@ -118,7 +120,7 @@ def best_closed_form(problem: Problem, budget: Budget = DEFAULT_BUDGET, seed: in
     """
     from mipbake.prefilter import METHODS
 
-    held_out = HeldOut(problem, whole(problem), budget, [seed, 1], 2)
+    held_out = HeldOut(problem, whole(problem), budget.held_out.part(2), [seed, 1])
     best: list[Image] = []
     every: list[NDArray[np.float64]] = []
     scores = np.zeros(0)
@@ -157,8 +159,8 @@ def refine(
     Raises:
         UsageError: a start that is not a complete stack of the target model, or an unknown pixel filter.
     """
-    from mipbake.prefilter.pixel_samples import Lobes
-    from mipbake.prefilter.texel_descent import descend
+    from mipbake.prefilter.search.pixel_samples import Lobes
+    from mipbake.prefilter.search.texel_descent import descend
 
     began = time.monotonic()
     filter_named(problem.pixel_filter)
@@ -166,7 +168,7 @@ def refine(
     if not isinstance(start, Start):
         start = Start(list(start), np.zeros((2, 2 * last + 1)))
     _check_stack(problem, start.levels)
-    judge = HeldOut(problem, whole(problem), budget, [seed, 2])
+    judge = HeldOut(problem, whole(problem), budget.held_out, [seed, 2])
     before = -_DECIBEL * judge.typical(start.levels)
     open_at = before.min(0) < _SOLVED_DB
     moving = [bool(open_at[max(0, 2 * level - 1) : 2 * level + 2].any()) for level in range(last + 1)]

@@ -1,0 +1,1 @@
+"""Closed forms: one rule a file, and what they share."""

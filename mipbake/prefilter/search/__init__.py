@@ -1,0 +1,1 @@
+"""Methods that search: blends of what other methods make, and descent on texels."""

@@ -1,0 +1,64 @@
+"""What a stack is asked for, and parts of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.pixel_filter import Wrap, level_sizes
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a stack is optimised for.
+
+    Args:
+        stored: (H, W, C) stored channels of level 0 of the source, model `source`.
+        target: material model of the stack.
+    """
+
+    stored: Image
+    source: str
+    target: str
+    pixel_filter: str
+    wrap: Wrap
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """(height, width) of every level."""
+        return level_sizes(*self.stored.shape[:2])
+
+    @property
+    def last(self) -> int:
+        """Index of the coarsest level."""
+        return len(self.sizes) - 1
+
+
+@dataclass(frozen=True)
+class Region:
+    """Part of the texture in units of it, and the levels that are worked on there."""
+
+    top: float
+    bottom: float
+    left: float
+    right: float
+    levels: range
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """(2,) u and v of the corner."""
+        return np.array([self.left, self.top])
+
+    @property
+    def extent(self) -> NDArray[np.float64]:
+        """(2,) width and height."""
+        return np.array([self.right - self.left, self.bottom - self.top])
+
+
+def whole(problem: Problem) -> Region:
+    """All of the texture and all of its levels."""
+    return Region(0, 1, 0, 1, range(problem.last + 1))
