@@ -80,7 +80,7 @@ class Score:
         lit: tonemapped error under the studio's lights. lit_log: LitError.logarithm, half of it brightness by angle.
         plain: (S, G) log_errors of the best rule of engines and tools, another one in every group. Only in what is
             asked for.
-        sure: (3 S,) what each of `means` counts, from 0 to 1; None for what its own scatter says (`trust`).
+        sure: (T,) what each term counts, from 0 to 1; None for what its own scatter says (`trust`).
     """
 
     log_errors: Array
@@ -101,11 +101,16 @@ class Score:
         return np.append(self.log_errors.mean(1), self.pooled.mean(1))
 
     @property
+    def terms(self) -> Array:
+        """(T,) the terms of weights.TERMS."""
+        return np.append(self.means, self.lit_log)
+
+    @property
     def trust(self) -> Array:
-        """(3 S,) what each of `means` counts: 1, and less for bright pairs on which chance decides."""
+        """(T,) what each term counts: 1, and less for bright pairs on which chance decides."""
         if self.sure is not None:
             return self.sure
-        return np.append(np.ones(len(self.log_errors)), certainty(self.pooled))
+        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), [1.0]])
 
     @property
     def decibels(self) -> Array:

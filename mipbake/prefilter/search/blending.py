@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.judging.scores import Array, Effort, Score, Scores, certainty
+from mipbake.judging.weights import VERDICT
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.search.ingredients import WORSE_IN_GROUP, Bench, Candidate, Rival, mean, worse
+from mipbake.prefilter.search.ingredients import Bench, Candidate, Rival, mean
 from mipbake.reference.problem import Image, Problem
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
@@ -172,11 +173,9 @@ def settle(
 
     def cost(found: Score, index: int) -> float:
         others = np.stack([certainty(rival.log_errors) for rival in rivals[index][len(found.log_errors) :]])
-        sure = np.append(found.trust, 1)
-        sure[len(found.log_errors) : -1] = np.minimum(sure[len(found.log_errors) : -1], others)
-        gained = np.append(found.means, found.lit_log)
-        lost = np.maximum(behind(found, index), 0)
-        return float((sure * (gained + worse(len(lost)) * lost)).sum() + WORSE_IN_GROUP * apart(found, index))
+        sure, bright = found.trust.copy(), slice(len(found.log_errors), -1)
+        sure[bright] = np.minimum(sure[bright], others)
+        return VERDICT.value(found.terms, behind(found, index), sure, apart(found, index))
 
     def apart(found: Score, index: int) -> float:
         """The mean over groups of how much each is behind what is the best for it."""

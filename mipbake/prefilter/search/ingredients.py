@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mipbake import directions, material
 from mipbake.judging.scores import Array, Score, Scores
+from mipbake.judging.weights import VERDICT
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
@@ -37,10 +38,6 @@ _MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than bake
 _PILOT = 256  # texels a side of the part that says how long an ingredient will take
 _MARGIN = 1.1  # factor on what that part says
 _SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two ingredients are baked at a time
-_WORSE = 3.0  # weight of a logarithm behind the best closed form against one gained
-_WORSE_BRIGHT = 10.0  # the same under the brightest pairs, which rule the figure of a set, or under the studio's lights
-WORSE_IN_GROUP = 6.0
-"""Weight of a logarithm behind in a group of pairs, where another plain form may be the best than in the mean."""
 
 
 @dataclass(frozen=True)
@@ -187,8 +184,7 @@ class Bench:
     def _judged(self, index: int) -> dict[str, Score]:
         """Closed forms at a level of detail as the judge sees them: those that are not far behind as fitted to."""
         forms = [name for name, each in self._candidates.items() if each.closed_form]
-        logs = np.stack([np.append(self._found[name, 0][index].means, self._found[name, 0][index].lit_log)
-                         for name in forms])  # fmt: skip
+        logs = np.stack([self._found[name, 0][index].terms for name in forms])
         near = (logs < logs.min(0) + _FAR).any(1)
         return {
             name: self._score(name, 1, index)
@@ -314,19 +310,6 @@ def mean(seen: Sequence[Image]) -> Image:
 
 
 def _cost(score: Score, asked: Score) -> float:
-    """Logarithms of errors, and those behind what is asked for several times."""
-    logs = np.append(score.means, score.lit_log)
-    behind = logs - np.append(asked.means, asked.lit_log)
-    groups = 0.0 if asked.plain is None else np.maximum(score.log_errors - asked.plain, 0).mean(1).sum()
-    sure = np.append(asked.trust, 1)
-    return float((sure * (logs + worse(len(logs)) * np.maximum(behind, 0))).sum() + WORSE_IN_GROUP * groups)
-
-
-def worse(count: int) -> Array:
-    """What each of so many logarithms counts where it is behind: rows of a Score, and lit_log.
-
-    Over the hemisphere, means over sets see bright pairs well enough.
-    """
-    rows = np.arange(count)
-    bright = (rows >= len(PAIR_SETS)) & (rows % len(PAIR_SETS) == list(PAIR_SETS).index("near-mirror"))
-    return np.where(bright | (rows == count - 1), _WORSE_BRIGHT, _WORSE)
+    """What a score is worth beside what is asked for."""
+    groups = 0.0 if asked.plain is None else float(np.maximum(score.log_errors - asked.plain, 0).mean(1).sum())
+    return VERDICT.value(score.terms, score.terms - asked.terms, asked.trust, groups)

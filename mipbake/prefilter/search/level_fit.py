@@ -32,6 +32,7 @@ from mipbake.judging.scores import (
     pooled_rows,
     relative,
 )
+from mipbake.judging.weights import FIT, LIT
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.problem import Image
@@ -40,16 +41,10 @@ from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
 _SETS = len(PAIR_SETS)
-_BEHIND = 2.0  # times that a logarithm counts in addition while it is behind what is asked for
-_BEHIND_BRIGHT = 8.0  # times that a logarithm under the brightest pairs, or under the studio's lights, counts then
-_BEHIND_GROUP = 4.0  # times that it counts then in a group that is behind the best plain form of that very group
-_LIT = 2.0  # times that the error under the studio's lights counts, beside each pair set
 _ITERATIONS, _ENOUGH = 10, 4e-3
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _DAMPING, _TRIES = 1e-3, 4
 _RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree
-_COUNTS = np.array([1, 1, 1, 0.25, 0.5, 0.25])  # what rows of Score.means count: near the mirror, over the hemisphere
-_ROWS = np.array([_BEHIND, _BEHIND, _BEHIND_BRIGHT, 0.5, _BEHIND_BRIGHT, 0.5])  # in addition, while they are behind
 
 
 @dataclass(frozen=True)
@@ -133,9 +128,8 @@ class _Term:
         )[None]
         self._lit_view = np.einsum("nij,nj->ni", turn, term.probe.lit_view)[None, None]
         self._power = (EXPOSURE * lighting.radiance).astype(np.float32)[:, None]
-        self._asked = term.asked.means
-        sure = term.asked.trust
-        self._counts, self._counts_behind = sure * _COUNTS, sure * _ROWS
+        self._asked = term.asked.terms
+        self._sure = term.asked.trust
         self._plain = np.inf if term.asked.plain is None else term.asked.plain
 
     def value(self, theta: Array) -> float:
@@ -151,9 +145,8 @@ class _Term:
             lit_radiance(self._model, texels[self._single :], probe.frame, probe.lit_view, self._lighting)
         )
         lit = lit_error(shown - probe.displayed, probe.displayed, probe.frame, probe.lit_view).logarithm
-        behind = float((self._counts_behind * np.maximum(log - self._asked, 0)).sum())
-        behind += _BEHIND_BRIGHT * _LIT * max(0.0, lit - self._term.asked.lit_log)
-        return float((self._counts * log).sum() + _LIT * lit + behind + _BEHIND_GROUP * groups)
+        terms = np.append(log, lit)
+        return FIT.value(terms, terms - self._asked, self._sure, groups)
 
     def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the weights, and (J, J) its Gauss-Newton curvature."""
@@ -170,7 +163,8 @@ class _Term:
                 weight = probe.weights[kind, some, :, None, None].astype(np.float32)
                 directions = probe.light[some, part], probe.view[some, part]
                 by_set[kind, some] = shade_adjoint(self._model, single[some], *directions, off[:, part] * weight)
-        urgent = self._counts + self._counts_behind * (self._logs(sums) > self._asked)
+        counts, behind = self._sure[:-1] * FIT.counts[:-1], self._sure[:-1] * FIT.behind[:-1]
+        urgent = counts + behind * (self._logs(sums) > self._asked[:-1])
         weight = self._weights(sums, urgent).astype(np.float32)  # (S, G)
         gradient = np.empty_like(texels)
         gradient[: self._single] = (2 * by_set * weight[..., None, None]).sum(0).reshape(self._single, -1)
@@ -180,7 +174,8 @@ class _Term:
         slopes = display_slope(radiance)
         lit_off = displayed(radiance) - probe.displayed
         error = lit_error(lit_off, probe.displayed, probe.frame, probe.lit_view)
-        counts = _LIT * (1 + _BEHIND_BRIGHT * (error.logarithm > self._term.asked.lit_log))
+        of_lit = FIT.terms[LIT]
+        counts = of_lit.counts + of_lit.behind * (error.logarithm > self._asked[-1])
         gradient[self._single :] = self._lit_adjoint(lit, np.float32(counts) * error.slopes(lit_off) * slopes)
 
         share = self._term.share
@@ -230,7 +225,7 @@ class _Term:
         signal = probe.signal[:, :own]
         at_least = relative(error[:, :own], probe) * signal
         # Unlit pairs have no figure, so nothing to gain either.
-        each = urgent[:_SETS, None] + _BEHIND_GROUP * (self._groups_logs(sums) > self._plain)
+        each = urgent[:_SETS, None] + FIT.group_behind * (self._groups_logs(sums) > self._plain)
         out[:, :own] = np.where(signal > UNLIT, each / np.maximum(at_least * own, 1e-20), 0.0)
         parts = np.split(probe.signal[:, own:], KINDS, -1)
         total = np.concatenate([part.sum(1) for part in parts])

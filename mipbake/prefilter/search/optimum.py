@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.judging.held_out import HeldOut
+from mipbake.judging.weights import DESCENT
 from mipbake.material import model_named
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
@@ -42,7 +43,6 @@ from mipbake.reference.problem import Image, Problem, Region, whole
 
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of a level's change that may be kept
-_WORSE = 10.0  # weight of a logarithm lost against one gained, when shares are chosen
 _DECIBEL = 10 / math.log(10)
 
 DEFAULT_BUDGET = Budget()
@@ -284,7 +284,7 @@ def _shares(judge: HeldOut, start: Start, end: Sequence[Image], model: str) -> l
         set_share(level, share)
         lost = np.stack([excess(index).mean(-1) for index in near[level]], 1)
         behind = np.maximum(lost + start.ahead[:, near[level]], 0)
-        return float((lost + _WORSE * behind).sum())
+        return float((lost + DESCENT.kept_behind * behind).sum())
 
     for _ in range(2):
         for level in changed:

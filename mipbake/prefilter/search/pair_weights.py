@@ -23,17 +23,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.judging.held_out import SET_SIZE, HeldOut
+from mipbake.judging.weights import DESCENT
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.prefilter.search.pixel_samples import Batch
 from mipbake.reference.problem import Image
 from mipbake.shading import shade
 
-_POOLED = 1.0  # times that the logarithm of the expected energy counts, beside the mean over sets
 _SETS = 200  # random sets that phi is a mean over
 _FLOOR = 1e-3  # share of the mean error: chance makes errors of single pairs vanish
 _SOLVED = 1e-6  # error in units of the signal that is as good as none
 _RIDGE, _ITERATIONS = 0.1, 20
-_HURRY, _MOST_URGENT = 1.5, 10.0  # urgency grows by exp(_HURRY x deficit in nepers of energy) at each update
 
 
 class PairWeights:
@@ -67,7 +66,9 @@ class PairWeights:
     def update(self, levels: Sequence[Image]) -> NDArray[np.float64]:
         """Takes the errors of a stack for those that count now; returns its (S, M) logarithms of errors."""
         typical = self._held_out.typical(levels)
-        self._urgency = np.clip(self._urgency * np.exp(_HURRY * np.clip(typical - self._asked, -1, 1)), 1, _MOST_URGENT)
+        self._urgency = np.clip(
+            self._urgency * np.exp(DESCENT.hurry * np.clip(typical - self._asked, -1, 1)), 1, DESCENT.most_urgent
+        )
         for index, lod in enumerate(self._lods):
             if lod % 1:
                 continue
@@ -77,7 +78,7 @@ class PairWeights:
                 least = _FLOOR * max(0.0, measured.mean()) + _SOLVED * signal.mean() + 1e-12
                 error = np.maximum(measured, least)
                 rest = error[self._others].sum(1)
-                self._pooled[int(lod), kind] = _POOLED / (SET_SIZE * float(error.mean()))
+                self._pooled[int(lod), kind] = DESCENT.pooled / (SET_SIZE * float(error.mean()))
                 phis.append((1 / (error[:, None] + rest)).mean(1) + self._pooled[int(lod), kind])
                 fits.append(_gamma_regression(self._features[kind], error))
                 others.append(1 / (1 / rest).mean())

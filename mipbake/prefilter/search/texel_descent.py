@@ -24,6 +24,7 @@ from torch import Tensor
 
 from mipbake.judging.held_out import HeldOut
 from mipbake.judging.lit_renders import display_slope, displayed
+from mipbake.judging.weights import DESCENT
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.search.budget import Budget
 from mipbake.prefilter.search.lit_samples import LitBatch, lit_pixels
@@ -38,8 +39,6 @@ from mipbake.shading.adjoint import shade_adjoint
 CHECK = 5
 """Rounds between two looks at held-out pairs."""
 
-_LIT, _LIT_BEHIND = 0.5, 2.0  # times that the tonemapped error counts, beside a pair set; more while above the start's
-_LIT_SLACK = 1.05  # factor on the start's tonemapped error, squared
 _LIT_PIXELS = 1024  # pixels of a level and round, at least
 _CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
@@ -280,8 +279,8 @@ def _lit_weights(
     out = {}
     for level, (total, count) in sums.items():
         error = max(total / count, 1e-7)
-        behind = error > _LIT_SLACK * asked.setdefault(level, error)
-        out[level] = (_LIT + _LIT_BEHIND * behind) / (error * count)
+        behind = error > DESCENT.lit_slack * asked.setdefault(level, error)
+        out[level] = (DESCENT.lit + DESCENT.lit_behind * behind) / (error * count)
     return out
 
 
