@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from mipbake.errors import InputError
-from mipbake.io import disk
 from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_gltf import read_gltf
 from mipbake.render.mesh_obj import read_obj
@@ -29,4 +28,4 @@ def read_mesh(path: Path) -> Mesh:
             f"the mesh {path} is of a kind that is not read: expected a file that ends in {', '.join(_READERS)}, so "
             "convert it to glTF"
         )
-    return reader(path, disk.read_bytes(path, "a mesh"))
+    return reader(path)

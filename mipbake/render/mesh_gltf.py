@@ -1,12 +1,8 @@
-"""glTF 2.0 and GLB, through pygltflib, which knows the format's objects and the binary container."""
+"""Meshes of glTF 2.0 files and GLBs, read through the document that materials are read through too."""
 
 from __future__ import annotations
 
-import base64
 import re
-import struct
-import urllib.parse
-import warnings
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.io import disk
+from mipbake.io.gltf.document import Document, Json, read_document
 from mipbake.render.mesh import Mesh, joined
 from mipbake.render.tangents import any_tangent, corner_normals, with_tangents
 
@@ -33,20 +29,11 @@ _COMPRESSED = {
 _HARMLESS = re.compile(r"KHR_mesh_quantization|[A-Z]+_(materials|texture|lights|xmp|animation)(_\w+)?")
 """Extensions that a file may require: those that leave positions, normals, tangents and TEXCOORD_0 alone."""
 
-_MALFORMED = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
-"""What reading a file as glTF can raise when the file is not glTF: values of the wrong type, missing or out of
-place."""
+_MALFORMED = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What reading objects as glTF can raise when they are not glTF: values of the wrong type, missing or out of place."""
 
 
-def read_gltf(path: Path, data: bytes) -> Mesh:
+def read_gltf(path: Path) -> Mesh:
     """The triangles of the default scene (the first, where none is named), in the world.
 
     Normals that the file lacks are flat, as glTF prescribes. TANGENT is taken as it is, w included; tangents that the
@@ -54,17 +41,13 @@ def read_gltf(path: Path, data: bytes) -> Mesh:
     A node that mirrors turns w and the winding. Skins and morph targets are not applied, points and lines passed over;
     texture coordinates are TEXCOORD_0, without KHR_texture_transform.
 
-    Args:
-        path: where external buffers are looked for, and what messages say.
-        data: the file's contents.
-
     Raises:
         InputError: see `mipbake.render.mesh_file.read_mesh`.
     """
+    document = read_document(path)
+    _check_extensions(document)
     try:
-        gltf = _parsed(path, data)
-        _check_extensions(path, gltf)
-        return _Scene(path, gltf).mesh()
+        return _Scene(document).mesh()
     except _MALFORMED as error:
         said = " ".join(str(error).split()) if isinstance(error, ValueError) else ""
         reason = said or "its objects are not as glTF defines them"
@@ -74,35 +57,14 @@ def read_gltf(path: Path, data: bytes) -> Mesh:
         ) from error
 
 
-def _parsed(path: Path, data: bytes) -> Any:
-    from pygltflib import GLTF2
-
-    if path.suffix.lower() == ".gltf":
-        gltf = GLTF2.gltf_from_json(data.decode("utf-8-sig"))
-    else:
-        magic, version, length = struct.unpack_from("<4sII", data.ljust(12, b"\0"))
-        if magic != b"glTF" or version != 2:
-            raise ValueError("its header is not that of a binary glTF 2 file")
-        if length > len(data):
-            raise InputError(
-                f"the mesh {path} is cut off: expected {length} bytes, found {len(data)}, so copy or export it again"
-            )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it warns of chunks that extensions define
-            gltf = GLTF2.load_from_bytes(data)
-    if not str(gltf.asset.version).startswith("2."):
-        raise ValueError(f"it is of glTF version {gltf.asset.version}")
-    return gltf
-
-
-def _check_extensions(path: Path, gltf: Any) -> None:
-    for name in gltf.extensionsRequired or []:
+def _check_extensions(document: Document) -> None:
+    for name in document.json.get("extensionsRequired", []):
         if name in _COMPRESSED:
-            raise _compressed(path, name)
+            raise _compressed(document.path, name)
         if not _HARMLESS.fullmatch(name):
             raise InputError(
-                f"the mesh {path} requires the glTF extension {name}, which is not read: expected plain triangles, so "
-                "export it without"
+                f"the mesh {document.path} requires the glTF extension {name}, which is not read: expected plain "
+                "triangles, so export it without"
             )
 
 
@@ -116,29 +78,28 @@ def _compressed(path: Path, extension: str) -> InputError:
 class _Scene:
     """A file's objects, resolved: indices to arrays of numbers, nodes to meshes in the world."""
 
-    def __init__(self, path: Path, gltf: Any) -> None:
-        self.path, self.gltf = path, gltf
-        self.buffer = lru_cache(None)(self._buffer)
+    def __init__(self, document: Document) -> None:
+        self.document, self.path = document, document.path
         self.local = lru_cache(None)(self._local)
 
     def mesh(self) -> Mesh:
-        nodes, found = self.gltf.nodes or [], []
-        waiting = [(index, np.eye(4)) for index in self._roots()]
-        seen = set()
+        waiting = [(index, np.eye(4), "the scene") for index in self._roots()]
+        found, seen = [], set()
         while waiting:
-            index, parent = waiting.pop(0)
-            node = _item(nodes, index, "node")
+            index, parent, where = waiting.pop(0)
+            node = self.document.one("nodes", index, where)
             if index in seen:
                 raise ValueError(f"node {index} is in the scene twice")
             seen.add(index)
-            matrix = parent @ _matrix(node)
+            with np.errstate(over="ignore", invalid="ignore"):  # it is refused in the next line
+                matrix = parent @ _matrix(node)
             if not np.isfinite(matrix).all():
                 raise ValueError(f"the transform of node {index} is not finite")
-            waiting += [(child, matrix) for child in node.children or []]
-            if node.mesh is not None:
+            waiting += [(child, matrix, f"node {index}") for child in node.get("children", [])]
+            if "mesh" in node:
                 # A skinned mesh takes no transform of its node.
-                placed = np.eye(4) if node.skin is not None else matrix
-                found += [_placed(each, placed) for each in self.local(node.mesh) if _has_volume(placed)]
+                placed = np.eye(4) if "skin" in node else matrix
+                found += [_placed(each, placed) for each in self.local(node["mesh"]) if _has_volume(placed)]
         if not found:
             raise InputError(
                 f"the mesh {self.path} has no triangles in its default scene: expected at least one, so export polygons"
@@ -146,59 +107,60 @@ class _Scene:
         return joined(self.path.name, found)
 
     def _roots(self) -> list[int]:
-        if self.gltf.scenes:
-            return list(_item(self.gltf.scenes, self.gltf.scene or 0, "scene").nodes or [])
-        nodes = self.gltf.nodes or []
-        children = {child for node in nodes for child in node.children or []}
+        if self.document.all("scenes"):
+            scene = self.document.one("scenes", self.document.json.get("scene", 0), "the file")
+            return list(scene.get("nodes", []))
+        nodes = self.document.all("nodes")
+        children = {child for node in nodes for child in node.get("children", [])}
         return [index for index in range(len(nodes)) if index not in children]
 
     def _local(self, index: int) -> list[Mesh]:
         """The primitives of a mesh that are made of triangles, untransformed."""
-        mesh = _item(self.gltf.meshes, index, "mesh")
-        name = f"mesh {index}" + (f" ({mesh.name})" if mesh.name else "")
-        read = (self._primitive(f"primitive {i} of {name}", each) for i, each in enumerate(mesh.primitives))
+        mesh = self.document.one("meshes", index, "a node")
+        name = f"mesh {index}" + (f" ({mesh['name']})" if mesh.get("name") else "")
+        read = (self._primitive(f"primitive {i} of {name}", each) for i, each in enumerate(mesh["primitives"]))
         return [each for each in read if each is not None]
 
-    def _primitive(self, where: str, primitive: Any) -> Mesh | None:
-        mode, attributes = primitive.mode, primitive.attributes
-        if (_TRIANGLES if mode is None else mode) not in (_TRIANGLES, _STRIP, _FAN) or attributes.POSITION is None:
+    def _primitive(self, where: str, primitive: Json) -> Mesh | None:
+        mode, attributes = primitive.get("mode", _TRIANGLES), primitive["attributes"]
+        if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
             return None
         draco = "KHR_draco_mesh_compression"
-        position = _item(self.gltf.accessors, attributes.POSITION, "accessor")
-        if position.bufferView is None and draco in (primitive.extensions or {}):
+        position = self.document.one("accessors", attributes["POSITION"], f"POSITION of {where}")
+        if "bufferView" not in position and draco in primitive.get("extensions", {}):
             raise _compressed(self.path, draco)
-        positions = self._attribute(where, "POSITION", attributes.POSITION, "VEC3", None)
+        positions = self._attribute(where, "POSITION", attributes["POSITION"], "VEC3", None)
         count = len(positions)
-        if primitive.indices is None:
+        if "indices" not in primitive:
             corners = np.arange(count)
         else:
-            corners = self.accessor(primitive.indices, "SCALAR")[:, 0]
+            corners = self.accessor(primitive["indices"], "SCALAR", f"the indices of {where}")[:, 0]
             if corners.dtype.kind != "u" or (len(corners) and corners.max() >= count):
                 raise ValueError(f"the indices of {where} do not lead to its {count} vertices")
         triangles = _triangles(corners.astype(np.int32), mode)
         if not len(triangles):
             return None
-        if attributes.TEXCOORD_0 is None:
+        if "TEXCOORD_0" not in attributes:
             raise InputError(
                 f"{where} of {self.path} has no texture coordinates: expected the attribute TEXCOORD_0, so unwrap the "
                 "mesh and export it with UVs"
             )
-        uv = self._attribute(where, "TEXCOORD_0", attributes.TEXCOORD_0, "VEC2", count)
-        if attributes.NORMAL is None:
+        uv = self._attribute(where, "TEXCOORD_0", attributes["TEXCOORD_0"], "VEC2", count)
+        if "NORMAL" not in attributes:
             flat = corner_normals(positions, triangles, 0).reshape(-1, 3)
             corner = triangles.reshape(-1)
             apart = np.arange(len(corner), dtype=np.int32).reshape(-1, 3)
             return with_tangents(where, positions[corner], flat, uv[corner], apart)
-        normals = self._attribute(where, "NORMAL", attributes.NORMAL, "VEC3", count)
+        normals = self._attribute(where, "NORMAL", attributes["NORMAL"], "VEC3", count)
         normals = _unit(normals)
         lost = ~normals.any(-1)
         if lost.any():
             smooth = np.zeros_like(normals)
             smooth[triangles] = corner_normals(positions, triangles, 180)
             normals[lost] = np.where(smooth.any(-1, keepdims=True), smooth, [0.0, 1.0, 0.0])[lost]
-        if attributes.TANGENT is None:
+        if "TANGENT" not in attributes:
             return with_tangents(where, positions, normals, uv, triangles)
-        tangents = self._attribute(where, "TANGENT", attributes.TANGENT, "VEC4", count)
+        tangents = self._attribute(where, "TANGENT", attributes["TANGENT"], "VEC4", count)
         if (tangents[:, 3] == 0).any():
             raise ValueError(f"the handedness of a tangent of {where} is 0")
         along = _unit(tangents[:, :3])
@@ -208,7 +170,7 @@ class _Scene:
         return Mesh(where, positions, normals, uv, tangents, triangles)
 
     def _attribute(self, where: str, name: str, index: int, kind: str, count: int | None) -> Array:
-        values = self.accessor(index, kind).astype(np.float64)
+        values = self.accessor(index, kind, f"{name} of {where}").astype(np.float64)
         if count is not None and len(values) != count:
             raise ValueError(f"{where} has {len(values)} values of {name} for {count} vertices")
         wrong = ~np.isfinite(values).all(-1)
@@ -219,80 +181,48 @@ class _Scene:
             )
         return values
 
-    def accessor(self, index: int, kind: str) -> NDArray[Any]:
+    def accessor(self, index: int, kind: str, where: str) -> NDArray[Any]:
         """(count, width): integers as they are, normalised ones as float64, floats as float32."""
-        accessor = _item(self.gltf.accessors, index, "accessor")
-        if accessor.type != kind:
-            raise ValueError(f"accessor {index} is of the type {accessor.type}, expected {kind}")
-        count, dtype, width = _count(accessor.count), _dtype(accessor.componentType), _WIDTHS[kind]
-        if accessor.bufferView is None:
-            values = np.zeros((count, width), dtype)
+        accessor = self.document.one("accessors", index, where)
+        if accessor["type"] != kind:
+            raise ValueError(f"accessor {index} is of the type {accessor['type']}, expected {kind}")
+        count, dtype, width = _count(accessor["count"]), _dtype(accessor["componentType"]), _WIDTHS[kind]
+        name = f"accessor {index}"
+        if "bufferView" in accessor:
+            values = self._view(accessor, count, width, dtype, name)
         else:
-            values = self._view(accessor.bufferView, accessor.byteOffset, count, width, dtype)
-        if accessor.sparse is not None:
-            sparse = accessor.sparse
-            places, some = sparse.indices, _count(sparse.count)
-            at = self._view(places.bufferView, places.byteOffset, some, 1, _dtype(places.componentType))
+            values = np.zeros((count, width), dtype)
+        if "sparse" in accessor:
+            sparse, name = accessor["sparse"], f"the sparse part of {name}"
+            places, some = sparse["indices"], _count(sparse["count"])
+            at = self._view(places, some, 1, _dtype(places["componentType"]), name)
             values = values.copy()
-            values[at[:, 0]] = self._view(sparse.values.bufferView, sparse.values.byteOffset, some, width, dtype)
-        if accessor.normalized and dtype.kind in "iu":
+            values[at[:, 0]] = self._view(sparse["values"], some, width, dtype, name)
+        if accessor.get("normalized") and dtype.kind in "iu":
             return np.maximum(values / float(np.iinfo(dtype).max), -1.0)
         return values
 
-    def _view(self, index: int, offset: int | None, count: int, width: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """(count, width) values of a buffer view, from `offset` on, as far apart as the view says."""
-        view = _item(self.gltf.bufferViews, index, "buffer view")
-        start, length = _count(view.byteOffset or 0), _count(view.byteLength)
+    def _view(self, holder: Json, count: int, width: int, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
+        """(count, width) values of the buffer view that an accessor, or a part of a sparse one, names: from its offset
+        on, as far apart as the view says, and without a copy, because many accessors may share one view."""
+        view = self.document.one("bufferViews", holder["bufferView"], where)
         size = width * dtype.itemsize
-        stride = _count(view.byteStride or size)
-        needed = _count(offset or 0) + (stride * (count - 1) + size if count else 0)
-        if needed > length:
-            raise ValueError(f"buffer view {index} holds {length} bytes where {needed} are needed")
-        data = self.buffer(view.buffer)
-        if start + length > len(data):
-            raise ValueError(f"buffer view {index} ends at byte {start + length} of the {len(data)} of its buffer")
-        values: NDArray[Any] = np.ndarray((count, width), dtype, data, start + (offset or 0), (stride, dtype.itemsize))
+        stride, offset = _count(view.get("byteStride", size)), _count(holder.get("byteOffset", 0))
+        needed = offset + (stride * (count - 1) + size if count else 0)
+        if needed > view["byteLength"]:
+            raise ValueError(f"{where} needs {needed} bytes of a buffer view that holds {view['byteLength']}")
+        data, start = self._buffer(view["buffer"]), view.get("byteOffset", 0) + offset
+        values: NDArray[Any] = np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))
         return values
 
     def _buffer(self, index: int) -> bytes:
-        buffer = _item(self.gltf.buffers, index, "buffer")
-        if buffer.uri is None:
-            blob = self.gltf.binary_blob()
+        data = self.document.buffers[index]
+        if data is None:
             for extension in _COMPRESSED:
-                if blob is None and extension in (buffer.extensions or {}):
+                if extension in self.document.all("buffers")[index].get("extensions", {}):
                     raise _compressed(self.path, extension)
-            if blob is None or index != 0:
-                raise ValueError(f"buffer {index} has no data")
-            name, data = "its binary chunk", bytes(blob)
-        elif buffer.uri.startswith("data:"):
-            head, text = buffer.uri.split(",", 1)
-            name = f"buffer {index}"
-            data = base64.b64decode(text) if head.endswith(";base64") else urllib.parse.unquote_to_bytes(text)
-        else:
-            name, data = self._external(buffer.uri)
-        if len(data) < _count(buffer.byteLength):
-            raise InputError(
-                f"the mesh {self.path} is cut off in {name}: expected {buffer.byteLength} bytes, found {len(data)}, so "
-                "copy or export it again"
-            )
+            raise ValueError(f"buffer {index} has no data")
         return data
-
-    def _external(self, uri: str) -> tuple[str, bytes]:
-        file = self.path.parent / urllib.parse.unquote(uri)
-        try:
-            return str(file), disk.read_bytes(file)
-        except InputError as error:
-            raise InputError(
-                f"the mesh {self.path} keeps its data in a file of its own ({error}): expected that file beside it, so "
-                "copy both, or export one .glb file"
-            ) from error
-
-
-def _item(items: Any, index: Any, what: str) -> Any:
-    """items[index]; ValueError where there is none."""
-    if not isinstance(index, int) or not 0 <= index < len(items or []):
-        raise ValueError(f"it refers to {what} {index} of {len(items or [])}")
-    return items[index]
 
 
 def _count(value: Any) -> int:
@@ -307,7 +237,7 @@ def _dtype(component: Any) -> np.dtype[Any]:
     return np.dtype(_COMPONENTS[component])
 
 
-def _triangles(corners: NDArray[np.int32], mode: int | None) -> NDArray[np.int32]:
+def _triangles(corners: NDArray[np.int32], mode: int) -> NDArray[np.int32]:
     """(T, 3), with the winding and the order of glTF 2.0, section 3.7.2.1; corners left over at the end are dropped."""
     if mode in (_STRIP, _FAN):
         i = np.arange(max(len(corners) - 2, 0))
@@ -316,12 +246,12 @@ def _triangles(corners: NDArray[np.int32], mode: int | None) -> NDArray[np.int32
     return corners[: len(corners) // 3 * 3].reshape(-1, 3)
 
 
-def _matrix(node: Any) -> Array:
+def _matrix(node: Json) -> Array:
     """(4, 4) from the node's frame to its parent's, for columns."""
-    if node.matrix is not None:
-        return np.asarray(np.array(node.matrix, np.float64).reshape(4, 4).T)
+    if "matrix" in node:
+        return np.asarray(np.array(node["matrix"], np.float64).reshape(4, 4).T)
     matrix = np.eye(4)
-    x, y, z, w = np.array([0, 0, 0, 1] if node.rotation is None else node.rotation, np.float64)
+    x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), np.float64)
     rotation = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -329,8 +259,8 @@ def _matrix(node: Any) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-    matrix[:3, :3] = rotation * np.array([1, 1, 1] if node.scale is None else node.scale, np.float64)
-    matrix[:3, 3] = [0, 0, 0] if node.translation is None else node.translation
+    matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), np.float64)
+    matrix[:3, 3] = node.get("translation", [0, 0, 0])
     return matrix
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io import disk
 from mipbake.render.mesh import Mesh
 from mipbake.render.tangents import corner_normals, with_tangents
 
@@ -42,7 +43,7 @@ class _Statements:
     lines: list[int] = field(default_factory=list)
 
 
-def read_obj(path: Path, data: bytes) -> Mesh:
+def read_obj(path: Path) -> Mesh:
     """The polygons of the whole file as triangles; v turned to point down, as `Mesh` has it.
 
     Polygons may be concave. Normals are the file's; corners without one are smoothed over edges up to 60 degrees.
@@ -51,7 +52,7 @@ def read_obj(path: Path, data: bytes) -> Mesh:
     Raises:
         InputError: see `read_mesh`; the message names the line.
     """
-    said = _parse(path, data)
+    said = _parse(path, disk.read_bytes(path, "a mesh"))
     if not said.corners:
         raise InputError(f"the mesh {path} has no triangles: expected lines that begin with f, so export polygons")
     sizes = np.array(said.sizes)
