@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -19,17 +20,24 @@ from mipbake.judging.lit_renders import displayed
 from mipbake.judging.scores import Effort, Score, Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
-from mipbake.prefilter import METHODS, bench, blending, method_named, refine
+from mipbake.prefilter import METHODS, method_named
 from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.promise import promise_from
+from mipbake.prefilter.search.blending import blend, gathered
 from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.ingredients import Rival
+from mipbake.prefilter.search.ingredients import Rival, closed_forms
 from mipbake.prefilter.search.level_fit import Term, columns, fit_level
+from mipbake.prefilter.search.methods import Refine
+from mipbake.prefilter.search.regions import parts
+from mipbake.prefilter.search.stages import scored
+from mipbake.prefilter.search.verdict import Held, settle
 from mipbake.reference.problem import Problem
 from mipbake.render import candidate, random_points, reference
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
+
+from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
 SMALL = Effort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
@@ -37,11 +45,7 @@ TINY = Effort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
 SHORT = Budget(rounds=5, pairs=16, samples=4, points=32, held_out_pairs=128, lit=True)
 
 
-@pytest.fixture(autouse=True)
-def little_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refine, "DEFAULT_EFFORT", SMALL)
-    monkeypatch.setattr(refine, "DEFAULT_BUDGET", SHORT)
-    monkeypatch.setattr(refine, "AUTO_BUDGET", SHORT)
+QUICK = quick_methods(SHORT, SMALL)
 
 
 def material_of_two(size: int) -> np.ndarray:
@@ -59,7 +63,7 @@ def material_of_two(size: int) -> np.ndarray:
 def run(
     method: str, stored: np.ndarray, target: str = "gltf", kernel: str = "gaussian", source: str = "gltf"
 ) -> PrefilterResult:
-    return METHODS[method](stored, source, target, kernel, WRAP, lambda _: None)
+    return QUICK[method](stored, source, target, kernel, WRAP, lambda _: None)
 
 
 def measured(stacks: dict[str, list[np.ndarray]], stored: np.ndarray, lod: float, name: str, sets: int = 6):
@@ -81,11 +85,7 @@ def two() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def solved(two: np.ndarray) -> PrefilterResult:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refine, "DEFAULT_EFFORT", SMALL)
-        patch.setattr(refine, "DEFAULT_BUDGET", SHORT)
-        patch.setattr(refine, "AUTO_BUDGET", SHORT)
-        return run("auto", two)
+    return run("auto", two)
 
 
 def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
@@ -134,16 +134,13 @@ def test_a_black_material_is_fine() -> None:
         assert np.isfinite(level).all()
 
 
-def test_blends_that_went_wrong_are_not_kept(two: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    def spoilt(bench, train, asked):
-        count = len(material.MODELS["gltf"].maps) * len(bench.others)
-        return [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count) for _ in range(6)]
-
-    monkeypatch.setattr(blending, "_fitted", spoilt)
+def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    made = blending.blend(task, list(bench.closed_forms(task)), SMALL)
-    for index, score in enumerate(refine.scored(made.judge, made.levels)):
-        lost = [(row - rival.log_errors).mean() for row, rival in zip(score.rows, made.rivals[index], strict=True)]
+    found = gathered(task, list(closed_forms(task)), SMALL)
+    count = len(material.MODELS["gltf"].maps) * len(found.bench.others)
+    made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
+    for index, score in enumerate(scored(made.judge, made.levels)):
+        lost = [(row - rival.log_errors).mean() for row, rival in zip(score.rows, made.held.rivals[index], strict=True)]
         assert max(lost[: len(PAIR_SETS)]) < 0.25, index
 
 
@@ -163,11 +160,12 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
     rivals = [[Rival("form", np.zeros(16))] * sets + [Rival("form", np.zeros(4))] * (2 * sets)]
     plain = [np.zeros((sets, 16))]
     for judge.lost, kept in ((1.0, 0.0), (-1.0, 1.0)):
-        found = blending.settle(judge, lambda _i, _l, share: np.float32(share), 1, rivals, level, plain)  # type: ignore[arg-type]
+        found = settle(judge, lambda _i, _l, share: np.float32(share), 1, Held(rivals, level, plain, 0.25))  # type: ignore[arg-type]
         assert found == [kept]
     judge.lost = 1.0
     nothing = [np.full((sets, 16), np.inf)]
-    assert blending.settle(judge, lambda _i, _l, share: np.float32(share), 1, rivals, level, nothing) == [1.0]  # type: ignore[arg-type]
+    held = Held(rivals, level, nothing, 0.25)
+    assert settle(judge, lambda _i, _l, share: np.float32(share), 1, held) == [1.0]  # type: ignore[arg-type]
 
 
 def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
@@ -237,28 +235,24 @@ def test_scattering_is_the_adjoint_of_looking_up(boundary: tuple[str, str]) -> N
     assert (seen * values).sum(dtype=float) == pytest.approx((back * level).sum(dtype=float), rel=1e-4)
 
 
-def test_candidates_that_would_take_too_long_are_left_out(two: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_candidates_that_would_take_too_long_are_left_out(two: np.ndarray) -> None:
     """All but the base where time is over; of the others those that are expected in time."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    candidates = list(bench.closed_forms(task))
-    made = blending.blend(task, candidates, TINY, deadline=0.0)
+    candidates = list(closed_forms(task))
+    made = blend(gathered(task, candidates, TINY, deadline=0.0))
     assert set(itertools.chain(*made.sources)) == {"linear (gaussian)"}
-    expected = bench.Bench._expected
 
-    def slow(own: bench.Bench, name: str) -> float:
-        assert expected(own, name) > 0
-        return math.inf if name.startswith(("lean", "unreal")) else 0.0
-
-    monkeypatch.setattr(bench.Bench, "_expected", slow)
-    made = blending.blend(task, candidates, TINY, deadline=1e18)
-    names = set(itertools.chain(*made.sources)) | {rival.name for row in made.rivals for rival in row}
-    assert not any(name.startswith(("lean", "unreal")) for name in names)
+    slow = {"lean", "unreal"}
+    late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in candidates]
+    # A part is a quarter of the set, which would then take over 4 seconds.
+    made = blend(gathered(task, late, TINY, deadline=time.monotonic() + 4))
+    names = set(itertools.chain(*made.sources)) | {rival.name for row in made.held.rivals for rival in row}
+    assert names and not any(name.split()[0] in slow for name in names)
 
 
-def test_weights_are_named_only_where_the_network_has_a_share(two: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_are_named_only_where_the_network_has_a_share(two: np.ndarray) -> None:
     assert run("auto", two).weights is not None
-    monkeypatch.setattr(bench.Bench, "mixture", lambda own, *_: {own.base: np.ones(8)})
-    assert run("auto", two).weights is None
+    assert run("optimum", two).weights is None
 
 
 def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solved: PrefilterResult) -> None:
@@ -272,7 +266,7 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solve
         def note(self, text: str) -> None:
             notes.append(text)
 
-    result = method_named("refine", budget="best")(two, "gltf", "gltf", "gaussian", WRAP, Told())
+    result = QUICK["refine"](two, "gltf", "gltf", "gaussian", WRAP, Told())
     assert shares == sorted(shares) and shares[-1] == 1
     assert notes and all("near-mirror" in note and "dB" in note for note in notes)
     assert result.promise is not None
@@ -292,16 +286,16 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solve
 
 def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     stretched = np.tile(two, (5, 5, 1))
-    result = method_named("refine", budget="0.001s")(stretched, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    method = Refine(budget="0.001s", effort=SMALL)
+    result = method(stretched, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
     assert result.promise is not None and result.weights is None
     assert "lean (box)" in result.promise.left_out  # what was not measured is named, and nobody's best
     best = {name for each in result.promise.levels for name in each.best_closed_form.values()}
     assert not best & set(result.promise.left_out)
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
-    start = blending.blend(task, list(bench.closed_forms(task)), SMALL, deadline=0.0)
+    start = blend(gathered(task, list(closed_forms(task)), SMALL, deadline=0.0))
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
-    steps = list(refine._steps(task, True))
-    assert sorted(level for step in steps for level in step.region.levels) == list(range(8))
+    assert sorted(level for part in parts(task, 512, fine=True) for level in part.region.levels) == list(range(8))
 
 
 def test_results_hang_on_the_seed_alone() -> None:
@@ -312,7 +306,7 @@ def test_results_hang_on_the_seed_alone() -> None:
 
 def test_filters_without_weights_blend_closed_forms_alone() -> None:
     stored = material_of_two(8)
-    result = method_named("auto")(stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
+    result = QUICK["auto"](stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
     assert result.weights is None
     assert result.promise is not None and not result.promise.left_out
     assert not any("neural" in each.sources for each in result.promise.levels)

@@ -16,11 +16,9 @@ import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import LoadOptions
-from mipbake.judging.scores import Effort
 from mipbake.packing import PACKINGS
 from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS, refine
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter import METHODS
 from mipbake.presets import PRESETS
 
 from .command_line import bumps, fails, tree, write_set
@@ -47,9 +45,7 @@ def test_bake_writes_what_it_says(folder, tmp_path, capsys, fmt):
     assert set(stack.provenance.sources) == {"base_color.png", "normal.png", "roughness.png"}
 
 
-def test_bake_says_what_was_measured(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(refine, "DEFAULT_EFFORT", Effort(2, 4, 2, 8, 2))
-    monkeypatch.setattr(refine, "DEFAULT_BUDGET", Budget(rounds=1, pairs=8, points=16, held_out_pairs=32))
+def test_bake_says_what_was_measured(folder, tmp_path, capsys):
     arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "refine", "--budget", "0.01s"]
     assert main(arguments) == 0
     out = capsys.readouterr().out

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -11,9 +9,9 @@ from mipbake.errors import UsageError
 from mipbake.material import MODELS, convert
 from mipbake.models import list_weights
 from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS, OPTIONS, method_named, optimum
+from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.methods import REFINE_SECONDS, Searching
 from mipbake.prefilter.search.time_budget import seconds_of
 
 
@@ -63,21 +61,13 @@ def test_named_weights_are_used() -> None:
     assert (result.weights, result.weights_sha256) == (info.name, info.sha256)
 
 
-def test_a_budget_of_time_reaches_the_descent(monkeypatch: pytest.MonkeyPatch) -> None:
-    budgets = []
-
-    def refined(problem, start, budget, *_rest) -> SimpleNamespace:
-        budgets.append(budget.seconds)
-        return SimpleNamespace(levels=start.levels)
-
-    monkeypatch.setattr(optimum, "refine", refined)
-    monkeypatch.setattr(optimum, "DEFAULT_BUDGET", Budget(points=8, held_out_pairs=8))
-    stored = np.full((4, 4, 8), 0.5, np.float32)
-    stored[..., 5:] = 0, 0, 1
-    for budget in ("1.5m", "best", None):
-        method = method_named("optimum", budget=budget)
-        method(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap"), lambda _: None)
-    assert budgets == [90, None, None]
+@pytest.mark.parametrize("name", ["refine", "optimum", "auto"])
+def test_budgets_are_seconds(name: str) -> None:
+    found = [method_named(name, budget=budget) for budget in ("1.5m", "2s", "best")]
+    assert [method.seconds for method in found if isinstance(method, Searching)] == [90, 2, None]
+    refine, others = METHODS["refine"], [METHODS[each] for each in ("auto", "optimum")]
+    assert isinstance(refine, Searching) and refine.seconds == REFINE_SECONDS
+    assert all(isinstance(each, Searching) and each.seconds is None for each in others)
 
 
 @pytest.mark.parametrize("source", MODELS)

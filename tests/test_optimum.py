@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
+import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,18 +15,24 @@ import torch
 from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.judging.held_out import HeldOut
+from mipbake.judging.scores import Effort
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter.search import optimum, pixel_samples, texel_coordinates, texel_descent
+from mipbake.prefilter.search import texel_coordinates, texel_descent
+from mipbake.prefilter.search.blending import best
 from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.optimum import Optimum, Refined, Start, best_closed_form, refine
+from mipbake.prefilter.search.ingredients import closed_forms
+from mipbake.prefilter.search.methods import Optimum
+from mipbake.prefilter.search.regions import parts
+from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, scored
 from mipbake.reference.estimate import estimate
-from mipbake.reference.problem import Problem, Region
+from mipbake.reference.problem import Problem, Region, whole
 from mipbake.render import candidate, random_points, reference
 
 WRAP = ("wrap", "wrap")
 SMALL = Budget(rounds=16, points=96, held_out_pairs=256)
 TINY = replace(SMALL, rounds=2, pairs=8, points=32, held_out_pairs=32)
+EFFORT = Effort(groups=8, points=48, samples=8, lit_points=64, lit_samples=8)
 
 CONSTANT = {
     "gltf": [0.2, 0.4, 0.6, 1, 0.35, 0.6, 0, 0.8],
@@ -46,92 +55,101 @@ def problem(
     return Problem(stored, "gltf", target, kernel, wrap)
 
 
+def searched(task: Problem, *stages: Stage, seed: int = 0) -> Search:
+    """What stages make of a problem."""
+    search = Search(Work(task, list(closed_forms(task)), seed, Clock(0.0, math.inf), lambda _: None))
+    for stage in stages:
+        search = stage(search, lambda _: None)
+    return search
+
+
+def stages(budget: Budget, *others: Stage, **settings: int) -> list[Stage]:
+    """The stages of the method, other ones in place of the last where they are given."""
+    return [Gather(EFFORT), Make(best), Descend(budget, True, 0.0, **settings), *(others or (Keep(),))]
+
+
+def changing(change: Callable[[Search], list[np.ndarray]]) -> Stage:
+    """A stage that only changes levels."""
+    return lambda search, _progress: replace(search, levels=change(search))
+
+
 @pytest.fixture(scope="module")
-def solved() -> tuple[Problem, Start, Refined]:
-    task = problem(bumpy(32, 32))
-    start = best_closed_form(task, SMALL)
-    return task, start, refine(task, start, SMALL)
+def solved() -> Search:
+    return searched(problem(bumpy(32, 32)), *stages(SMALL))
 
 
-def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved) -> None:
-    task, start, result = solved
+def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved: Search) -> None:
+    task = solved.work.problem
     for lod, name in itertools.product(range(6), PAIR_SETS):
         pairs, rng = pair_set(name, 17, 64), np.random.default_rng(lod)
         uv = random_points(rng, 256)
         first, second = (reference(task.stored, "gltf", WRAP, uv, lod, "gaussian", pairs, 128, rng) for _ in range(2))
         before, after = (
             snr_db(candidate(levels, "gltf", WRAP, uv, lod, pairs), first, second)
-            for levels in (start.levels, result.levels)
+            for levels in (solved.blend.levels, solved.levels)
         )
         assert after > before + 1, (lod, name)
 
 
-def test_the_report_says_where_it_gained(solved) -> None:
-    _, _, result = solved
-    assert result.lods.tolist() == [lod / 2 for lod in range(11)]
-    assert result.before.shape == result.after.shape == (len(PAIR_SETS), 11)
-    assert (result.after > result.before).all()
-    assert 0 < result.rounds <= SMALL.rounds
-    assert all(0 <= share <= 1 for share in result.shares)
+def test_the_promise_says_what_was_kept() -> None:
+    shares: list[float] = []
+    result = Optimum(effort=EFFORT, descent=TINY)(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, shares.append)
+    assert shares == sorted(shares) and shares[-1] == 1
+    assert result.promise is not None and result.weights is None
+    assert [each.level for each in result.promise.levels] == list(range(5))
+    assert all(0 <= each.refined <= 1 and len(each.sources) == 1 for each in result.promise.levels)
+    assert max(each.refined for each in result.promise.levels) > 0
 
 
 @pytest.mark.parametrize("model", CONSTANT)
 def test_a_constant_material_is_left_alone(model: str) -> None:
     stored = np.broadcast_to(np.array(CONSTANT[model], np.float32), (8, 8, len(CONSTANT[model]))).copy()
-    task = Problem(stored, model, model, "gaussian", WRAP)
-    start = best_closed_form(task, TINY)
-    result = refine(task, start, TINY)
-    assert result.rounds == 0
-    for one, other in zip(start.levels, result.levels, strict=True):
+    result = searched(Problem(stored, model, model, "gaussian", WRAP), *stages(TINY))
+    for one, other in zip(result.blend.levels, result.levels, strict=True):
         assert np.array_equal(one, other)
 
 
-def test_a_descent_that_went_wrong_is_not_kept(solved, monkeypatch: pytest.MonkeyPatch) -> None:
-    task, start, _ = solved
-
-    def spoil(_problem, levels, *_arguments) -> texel_descent.Descended:
+def test_a_descent_that_went_wrong_is_not_kept(solved: Search) -> None:
+    def spoilt(search: Search) -> list[np.ndarray]:
+        levels = [level.copy() for level in search.blend.levels]
         levels[0][..., 4] = 1
         levels[2][..., 0:3] = 0
-        return texel_descent.Descended(1, np.zeros(6))
+        return levels
 
-    monkeypatch.setattr(texel_descent, "descend", spoil)
-    result = refine(task, start, TINY)
-    for one, other in zip(start.levels, result.levels, strict=True):
+    result = Keep()(changing(spoilt)(solved, lambda _: None), lambda _: None)
+    for one, other in zip(solved.blend.levels, result.levels, strict=True):
         assert np.array_equal(one, other)
-    assert result.after == pytest.approx(result.before)
+    assert not any(result.shares)
 
 
-def test_steps_that_are_far_too_long_do_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
-    task = problem(bumpy(8, 8))
-    start = best_closed_form(task, TINY)
-    monkeypatch.setattr(texel_coordinates, "_UNITS", {"gltf": (5.0,) * 7})
-    result = refine(task, start, replace(SMALL, rounds=2))
-    assert (result.after > result.before - 0.25).all()
+def test_steps_that_are_far_too_long_do_no_harm(solved: Search) -> None:
+    def far(search: Search) -> list[np.ndarray]:
+        both = zip(search.blend.levels, search.levels, strict=True)
+        return [material.regularise(start + 6 * (end - start), "gltf") for start, end in both]
+
+    result = Keep()(changing(far)(solved, lambda _: None), lambda _: None)
+    for index, before in enumerate(solved.before):
+        after = scored(solved.blend.judge, result.levels)[index]
+        assert (after.decibels > before.decibels - 0.25).all()
 
 
 def test_results_hang_on_the_seed_alone() -> None:
     task = problem(bumpy(8, 8))
-    start = best_closed_form(task, TINY)
-    kept = [level.copy() for level in start.levels]
-    one, again, other = (refine(task, start, TINY, seed) for seed in (0, 0, 1))
-    assert all(np.array_equal(a, b) for a, b in zip(one.levels, again.levels, strict=True))
-    assert any(not np.array_equal(a, b) for a, b in zip(one.levels, other.levels, strict=True))
-    assert all(np.array_equal(a, b) for a, b in zip(start.levels, kept, strict=True))
+    one, again, other = (searched(task, *stages(TINY), seed=seed).levels for seed in (0, 0, 1))
+    assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
+    assert any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 @pytest.mark.parametrize("target", CONSTANT)
 @pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
-def test_what_comes_out_is_a_valid_stack(target: str, kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
     """Mirrors, black and white metals and dielectrics, and steep normals; with everything kept, however bad."""
     stored = bumpy(6, 5)
     rng = np.random.default_rng(2)
     stored[..., 0:5] = rng.integers(0, 2, (6, 5, 5))
     stored[0, :, 5:8] = 1, 0, 0
-    monkeypatch.setattr(optimum, "_shares", lambda judge, start, end, model: [1.0] * len(end))
-    stages: list[float] = []
     task = problem(stored, target, kernel, ("clamp", "wrap"))
-    result = Optimum(TINY)(stored, "gltf", target, kernel, task.wrap, stages.append)
-    assert stages == sorted(stages) and stages[-1] == 1
+    result = searched(task, *stages(TINY)[:-1])
     assert [level.shape[:2] for level in result.levels] == level_sizes(6, 5)
     low, high = np.array(material.MODELS[target].limits).T
     for level in result.levels:
@@ -156,7 +174,7 @@ def test_coordinates_go_back_to_what_they_came_from(model: str) -> None:
 def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> None:
     levels = [bumpy(*s) for s in level_sizes(*size)]
     task = problem(levels[0], wrap=wrap)
-    blocks = optimum._blocks(task, 8)
+    blocks = [part.region for part in parts(task, 8, fine=True, coarse=8)]
     counts = [np.zeros(level.shape[:2], int) for level in levels]
     rng = np.random.default_rng(0)
     for block in blocks:
@@ -173,24 +191,20 @@ def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> 
 
 def test_a_block_changes_its_own_texels_alone() -> None:
     task = problem(bumpy(32, 32))
-    start = best_closed_form(task, TINY)
-    levels = [level.copy() for level in start.levels]
-    block = optimum._blocks(task, 16)[1]
-    rng = np.random.default_rng(0)
-    lobes = [pixel_samples.Lobes(each) for each in optimum.lobes_under(task)]
-    texel_descent.descend(task, levels, block, [True] * 6, lobes, start.ahead, SMALL, rng, np.inf, lambda _: None)
-    changed = [(a != b).any(-1) for a, b in zip(start.levels, levels, strict=True)]
+    start = searched(task, *stages(TINY)[:2]).levels
+    levels = [level.copy() for level in start]
+    block = Region(0, 0.5, 0, 0.5, range(1))
+    texel_descent.descend(texel_descent.Descent(task, [True] * 6, SMALL), levels, block, np.random.default_rng(0))
+    changed = [(a != b).any(-1) for a, b in zip(start, levels, strict=True)]
     assert changed[0][:16, :16].mean() > 0.9
     assert not changed[0][16:].any() and not changed[0][:, 16:].any()
     assert not any(c.any() for c in changed[1:])
 
 
 def test_large_sets_are_worked_on_in_windows() -> None:
-    task = problem(bumpy(16, 16))
-    start = best_closed_form(task, TINY)
-    result = refine(task, start, replace(SMALL, window=8))
-    assert result.rounds > 2
-    assert (result.after.mean(1) > result.before.mean(1) + 1).all()
+    result = searched(problem(bumpy(16, 16)), *stages(replace(SMALL, window=8), coarse=4))
+    after = scored(result.blend.judge, result.levels)
+    assert all(b.decibels.mean() > a.decibels.mean() + 1 for a, b in zip(result.before, after, strict=True))
 
 
 @pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
@@ -207,30 +221,17 @@ def test_quick_estimates_are_the_reference(kernel: str) -> None:
 
 
 def test_time_ends_it() -> None:
-    task = problem(bumpy(8, 8))
-    result = refine(task, best_closed_form(task, TINY), replace(SMALL, rounds=1000, seconds=0.01))
-    assert result.rounds <= 2
+    task, budget = problem(bumpy(8, 8)), replace(SMALL, rounds=1000)
+    levels = searched(task, *stages(TINY)[:2]).levels
+    descent = texel_descent.Descent(task, [True] * 4, budget)
+    deadline = time.monotonic() + 0.01
+    assert texel_descent.descend(descent, levels, whole(task), np.random.default_rng(0), deadline) <= 2
 
 
 def test_bad_arguments_say_what_was_expected() -> None:
-    task = problem(bumpy(8, 8))
-    start = best_closed_form(task, TINY)
-    with pytest.raises(UsageError, match=r"start has levels of shapes .*: expected .*every level of gltf"):
-        refine(task, start.levels[:-1], TINY)
-    broken = [level.copy() for level in start.levels]
-    broken[1][0, 0, 0] = np.nan
-    with pytest.raises(UsageError, match="start holds values that are not finite"):
-        refine(task, broken, TINY)
     with pytest.raises(UsageError, match="unknown pixel filter 'sinc'"):
-        refine(replace(task, pixel_filter="sinc"), start, TINY)
-    for name, value in {
-        "rounds": -1,
-        "steps": 0,
-        "pairs": 6,
-        "samples": 0,
-        "window": 4,
-        "seconds": 0,
-    }.items():
+        Optimum(effort=EFFORT, descent=TINY)(bumpy(8, 8), "gltf", "gltf", "sinc", WRAP, lambda _: None)
+    for name, value in {"rounds": -1, "steps": 0, "pairs": 6, "samples": 0, "window": 4}.items():
         with pytest.raises(UsageError, match=f"{name} of the budget is"):
             replace(TINY, **{name: value})
 

@@ -9,22 +9,16 @@ import pytest
 
 from mipbake import material
 from mipbake.errors import UsageError
-from mipbake.judging.scores import Effort
 from mipbake.models import list_weights
 from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import METHODS, method_named, optimum, refine
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter import METHODS, method_named
+
+from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
 
 
-@pytest.fixture(autouse=True)
-def little_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Descents of a round: what every method promises does not hang on how long they take."""
-    short = Budget(rounds=1, pairs=8, points=16, held_out_pairs=32)
-    monkeypatch.setattr(optimum, "DEFAULT_BUDGET", short)
-    monkeypatch.setattr(refine, "DEFAULT_BUDGET", short)
-    monkeypatch.setattr(refine, "DEFAULT_EFFORT", Effort(2, 4, 2, 8, 2))
+QUICK = quick_methods()
 
 
 def bumpy(height: int = 24, width: int = 20, spread: float = 0.3) -> np.ndarray:
@@ -35,7 +29,7 @@ def bumpy(height: int = 24, width: int = 20, spread: float = 0.3) -> np.ndarray:
 
 
 def run(method: str, stored: np.ndarray, target: str = "gltf", pixel_filter: str = "gaussian") -> list[np.ndarray]:
-    return METHODS[method](stored, "gltf", target, pixel_filter, WRAP, lambda _: None).levels
+    return QUICK[method](stored, "gltf", target, pixel_filter, WRAP, lambda _: None).levels
 
 
 @pytest.mark.parametrize("target", material.MODELS)

@@ -17,7 +17,7 @@ ROOMS["mipbake.cli"] = ROOT / "cli"
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
-    # Gradients by texels; optimum.py, blending.py and refine.py import them when they are called.
+    # Gradients by texels; blending.py and stages.py import them when they are called.
     r"|mipbake\.prefilter\.search\.(lit_samples|pair_weights|pixel_samples|texel_coordinates|texel_descent)$"
     r"|mipbake\.reference\.lobes$"
 )

@@ -311,3 +311,8 @@ def pooled_rows(error: Array, probe: Probe) -> Array:
     parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
     total, count = parts.sum(-1), parts.shape[-1]
     return np.asarray(count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts))
+
+
+def spoken_snr(snr: Array) -> str:
+    """`near-mirror 21.3 dB, hemisphere 24.1 dB`."""
+    return ", ".join(f"{name} {value:.1f} dB" for name, value in zip(PAIR_SETS, snr, strict=True))

@@ -17,8 +17,7 @@ from mipbake.prefilter.rules.linear import Linear
 from mipbake.prefilter.rules.toksvig import TOKSVIG
 from mipbake.prefilter.rules.unreal import UNREAL
 from mipbake.prefilter.rules.vmf import VMF
-from mipbake.prefilter.search.optimum import Optimum
-from mipbake.prefilter.search.refine import Auto, Refine
+from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
 METHODS: Mapping[str, Prefilter] = {
     m.name: m for m in (Auto(), Neural(), Refine(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
@@ -26,7 +25,7 @@ METHODS: Mapping[str, Prefilter] = {
 
 OPTIONS: Mapping[str, Mapping[str, Callable[..., Prefilter]]] = {
     "weights": {Auto.name: Auto, Neural.name: Neural, Refine.name: Refine},
-    "budget": {Auto.name: Auto, Refine.name: Refine, Optimum.name: Optimum.within},
+    "budget": {Auto.name: Auto, Refine.name: Refine, Optimum.name: Optimum},
 }
 """Option to the methods that have it, and what makes one with it from the option's keyword."""
 

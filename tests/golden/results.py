@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from mipbake.prefilter import METHODS, Prefilter
 from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.optimum import Optimum
-from mipbake.prefilter.search.refine import Refine
+from mipbake.prefilter.search.methods import Optimum, Refine
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import TrainingConfig
@@ -50,7 +49,7 @@ def sources() -> dict[str, Source]:
 
 def methods() -> dict[str, Prefilter]:
     """Every method; those that stop by the clock, whose results differ from run to run, stop by rounds here."""
-    few = Optimum(Budget(rounds=4, held_out_pairs=256))
+    few = Optimum(descent=Budget(rounds=4, held_out_pairs=256))
     return {**METHODS, "refine": Refine(budget="best"), "optimum": few}
 
 

@@ -12,61 +12,80 @@ With a deadline, ingredients that would take too long are left out, the least pr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import material
-from mipbake.judging.scores import Array, Effort, Score, Scores, certainty
-from mipbake.judging.weights import VERDICT
+from mipbake.judging.scores import Effort, Score, Scores
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.search.ingredients import Bench, Candidate, Rival, mean
+from mipbake.prefilter.search.ingredients import Bench, Candidate, Rival
+from mipbake.prefilter.search.verdict import Held, between, settle
 from mipbake.reference.problem import Image, Problem
 
-SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-_CHANCE = 0.5  # standard errors by which a rival may be ahead
-_TIE = 0.01  # logarithm of errors below which two measure the same
-_APART = 0.02  # mean logarithm that is looked into: by how much groups are behind their best plain forms
+_SLACK = 0.25  # by how much the logarithm of the error under the studio's lights may be behind
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Ingredients, and the renders that they were looked up in.
+
+    Args:
+        train: renders that blends are fitted to. judge: renders that nothing is fitted to, at levels of detail in steps
+            of 1/2. witness: renders that decide nothing, at the same levels of detail.
+        asked: what the best closed forms have at the levels of detail of `train`.
+    """
+
+    bench: Bench
+    train: Scores
+    judge: Scores
+    witness: Scores
+    asked: list[Score]
+
+    @property
+    def problem(self) -> Problem:
+        """What the ingredients were baked for."""
+        return self.bench.problem
+
+    def safe(self, level: int) -> str:
+        """The ingredient that comes nearest to what is asked for at a level."""
+        return self.bench.safest(level, self.asked)
 
 
 @dataclass(frozen=True, eq=False)
 class Blend:
-    """A blended stack.
+    """A stack made of ingredients.
 
     Args:
         levels: (H_L, W_L, C) valid stored channels.
         sources: for each level, the names of its ingredients.
-        judge: renders that nothing was fitted to, at levels of detail in steps of 1/2.
-        rivals: at each of them, the best closed form for every row of a Score. lit: the least lit_log of any.
-        plain: there, the least log_errors of PLAIN in every group.
-        witness: renders that decided nothing, at the same levels of detail. witnessed: what these rivals have there.
+        judge, witness: as Gathered has them.
+        held: what it was held against at the levels of detail of the judge.
+        witnessed: what rivals of pair sets have there, by the witness.
         left_out: closed forms that there was no time to bake, in none of the above.
     """
 
     levels: list[Image]
     sources: list[tuple[str, ...]]
     judge: Scores
-    rivals: list[list[Rival]]
-    lit: list[float]
-    plain: list[Array]
+    held: Held
     witness: Scores
     witnessed: list[list[Rival]]
     left_out: tuple[str, ...] = ()
 
 
-def blend(
+def gathered(
     problem: Problem,
     candidates: Sequence[Candidate],
     effort: Effort,
     seed: int = 0,
     progress: Progress = lambda _: None,
     deadline: float = math.inf,
-) -> Blend:
-    """Fits every level, coarsest first, and keeps of it what independent renders confirm.
+) -> Gathered:
+    """Bakes ingredients and looks them up in three sets of renders.
 
     Args:
         candidates: the ingredients, in the order of preference where they measure the same, BASE with the pixel filter
@@ -88,26 +107,36 @@ def blend(
         ]
         train, judge, witness = (each.result() for each in drawn)
     bench = Bench(problem, candidates, (train, judge), witness, progress, deadline)
-    asked = [bench.asked(0, index) for index in range(len(train.lods))]
-    weights = _fitted(bench, train, asked)
-    safe = [bench.safest(level, asked) for level in range(problem.last + 1)]
-    rivals = [bench.rivals(index) for index in range(len(judge.lods))]
-    plain = [bench.plain(bench.judged[index]) for index in range(len(judge.lods))]
-    lit = [bench.asked(1, index).lit_log for index in range(len(judge.lods))]
-    shares = _settled(bench, judge, weights, safe, rivals, lit, plain)
-    mixtures = [bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)]
-    levels = bench.mixed(mixtures)
-    witnessed = [bench.witnessed(index, each[: len(PAIR_SETS)]) for index, each in enumerate(rivals)]
-    progress(1.0)
-    sources = [tuple(mixture) for mixture in mixtures]
-    return Blend(levels, sources, judge, rivals, lit, plain, witness, witnessed, bench.left_out)
+    return Gathered(bench, train, judge, witness, [bench.asked(0, index) for index in range(len(train.lods))])
 
 
-def _fitted(bench: Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray[np.float32]]:
-    """Weights of every level."""
+def blend(found: Gathered, weights: Sequence[NDArray[np.float32]] | None = None) -> Blend:
+    """Keeps of the blend with given weights, a level each, what the judge confirms; None for those of `fitted`."""
+    weights, held = fitted(found) if weights is None else weights, _held(found)
+    safe = [found.safe(level) for level in range(found.problem.last + 1)]
+
+    def texels(index: int, level: int, share: float) -> Image:
+        own = found.bench.seen(safe[level], 1, index, level)
+        made = found.bench.fitted(1, index, level, weights[level]) if share else own
+        return between(own, made, share, found.problem.target)
+
+    shares = settle(found.judge, texels, len(safe), held)
+    return _made(found, held, [found.bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)])
+
+
+def best(found: Gathered) -> Blend:
+    """Every level from the one ingredient that comes nearest to what is asked for."""
+    none = np.zeros(0, np.float32)
+    mixtures = [found.bench.mixture(none, found.safe(level), 0.0) for level in range(found.problem.last + 1)]
+    return _made(found, _held(found), mixtures)
+
+
+def fitted(found: Gathered) -> list[NDArray[np.float32]]:
+    """Weights of every level's blend, fitted from the coarsest level to the finest."""
     from mipbake.prefilter.search.level_fit import Term, columns, fit_level
 
-    target, last = bench.problem.target, bench.problem.last
+    bench, train = found.bench, found.train
+    target, last = found.problem.target, found.problem.last
     out: list[NDArray[np.float32]] = []
     for level in range(last, -1, -1):
         terms = []
@@ -116,88 +145,25 @@ def _fitted(bench: Bench, train: Scores, asked: Sequence[Score]) -> list[NDArray
                 base, others = bench.parts(0, index, level)
                 other = bench.fitted(0, index, level + 1, out[-1]) if share < 1 else None
                 made = columns(base, others, target)
-                terms.append(Term(train.probes[index], asked[index], share, other, base, made))
+                terms.append(Term(train.probes[index], found.asked[index], share, other, base, made))
         out.append(fit_level(terms, target, train.lighting))
     return out[::-1]
 
 
-def _settled(
-    bench: Bench,
-    judge: Scores,
-    weights: Sequence[NDArray[np.float32]],
-    safe: Sequence[str],
-    rivals: Sequence[Sequence[Rival]],
-    lit: Sequence[float],
-    plain: Sequence[Array],
-) -> list[float]:
-    """For each level the share of its blend against its safe ingredient, so that no rival is ahead beyond chance."""
-    target = bench.problem.target
-
-    def texels(index: int, level: int, share: float) -> Image:
-        if share == 1:
-            return bench.fitted(1, index, level, weights[level])
-        own = bench.seen(safe[level], 1, index, level)
-        if share == 0:
-            return own
-        return material.regularise(own + np.float32(share) * (texels(index, level, 1.0) - own), target)
-
-    return settle(judge, texels, len(safe), rivals, lit, plain)
+def _held(found: Gathered) -> Held:
+    """The best closed forms, as the judge sees them."""
+    bench, places = found.bench, range(len(found.judge.lods))
+    return Held(
+        [bench.rivals(index) for index in places],
+        [bench.asked(1, index).lit_log for index in places],
+        [bench.plain(bench.judged[index]) for index in places],
+        _SLACK,
+    )
 
 
-def settle(
-    judge: Scores,
-    texels: Callable[[int, int, float], Image],
-    levels: int,
-    rivals: Sequence[Sequence[Rival]],
-    lit: Sequence[float],
-    plain: Sequence[Array],
-    slack: float = 0.25,
-) -> list[float]:
-    """Shares of levels, 1 where nothing speaks against it.
-
-    Args:
-        texels: of a probe's index, a level and a share, the (N, C) lookups.
-        levels: how many there are.
-        rivals, lit, plain: as Blend has them. slack: by how much lit may be exceeded.
-    """
-    shares = [1.0] * levels
-
-    def score(index: int) -> Score:
-        return judge.of(mean([texels(index, level, shares[level]) for level in judge.probes[index].levels]), index)
-
-    def behind(found: Score, index: int) -> Array:
-        """By how much each rival, and the last one under the studio's lights, is ahead beyond what chance may do."""
-        lost = [row - rival.log_errors for row, rival in zip(found.rows, rivals[index], strict=True)]
-        rows = [each.mean() - _CHANCE * float(standard_error(each)) - _TIE for each in lost]
-        return np.append(rows, found.lit_log - lit[index] - slack)
-
-    def cost(found: Score, index: int) -> float:
-        others = np.stack([certainty(rival.log_errors) for rival in rivals[index][len(found.log_errors) :]])
-        sure, bright = found.trust.copy(), slice(len(found.log_errors), -1)
-        sure[bright] = np.minimum(sure[bright], others)
-        return VERDICT.value(found.terms, behind(found, index), sure, apart(found, index))
-
-    def apart(found: Score, index: int) -> float:
-        """The mean over groups of how much each is behind what is the best for it."""
-        return float(np.maximum(found.log_errors - plain[index], 0).mean(1).sum())
-
-    now = [score(index) for index in range(len(judge.probes))]
-    for _ in range(2):
-        worst = sorted(range(len(now)), key=lambda each: -behind(now[each], each).max())
-        for index in (each for each in worst if behind(now[each], each).max() > 0 or apart(now[each], each) > _APART):
-            for level in judge.probes[index].levels:
-                near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
-                tried = {}
-                for share in SHARES:
-                    shares[level] = share
-                    tried[share] = [score(i) for i in near]
-                totals = {s: sum(cost(f, i) for f, i in zip(found, near, strict=True)) for s, found in tried.items()}
-                shares[level] = min(totals, key=lambda share: totals[share])
-                for i, found in zip(near, tried[shares[level]], strict=True):
-                    now[i] = found
-    return shares
-
-
-def standard_error(values: Array) -> Array:
-    """Standard errors of means over the last axis."""
-    return np.asarray(values.std(-1) / np.sqrt(max(1, values.shape[-1] - 1)))
+def _made(found: Gathered, held: Held, mixtures: list[dict[str, NDArray[np.float64]]]) -> Blend:
+    bench = found.bench
+    levels = bench.mixed(mixtures)
+    witnessed = [bench.witnessed(index, each[: len(PAIR_SETS)]) for index, each in enumerate(held.rivals)]
+    sources = [tuple(mixture) for mixture in mixtures]
+    return Blend(levels, sources, found.judge, held, found.witness, witnessed, bench.left_out)

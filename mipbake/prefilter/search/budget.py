@@ -14,7 +14,7 @@ LOBES = 2
 
 @dataclass(frozen=True)
 class Budget:
-    """How much effort an optimisation makes, and how long it may take; whichever ends first.
+    """How much effort an optimisation makes.
 
     Args:
         rounds: most rounds of a block. A round draws pixels, pairs and targets anew; after every few of them held-out
@@ -25,7 +25,6 @@ class Budget:
         points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
         window: blocks of large sets are at most so many texels a side.
         lit: whether renders under a studio's lights, tonemapped, count beside the renders of pairs (lit_samples.py).
-        seconds: wall-clock limit, checked after each round; None for none. Only without one are results reproducible.
     """
 
     rounds: int = 40
@@ -36,7 +35,6 @@ class Budget:
     held_out_pairs: int = 1024
     window: int = 512
     lit: bool = False
-    seconds: float | None = None
 
     def __post_init__(self) -> None:
         least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "points": 1, "held_out_pairs": 2, "window": 8}
@@ -47,13 +45,8 @@ class Budget:
         for name, factor in (("pairs", len(PAIR_SETS) + LOBES), ("samples", 2)):
             if getattr(self, name) % factor:
                 raise UsageError(f"{name} of the budget is {getattr(self, name)}: expected a multiple of {factor}")
-        if self.seconds is not None and not self.seconds > 0:
-            raise UsageError(f"seconds of the budget is {self.seconds!r}: expected a positive number, or None")
 
     @property
     def held_out(self) -> HeldOutEffort:
         """What is held out."""
         return HeldOutEffort(self.points, self.held_out_pairs, self.samples)
-
-
-DEFAULT_BUDGET = Budget()

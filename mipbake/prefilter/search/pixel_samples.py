@@ -80,6 +80,14 @@ class Lobes:
 
     levels: Sequence[Image]
 
+    @classmethod
+    def under(cls, problem: Problem) -> list[Lobes]:
+        """Lobes that cover the lobes under a texel: the lobe of the mean material, and a wide lobe of all."""
+        from mipbake.prefilter import METHODS
+
+        args = problem.stored, problem.source, "gltf", problem.pixel_filter, problem.wrap, lambda _: None
+        return [cls(METHODS[name](*args).levels) for name in ("linear", "lean")]
+
     def at(self, level: int, uv: NDArray[np.float64]) -> Tensor:
         """(P, 4) unit normal and alpha of the texel that contains each of (P, 2) uv."""
         texels = self.levels[level]

@@ -1,4 +1,4 @@
-"""Gauss-Newton descent on the texels of a stack (optimum.py says what for).
+"""Gauss-Newton descent on the texels of a stack (methods.py says what for).
 
 A round draws pixels, pairs and estimates of the reference anew (pixel_samples.py) and takes a few steps on them. Each
 texel is divided by a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -24,8 +24,9 @@ from torch import Tensor
 
 from mipbake.judging.held_out import HeldOut
 from mipbake.judging.lit_renders import display_slope, displayed
+from mipbake.judging.scores import spoken_snr
 from mipbake.judging.weights import DESCENT
-from mipbake.prefilter.base import Progress
+from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.budget import Budget
 from mipbake.prefilter.search.lit_samples import LitBatch, lit_pixels
 from mipbake.prefilter.search.lookups import Lookups
@@ -51,19 +52,6 @@ _TEXELS = 2048  # texels whose equations are solved at a time: they stay in the 
 _STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 
-@dataclass(frozen=True)
-class Descended:
-    """What became of a block.
-
-    Args:
-        rounds: that were worked.
-        gains: (levels of the block,) decibels that the last look at held-out pairs saw gained since the one before.
-    """
-
-    rounds: int
-    gains: NDArray[np.float64]
-
-
 @dataclass
 class _State:
     """State of the texels of a level between rounds."""
@@ -72,46 +60,50 @@ class _State:
     mean: Tensor | None = None  # (h, w, P)
 
 
+class Descent:
+    """What regions are optimised for, and how.
+
+    Args:
+        moving: whether the texels of each level may move.
+        budget: effort on a region.
+        trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
+    """
+
+    def __init__(self, problem: Problem, moving: Sequence[bool], budget: Budget, trust: float = 0.0) -> None:
+        self.problem, self.moving, self.budget, self.trust = problem, moving, budget, trust
+        self.lobes = Lobes.under(problem)
+
+
 def descend(
-    problem: Problem,
+    descent: Descent,
     levels: list[Image],
     block: Region,
-    moving: Sequence[bool],
-    lobes: Sequence[Lobes],
-    ahead: NDArray[np.float64],
-    budget: Budget,
     rng: np.random.Generator,
-    deadline: float,
-    progress: Progress,
-    trust: float = 0.0,
-    report: Callable[[NDArray[np.float64]], None] = lambda _: None,
-) -> Descended:
+    deadline: float = math.inf,
+    progress: Progress = lambda _: None,
+) -> int:
     """Optimises the texels of a block and writes the best that held-out pixels of the block saw into `levels`.
 
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the block.
-        moving: whether the texels of each level may move.
-        lobes: to draw half vectors from, as many as held_out.LOBES.
-        ahead: (S, M) logarithms of the errors that `levels` has more than is asked for, at all levels of detail in
-            steps of 1/2.
         deadline: time.monotonic() after which no round begins.
-        trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
-        report: told the (S, M) SNR in dB on held-out pairs at each look.
+        progress: where it takes notes, it is told the SNR on held-out pairs at each look.
+
+    Returns:
+        The rounds that were worked.
     """
+    problem, moving, budget, lobes = descent.problem, descent.moving, descent.budget, descent.lobes
     near = range(max(0, block.levels.start - 1), min(len(levels), block.levels.stop + 1))
     crops = {i: Crop(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
     free = {i: crop for i, crop in crops.items() if crop.free}
     for crop in free.values():
         crop.move(crop.coordinates)
     held_out = HeldOut(problem, block, budget.held_out, [int(rng.integers(1 << 31))])
-    asked = held_out.typical(levels)
-    first = 2 * block.levels.start
-    asked = asked - ahead[:, first : first + asked.shape[1]]
-    weights = PairWeights(held_out, lobes[-1].levels[-1][0, 0], asked)
+    weights = PairWeights(held_out, lobes[-1].levels[-1][0, 0], held_out.typical(levels))
     states = {i: _State() for i in free}
     best = {i: levels[i][crop.window].copy() for i, crop in free.items()}
     last = weights.update(levels)
-    least, gains, still, began = last.mean(), np.zeros(len(block.levels)), 0, time.monotonic()
+    least, still, began = last.mean(), 0, time.monotonic()
     done, asked_lit = 0, dict[int, float]()
     seed = int(rng.integers(1 << 31))
 
@@ -127,7 +119,7 @@ def descend(
             more = done + 1 < budget.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
             round_ = _Drawn.of(crops, renders, weights, lit)
-            _round(problem.target, free, states, round_, asked_lit, budget.steps, done, trust, rng)
+            _round(problem.target, free, states, round_, asked_lit, budget.steps, done, descent.trust, rng)
             del round_
             del renders, lit
             done += 1
@@ -142,7 +134,7 @@ def descend(
                 assert mean is not None
                 levels[i][crop.window] = crop.values(mean)
             now = weights.update(levels)
-            report(-10 / math.log(10) * now)
+            say(progress, spoken_snr(-10 / math.log(10) * now.mean(1)))
             gains = _per_level(last - now, block, held_out.lods)
             last = now
             if now.mean() < least:
@@ -154,7 +146,7 @@ def descend(
                 break
     for i, crop in free.items():
         levels[i][crop.window] = best[i]
-    return Descended(done, gains)
+    return done
 
 
 def _per_level(gains: NDArray[np.float64], block: Region, lods: Sequence[float]) -> NDArray[np.float64]:

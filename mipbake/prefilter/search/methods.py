@@ -1,0 +1,210 @@
+"""`auto`, `refine` and `optimum`: three short lists of stages.
+
+All gather ingredients and make levels of them. `auto` and `refine` start from the best blend, which costs seconds and
+is better than any of its ingredients. From there texels are optimised one by one (texel_descent.py), held by what the
+blend knows: so nothing is lost to noise in the first rounds, and a few rounds already gain. Coarse levels have few
+texels and are seen from afar: they come first and cost next to nothing. `auto` stops there; `refine`, or `auto` with a
+budget, goes on to the fine levels. `optimum` starts from the best closed form of each level, is held by nothing, and
+shows the limit of a stack with a single lobe a texel.
+
+In the end each level keeps of its change what independent renders confirm, against the start, which itself was held
+against every closed form. What they measured is the promise that comes with the stack.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mipbake.errors import UsageError
+from mipbake.judging.scores import Effort
+from mipbake.pixel_filter import Wrap, filter_named
+from mipbake.prefilter.base import PrefilterResult, Progress
+from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.search.blending import best, blend
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.ingredients import Candidate, candidate, closed_forms
+from mipbake.prefilter.search.promising import promised
+from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
+from mipbake.prefilter.search.time_budget import seconds_of
+from mipbake.reference.problem import Image, Problem
+
+REFINE_SECONDS = 120.0
+"""Budget of `refine` where none is given."""
+
+EFFORT = Effort()
+REFINING = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
+COARSE = Budget(rounds=6, pairs=16, samples=4, points=48, held_out_pairs=256, lit=True)
+"""Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
+
+OPTIMISING = Budget()
+
+_TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
+
+
+@dataclass(frozen=True)
+class Step:
+    """A stage, and its share of the progress."""
+
+    stage: Stage
+    share: float
+
+
+class Searching:
+    """A method that is a list of stages.
+
+    Args:
+        weights: trained weights by name; None for the default ones, and without a network where there are none.
+        seconds: wall-clock limit; None for none. Only without one are results reproducible.
+        seed: seed of all that is drawn.
+    """
+
+    name: str
+    summary: str
+    averages = False
+    learned = True
+    """Whether a network is among the ingredients."""
+
+    def __init__(self, weights: str | None, seconds: float | None, seed: int) -> None:
+        self._neural, self._named = Neural(weights), weights is not None
+        self.seconds, self._seed = seconds, seed
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """The stages."""
+        raise NotImplementedError
+
+    def __call__(
+        self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
+    ) -> PrefilterResult:
+        """See Prefilter. UsageError where named weights do not fit the target or the pixel filter."""
+        clock = Clock(time.monotonic(), math.inf if self.seconds is None else self.seconds)
+        from mipbake.models.workers import one_torch_thread
+
+        filter_named(pixel_filter)
+        problem = Problem(stored, source, target, pixel_filter, wrap)
+        candidates = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
+        search = Search(Work(problem, candidates, self._seed, clock, progress))
+        done = 0.0
+        # Tensors here are small and many, and two Python threads work on them.
+        with one_torch_thread():
+            for step in self.steps:
+                search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
+                done += step.share
+            promise = promised(search)
+        progress(1.0)
+        taken = any(self._neural.name in sources for sources in search.blend.sources)
+        info = self._neural.weights(target, pixel_filter, source) if taken else None
+        return PrefilterResult(search.levels, info.name if info else None, info.sha256 if info else None, promise)
+
+    def _learned(self, problem: Problem) -> list[Candidate]:
+        """The network, where there are weights for it."""
+        try:
+            self._neural.weights(problem.target, problem.pixel_filter, problem.source)
+        except UsageError:
+            if self._named:
+                raise
+            return []
+        return [candidate(problem, self._neural, problem.pixel_filter)]
+
+
+class Refine(Searching):
+    """Every texel optimised, from the best blend of all methods.
+
+    Args:
+        weights, seed: see Searching.
+        budget: time as users write it (time_budget.py); None for REFINE_SECONDS.
+        effort: of the renders that judge. descent: effort on the levels.
+    """
+
+    name = "refine"
+    summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
+
+    def __init__(
+        self,
+        weights: str | None = None,
+        budget: str | None = None,
+        seed: int = 0,
+        effort: Effort = EFFORT,
+        descent: Budget = REFINING,
+    ) -> None:
+        super().__init__(weights, REFINE_SECONDS if budget is None else seconds_of(budget), seed)
+        self._effort, self._descent = effort, descent
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """The stages."""
+        return (
+            Step(Gather(self._effort), 0.1),
+            Step(Make(blend), 0.0),
+            Step(Descend(self._descent, True, _TRUST), 0.9),
+            Step(Keep(), 0.0),
+        )
+
+
+class Auto(Searching):
+    """The best blend of all methods, with coarse levels optimised; with a budget, as `refine`.
+
+    Args:
+        weights, budget, seed, effort: see Refine. descent: effort on the coarse levels.
+    """
+
+    name = "auto"
+    summary = (
+        "the best blend of neural and all closed forms, by measurement, coarse levels optimised (several times as long "
+        "as neural)"
+    )
+
+    def __init__(
+        self,
+        weights: str | None = None,
+        budget: str | None = None,
+        seed: int = 0,
+        effort: Effort = EFFORT,
+        descent: Budget = COARSE,
+    ) -> None:
+        super().__init__(weights, None if budget is None else seconds_of(budget), seed)
+        self._effort, self._descent = effort, descent
+        self._refine = None if budget is None else Refine(weights, budget, seed, effort)
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """The stages."""
+        if self._refine is not None:
+            return self._refine.steps
+        return (
+            Step(Gather(self._effort), 0.5),
+            Step(Make(blend), 0.0),
+            Step(Descend(self._descent, False, _TRUST), 0.5),
+            Step(Keep(), 0.0),
+        )
+
+
+class Optimum(Searching):
+    """The per-material optimum of a single-lobe stack, from the best closed form of each level.
+
+    Args:
+        budget, seed: see Searching. effort: of the renders that judge. descent: effort on the levels.
+    """
+
+    name = "optimum"
+    summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
+    learned = False
+
+    def __init__(
+        self, budget: str | None = None, seed: int = 0, effort: Effort = EFFORT, descent: Budget = OPTIMISING
+    ) -> None:
+        super().__init__(None, None if budget is None else seconds_of(budget), seed)
+        self._effort, self._descent = effort, descent
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """The stages."""
+        return (
+            Step(Gather(self._effort), 0.1),
+            Step(Make(best), 0.0),
+            Step(Descend(self._descent, True, 0.0), 0.9),
+            Step(Keep(), 0.0),
+        )

@@ -1,0 +1,41 @@
+"""The promise of a search: what its witness found of the stack."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mipbake.judging.held_out import SET_SIZE
+from mipbake.judging.scores import DECIBEL, Array
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.prefilter.promise import BetweenPromise, LevelPromise, Promise
+from mipbake.prefilter.search.stages import Search, scored
+from mipbake.prefilter.search.verdict import standard_error
+
+
+def promised(search: Search) -> Promise:
+    """What the witness found of every level, and halfway between levels."""
+    start, sets = search.blend, list(PAIR_SETS)
+    found = scored(start.witness, search.levels)
+    levels, between = [], []
+    for lod, score, rivals in zip(start.witness.lods, found, start.witnessed, strict=True):
+        rows, others = score.log_errors, np.stack([rival.log_errors for rival in rivals])
+
+        def by_set(values: Array) -> dict[str, float]:
+            return {name: round(float(value), 4) for name, value in zip(sets, values, strict=True)}
+
+        figures = {
+            "snr": by_set(-DECIBEL * rows.mean(1)),
+            "standard_error": by_set(DECIBEL * standard_error(rows)),
+            "best_closed_form_snr": by_set(-DECIBEL * others.mean(1)),
+            "gain_error": by_set(DECIBEL * standard_error(rows - others)),
+        }
+        best = {name: rival.name for name, rival in zip(sets, rivals, strict=True)}
+        if lod == int(lod):
+            level = int(lod)
+            sources, share = start.sources[level], search.shares[level]
+            levels.append(LevelPromise(best_closed_form=best, level=level, sources=sources, refined=share, **figures))
+        else:
+            between.append(BetweenPromise(best_closed_form=best, lod=lod, **figures))
+    effort = start.witness.effort
+    pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
+    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between))

@@ -1,0 +1,238 @@
+"""The stages of a search: each takes a search as far as it has come, and gives it back farther.
+
+Ingredients are gathered; levels are made of them; texels are optimised, with what the levels are known to be worth to
+hold them; and of that is kept what renders that nothing was fitted to confirm.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mipbake import directions
+from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.prefilter.base import Progress, say
+from mipbake.prefilter.search.blending import Blend, Gathered, gathered
+from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.ingredients import Candidate, Rival, mean
+from mipbake.prefilter.search.regions import COARSE, Part, parts
+from mipbake.prefilter.search.verdict import Held, between, settle
+from mipbake.reference.problem import Image, Problem
+
+_BAKING = 0.75  # most of the time that ingredients take; in a large set, an ingredient that takes longer is left out
+_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
+_FEWEST = 3  # rounds that are worth beginning with a part
+_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
+_LIT_SLACK = 0.1  # how much the logarithm of the error under the studio's lights may grow
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When a search began, and how long it may take; infinite for no limit."""
+
+    began: float
+    seconds: float
+
+    @property
+    def timed(self) -> bool:
+        """Whether there is a limit."""
+        return not math.isinf(self.seconds)
+
+    def until(self, share: float) -> float:
+        """time.monotonic() at which a share of the time is over."""
+        return self.began + share * self.seconds
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a search is for.
+
+    Args:
+        candidates: the ingredients.
+        seed: of all that is drawn.
+        progress: told the finished share of all stages, and notes.
+    """
+
+    problem: Problem
+    candidates: Sequence[Candidate]
+    seed: int
+    clock: Clock
+    progress: Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """A search as far as it has come.
+
+    Args:
+        gathered: the ingredients. start: a stack made of them. levels: what became of it.
+        before: what the judge says of the start. shares: how much of each level's change was kept.
+    """
+
+    work: Work
+    gathered: Gathered | None = None
+    start: Blend | None = None
+    before: list[Score] = field(default_factory=list)
+    levels: list[Image] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
+
+    @property
+    def blend(self) -> Blend:
+        """The start, which a stage before must have made."""
+        if self.start is None:
+            raise AssertionError("no stage has made a stack yet")
+        return self.start
+
+    @property
+    def ingredients(self) -> Gathered:
+        """The ingredients, which a stage before must have gathered."""
+        if self.gathered is None:
+            raise AssertionError("no stage has gathered ingredients yet")
+        return self.gathered
+
+
+Stage = Callable[[Search, Progress], Search]
+"""Takes a search farther; is told progress of its own, from 0 to 1, beside the search's."""
+
+
+@dataclass(frozen=True)
+class Gather:
+    """Bakes the ingredients, and looks them up in renders."""
+
+    effort: Effort
+
+    def __call__(self, search: Search, progress: Progress) -> Search:
+        """See Stage."""
+        work = search.work
+        deadline = work.clock.until(_BAKING)
+        return replace(
+            search, gathered=gathered(work.problem, work.candidates, self.effort, work.seed, progress, deadline)
+        )
+
+
+@dataclass(frozen=True)
+class Make:
+    """Levels made of the ingredients, by `blending.blend` or `blending.best`."""
+
+    way: Callable[[Gathered], Blend]
+
+    def __call__(self, search: Search, progress: Progress) -> Search:
+        """See Stage."""
+        start = self.way(search.ingredients)
+        before = scored(start.judge, start.levels)
+        progress(1.0)
+        return replace(search, start=start, before=before, levels=start.levels, shares=[0.0] * len(start.levels))
+
+
+@dataclass(frozen=True)
+class Descend:
+    """Texels optimised from the coarsest levels on (texel_descent.py), until the time is over.
+
+    Each part has a share of the time. Where a part would get so little that a round or two is all, its levels stay as
+    they are, and the other parts have its time.
+
+    Args:
+        budget: effort on a part.
+        fine: whether levels of more than `coarse` texels a side take part.
+        trust: rounds that the start is worth: it holds texels as so many past rounds would.
+    """
+
+    budget: Budget
+    fine: bool
+    trust: float
+    coarse: int = COARSE
+
+    def __call__(self, search: Search, progress: Progress) -> Search:
+        """See Stage."""
+        from mipbake.prefilter.search.texel_descent import Descent, descend
+
+        work, levels = search.work, [level.copy() for level in search.levels]
+        problem, last = work.problem, work.problem.last
+        worst = np.array([score.decibels.min() for score in search.before])
+        moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
+        todo = [
+            part
+            for part in parts(problem, self.budget.window, self.fine, self.coarse)
+            if any(moving[i] for i in part.region.levels)
+        ]
+        descent = Descent(problem, moving, self.budget, self.trust) if todo else None
+        end = work.clock.until(1.0)
+        if work.clock.timed:
+            end -= _SETTLING * max(0.0, end - time.monotonic())
+        total, done = sum(part.share for part in todo), 0.0
+        pace = 0.0  # seconds that a round takes for a texel
+        for index, part in enumerate(todo):
+            now, texels = time.monotonic(), part.texels(problem)
+            rest = sum(each.share for each in todo[index:])
+            until = now + max(0.0, end - now) * part.share / rest if work.clock.timed else math.inf
+            if descent is not None and not (work.clock.timed and until - now <= _FEWEST * pace * texels):
+                rounds = descend(
+                    descent,
+                    levels,
+                    part.region,
+                    np.random.default_rng([work.seed, 3, index]),
+                    until,
+                    _PartProgress(progress, work.progress, part, done / total, total, last),
+                )
+                pace = (time.monotonic() - now) / max(1, rounds) / texels
+            done += part.share
+        return replace(search, levels=levels)
+
+
+@dataclass(frozen=True)
+class _PartProgress:
+    """Progress and notes of a part of the descent, as the search's."""
+
+    stage: Progress
+    search: Progress
+    part: Part
+    done: float
+    total: float
+    last: int
+
+    def __call__(self, share: float) -> None:
+        self.stage(min(0.99, self.done + share * self.part.share / self.total))
+
+    def note(self, text: str) -> None:
+        levels = self.part.region.levels
+        spoken = f"level {levels.start}" + (f" to {self.last}" if levels.stop > self.last else "")
+        say(self.search, f"{spoken}: {text}")
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Of every level's change the share that the judge confirms, against the start."""
+
+    def __call__(self, search: Search, progress: Progress) -> Search:
+        """See Stage."""
+        start, problem, cache = search.blend, search.work.problem, dict[tuple[int, int], tuple[Image, Image]]()
+        changed = [not np.array_equal(*each) for each in zip(start.levels, search.levels, strict=True)]
+        if not any(changed):
+            return replace(search, levels=start.levels)
+        judge, before = start.judge, search.before
+
+        def texels(index: int, level: int, share: float) -> Image:
+            if (index, level) not in cache:
+                both = (start.levels[level], search.levels[level])
+                cache[index, level] = judge.looked_up(both[0], index), judge.looked_up(both[1], index)
+            return between(*cache[index, level], share, problem.target)
+
+        lit = [max(asked, score.lit_log) for asked, score in zip(start.held.lit, before, strict=True)]
+        rivals = [[Rival("start", row) for row in score.rows] for score in before]
+        shares = settle(judge, texels, len(changed), Held(rivals, lit, start.held.plain, _LIT_SLACK))
+        shares = [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]
+        kept = [between(*each, problem.target) for each in zip(start.levels, search.levels, shares, strict=True)]
+        progress(1.0)
+        return replace(search, levels=directions.aligned(kept, problem.target, problem.wrap), shares=shares)
+
+
+def scored(scores: Scores, levels: Sequence[Image]) -> list[Score]:
+    """Scores of a stack at all levels of detail of the probes of a judge or a witness."""
+    return [
+        scores.of(mean([scores.looked_up(levels[level], index) for level in probe.levels]), index)
+        for index, probe in enumerate(scores.probes)
+    ]
