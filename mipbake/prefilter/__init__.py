@@ -1,6 +1,7 @@
 """Prefilters: each turns the stored channels of level 0 into the stored channels of every level.
 
-One file per method, one interface (`Prefilter`); METHODS is the list that the command line and the tests read.
+One interface (`Prefilter`): closed forms in `rules`, one a file; the network; methods that search, lists of stages in
+`search`. METHODS is the list that the command line and the tests read.
 """
 
 from __future__ import annotations
@@ -10,18 +11,10 @@ from collections.abc import Callable, Mapping
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.rules.filament import FILAMENT
-from mipbake.prefilter.rules.godot import GODOT
-from mipbake.prefilter.rules.lean import Lean
-from mipbake.prefilter.rules.linear import Linear
-from mipbake.prefilter.rules.toksvig import TOKSVIG
-from mipbake.prefilter.rules.unreal import UNREAL
-from mipbake.prefilter.rules.vmf import VMF
+from mipbake.prefilter.rules import RULES
 from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
-METHODS: Mapping[str, Prefilter] = {
-    m.name: m for m in (Auto(), Neural(), Refine(), Optimum(), Lean(), TOKSVIG, VMF, GODOT, FILAMENT, UNREAL, Linear())
-}
+METHODS: Mapping[str, Prefilter] = {m.name: m for m in (Auto(), Neural(), Refine(), Optimum())} | dict(RULES)
 
 OPTIONS: Mapping[str, Mapping[str, Callable[..., Prefilter]]] = {
     "weights": {Auto.name: Auto, Neural.name: Neural, Refine.name: Refine},

@@ -22,6 +22,7 @@ from mipbake.judging.weights import VERDICT
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
+from mipbake.prefilter.rules import RULES
 from mipbake.reference.problem import Image, Problem
 
 KERNEL_OF_ORIGIN = "box"
@@ -70,12 +71,9 @@ class Rival:
 
 def closed_forms(problem: Problem) -> Iterator[Candidate]:
     """Every closed form, with the pixel filter and with the box as its averaging kernel."""
-    from mipbake.prefilter import METHODS
-
     for kernel in dict.fromkeys((problem.pixel_filter, KERNEL_OF_ORIGIN)):
-        for method in METHODS.values():
-            if method.averages:
-                yield candidate(problem, method, kernel)
+        for rule in RULES.values():
+            yield candidate(problem, rule, kernel)
 
 
 def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Candidate:

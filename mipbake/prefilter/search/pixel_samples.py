@@ -20,6 +20,7 @@ from torch import Tensor
 
 from mipbake import sampling
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
+from mipbake.prefilter.rules import RULES
 from mipbake.reference import lobes as around
 from mipbake.reference.problem import Image, Problem
 from mipbake.reference.sequences import QUANTILES, SEQUENCE, quantiles
@@ -83,10 +84,8 @@ class Lobes:
     @classmethod
     def under(cls, problem: Problem) -> list[Lobes]:
         """Lobes that cover the lobes under a texel: the lobe of the mean material, and a wide lobe of all."""
-        from mipbake.prefilter import METHODS
-
         args = problem.stored, problem.source, "gltf", problem.pixel_filter, problem.wrap, lambda _: None
-        return [cls(METHODS[name](*args).levels) for name in ("linear", "lean")]
+        return [cls(RULES[name](*args).levels) for name in ("linear", "lean")]
 
     def at(self, level: int, uv: NDArray[np.float64]) -> Tensor:
         """(P, 4) unit normal and alpha of the texel that contains each of (P, 2) uv."""
