@@ -10,7 +10,9 @@ import pytest
 
 from mipbake import material
 from mipbake.pixel_filter import FILTERS, Wrap, resample
-from mipbake.prefilter import METHODS, closed_form, vmf
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.rules import averages as closed_form
+from mipbake.prefilter.rules import vmf
 
 WRAP: Wrap = ("wrap", "wrap")
 
