@@ -122,7 +122,7 @@ def test_both_doors_name_what_does_not_fit(arguments: dict[str, Any], words: str
         ({"mip_level_bias": BIAS, "mip": [torch.ones(1, 2, 2, 3)]}, r"mip\[0\] is a Tensor: expected a NumPy array"),
         (
             {"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX[:, :2])},
-            r"mip was made for a texture of shape \(1, 2, 4, 3\): expected that of tex, \(1, 4, 4, 3\)",
+            r"mip was made for a texture of shape \(1, 2, 4, 3\): expected the shape of tex, \(1, 4, 4, 3\)",
         ),
         (
             {"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX.astype(np.float64))},

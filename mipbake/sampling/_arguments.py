@@ -160,7 +160,7 @@ def _level_count(tex: Shape, mip: TextureMip | Sequence[Shape] | None, max_mip_l
     if isinstance(mip, TextureMip):
         if tuple(mip.base) != tuple(tex):
             raise UsageError(
-                f"mip was made for a texture of shape {_text(mip.base)}: expected that of tex, {_text(tex)}"
+                f"mip was made for a texture of shape {_text(mip.base)}: expected the shape of tex, {_text(tex)}"
             )
         given = len(mip.levels)
     else:
