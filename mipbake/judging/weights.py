@@ -55,7 +55,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         if tuple(self.terms) != TERMS:
-            raise AssertionError(f"weights of {', '.join(self.terms)}: expected those of {', '.join(TERMS)}")
+            raise AssertionError(f"weights of {', '.join(self.terms)}: expected the names {', '.join(TERMS)}")
 
     @property
     def counts(self) -> Array:
