@@ -111,7 +111,7 @@ def gathered(
 
 
 def blend(found: Gathered, weights: Sequence[NDArray[np.float32]] | None = None) -> Blend:
-    """Keeps of the blend with given weights, a level each, what the judge confirms; None for the weights that `fitted` gives."""
+    """Keeps of a blend what the judge confirms. `weights`: a level each; None for the weights that `fitted` gives."""
     weights, held = fitted(found) if weights is None else weights, _held(found)
     safe = [found.safe(level) for level in range(found.problem.last + 1)]
 
