@@ -25,7 +25,6 @@ import numpy as np
 from mipbake.compare.candidates import Candidate, chosen
 from mipbake.compare.result import Method
 from mipbake.errors import UsageError
-from mipbake.models.config import takes
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.texture_set import TextureSet
@@ -127,7 +126,7 @@ def _weights(
     for folder in (WEIGHTS_FOLDER, *folders):
         if name in (info.name for info in list_weights(folder)):
             info = find_weights(name, folder)
-            fits = target in info.targets and pixel_filter in info.pixel_filters and takes(info.network, source)
+            fits = target in info.targets and pixel_filter in info.pixel_filters and info.network.takes(source)
             return info if fits else None
     return None
 

@@ -17,11 +17,9 @@ from torch import Tensor
 
 from mipbake import directions, material
 from mipbake.errors import UsageError
-from mipbake.models.config import takes
 from mipbake.models.lookup_kernel import sharpened, sharpening
 from mipbake.models.moment_network import DETAIL, MomentNetwork, with_detail
-from mipbake.models.network import border_indices
-from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
+from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.models.workers import in_order
 from mipbake.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
 
@@ -37,28 +35,63 @@ def bake(
     pixel_filter: str,
     wrap: Wrap,
     progress: Callable[[float], None],
-    tile: int = DEFAULT_TILE,
 ) -> list[NDArray[np.float32]]:
-    """See MomentNetwork.bake. The result does not depend on `tile` beyond rounding."""
+    """See MomentNetwork.bake."""
     kernel = filter_named(pixel_filter).name
     (made,) = network.config.decoders
     if target != made:
         raise UsageError(f"these weights make {made}, not {target!r}; choose other weights")
-    if not takes(network.config, source):
+    if not network.config.takes(source):
         raise UsageError(f"these weights read gltf and would lose what {source} says of lobes; choose other weights")
     if network.pixel_filters and kernel not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)
         raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
-    channels = np.ascontiguousarray(material.convert(stored, source, "gltf"))
-    sizes = level_sizes(*channels.shape[:2])
+    return bake_levels(network, material.convert(stored, source, "gltf"), kernel, wrap, progress=progress)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is baked, and how: level 0 (H, W, 8), the kernel's name, and the side of a tile."""
+
+    network: MomentNetwork
+    stored: NDArray[np.float32]
+    kernel: str
+    wrap: Wrap
+    tile: int
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """Height and width of every level."""
+        return level_sizes(*self.stored.shape[:2])
+
+
+def bake_levels(
+    network: MomentNetwork,
+    stored: NDArray[np.float32],
+    kernel: str,
+    wrap: Wrap,
+    tile: int = DEFAULT_TILE,
+    progress: Callable[[float], None] = lambda _: None,
+) -> list[NDArray[np.float32]]:
+    """Every level of the stack of a material, down to 1 x 1.
+
+    Args:
+        network: the trained network.
+        stored: (H, W, 8) stored channels of `gltf`, any size.
+        kernel: name of the pixel filter. wrap: wrap mode along u and along v.
+        tile: side of a tile in texels; the result does not depend on it beyond rounding.
+        progress: told the finished share, from 0 to 1.
+
+    Returns:
+        (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
+    """
+    plan = _Plan(network, np.ascontiguousarray(stored), kernel, wrap, tile)
     with torch.inference_mode():
-        top, latents = _from_top(network, channels, kernel, wrap, sizes, tile, lambda share: progress(0.8 * share))
-        levels = [top]
-        for level, latent in enumerate(latents, 1):
-            levels.append(_decoded(network, latent, level, kernel, wrap))
+        top, latents = _from_top(plan, lambda share: progress(0.8 * share))
+        levels = [top, *(_decoded(plan, latent, level) for level, latent in enumerate(latents, 1))]
     progress(1.0)
-    levels = [material.regularise(level, made) for level in levels]
-    return directions.settled(levels, made, wrap)
+    (made,) = network.config.decoders
+    return directions.settled([material.regularise(level, made) for level in levels], made, wrap)
 
 
 @dataclass(frozen=True)
@@ -70,27 +103,22 @@ class _Sink:
     columns: Sequence[Piece]
 
 
-def _sink(sizes: tuple[int, int], into: tuple[int, int], kernel: str, wrap: Wrap, tile: int, channels: int) -> _Sink:
+def _sink(plan: _Plan, into: tuple[int, int], kernel: str) -> _Sink:
+    size, wrap = plan.sizes[0], plan.wrap
     rows, columns = (
-        pieces(*resample_weights(sizes[axis], into[axis], kernel, wrap[1 - axis]), sizes[axis], tile) for axis in (0, 1)
+        pieces(*resample_weights(size[axis], into[axis], kernel, wrap[1 - axis]), size[axis], plan.tile)
+        for axis in (0, 1)
     )
-    return _Sink(torch.zeros(*into, channels), rows, columns)
+    return _Sink(torch.zeros(*into, plan.network.latent_channels), rows, columns)
 
 
-def _from_top(
-    network: MomentNetwork,
-    stored: NDArray[np.float32],
-    kernel: str,
-    wrap: Wrap,
-    sizes: list[tuple[int, int]],
-    tile: int,
-    progress: Callable[[float], None],
-) -> tuple[NDArray[np.float32], list[Tensor]]:
+def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[np.float32], list[Tensor]]:
     """Level 0 of the stack, and the filtered latents (H_L, W_L, Z) of every other level."""
-    z = network.latent_channels
-    direct = [_sink(sizes[0], size, kernel, wrap, tile, z) for size in sizes[1 : 1 + _FROM_TOP]]
+    network, stored, kernel, wrap, tile = plan.network, plan.stored, plan.kernel, plan.wrap, plan.tile
+    sizes = plan.sizes
+    direct = [_sink(plan, size, kernel) for size in sizes[1 : 1 + _FROM_TOP]]
     coarse = len(sizes) > 1 + _FROM_TOP
-    boxes = [_sink(sizes[0], sizes[1], "box", wrap, tile, z)] if coarse else []
+    boxes = [_sink(plan, sizes[1], "box")] if coarse else []
     taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
     a = sharpening(0)
     sharp = np.convolve(taps, [-a, 1 + 2 * a, -a])
@@ -137,10 +165,10 @@ def _valid(image: Tensor, taps: NDArray[np.floating]) -> Tensor:
     return image
 
 
-def _decoded(network: MomentNetwork, latent: Tensor, level: int, kernel: str, wrap: Wrap) -> NDArray[np.float32]:
-    """(H, W, 8) stored channels of a level's latents."""
-    ready = with_detail(sharpened(latent, level, wrap), latent)
+def _decoded(plan: _Plan, latent: Tensor, level: int) -> NDArray[np.float32]:
+    """(H, W, C) stored channels of a level's latents."""
+    ready = with_detail(sharpened(latent, level, plan.wrap), latent)
     index = torch.full((1,), float(level))
     rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as many texels at a time as of level 0
-    parts = in_order(lambda some: network.decode(some, index, kernel).numpy(), rows)
+    parts = in_order(lambda some: plan.network.decode(some, index, plan.kernel).numpy(), rows)
     return np.concatenate(list(parts))

@@ -19,6 +19,8 @@ Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first la
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar, cast
 
 import numpy as np
 import torch
@@ -27,21 +29,54 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake.material import MIN_ROUGHNESS
-from mipbake.models.config import MomentConfig
+from mipbake.models.base import Network, Stacks
+from mipbake.models.channels import channels, count, parts, places
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.direction import OUTPUTS, stretched
 from mipbake.models.lookup_kernel import periodic_levels
-from mipbake.models.moments import COUNT, FEATURES, Statistics, moments, statistics
+from mipbake.models.moment_config import MomentConfig
+from mipbake.models.moments import COUNT, FEATURES, PLACES, Statistics, moments, statistics
 from mipbake.models.parameters import settled
 from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
+T = TypeVar("T")
+
 _INPUTS = 10
 _CODE = 3 + len(FILTERS)
-_OUTPUTS = 16
 
-DETAIL = 8
-"""Latents that `with_detail` adds: what sharpening added to the averages of base colour, metallic, roughness,
-n_x, n_y and 1 - n_z."""
+DETAIL = PLACES.drop.stop
+"""Latents that `with_detail` adds: what sharpening added to the averages of the first moments, from base colour to
+1 - n_z."""
+
+
+@dataclass(frozen=True)
+class _Outputs(Generic[T]):
+    """What the decoder says of a texel.
+
+    Args:
+        to_lean, to_widened, to_geometric, to_quartic: shares of these changes of ln roughness.
+        roughness: of what may change freely. gain: of a metal's colour, freely.
+        metallic_colour, metallic_variance: shares of these changes of base colour and of metallic.
+        lean_normal: share of this change of the normal. tilt: how much more the normal leans. normal: freely.
+        choice: of the texels that the lobe stands for.
+    """
+
+    to_lean: T = field(metadata=channels(1))
+    to_widened: T = field(metadata=channels(1))
+    to_geometric: T = field(metadata=channels(1))
+    to_quartic: T = field(metadata=channels(1))
+    roughness: T = field(metadata=channels(1))
+    gain: T = field(metadata=channels(3))
+    metallic_colour: T = field(metadata=channels(1))
+    metallic_variance: T = field(metadata=channels(1))
+    lean_normal: T = field(metadata=channels(1))
+    tilt: T = field(metadata=channels(1))
+    normal: T = field(metadata=channels(2))
+    choice: T = field(metadata=channels(2))
+
+
+_SAID: _Outputs[slice] = places(_Outputs)
+_OUTPUTS = count(_Outputs)
 
 _STEP = 0.1
 """Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
@@ -61,7 +96,7 @@ _DETAIL_SCALE = 8.0
 _MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
 
 
-class MomentNetwork(nn.Module):
+class MomentNetwork(Network):
     """Encoder, filtering and decoder from the material model `gltf` to it, or to `gltf-anisotropic`.
 
     Images are (B, H, W, channels), those that are made have C = 8 or 11.
@@ -70,11 +105,10 @@ class MomentNetwork(nn.Module):
         config: the architecture.
     """
 
+    config: MomentConfig
+
     def __init__(self, config: MomentConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.pixel_filters: tuple[str, ...] = ()
-        """The pixel filters that it was trained for; only released weights say that."""
+        super().__init__(config)
         growth, layers = config.growth, config.convolutions + config.pointwise
         self.encoder = nn.ModuleList(
             nn.Conv2d(_INPUTS + growth * i, growth, 3 if i < config.convolutions else 1) for i in range(layers)
@@ -84,7 +118,7 @@ class MomentNetwork(nn.Module):
         self.decoder = nn.ModuleList(nn.Linear(seen + wide * i, wide) for i in range(config.decoder_layers))
         self.output = nn.Linear(seen + wide * config.decoder_layers, _OUTPUTS)
         # Beside the output, so that a network for anisotropic lobes can start from one for round ones.
-        self.stretch = nn.Linear(seen + wide * config.decoder_layers, OUTPUTS) if self.anisotropic else None
+        self.stretch = nn.Linear(seen + wide * config.decoder_layers, OUTPUTS) if config.anisotropic else None
         self.crisp = nn.Linear(seen + wide * config.decoder_layers + DETAIL, _CRISP)
         for layer in (*self.encoder, *self.decoder):
             nn.init.kaiming_normal_(layer.weight, a=SLOPE)
@@ -94,14 +128,9 @@ class MomentNetwork(nn.Module):
                 nn.init.zeros_(last.weight)
                 nn.init.zeros_(last.bias)
         with torch.no_grad():
-            self.output.bias[1] = _FIRST_GUESS / _STEP
+            self.output.bias[_SAID.to_widened] = _FIRST_GUESS / _STEP
         # Convolutions run on channels-last memory, in which images come.
         self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    @property
-    def anisotropic(self) -> bool:
-        """Whether lobes have two widths."""
-        return self.config.decoders == ("gltf-anisotropic",)
 
     @property
     def halo(self) -> int:
@@ -142,7 +171,7 @@ class MomentNetwork(nn.Module):
         named[list(FILTERS).index(pixel_filter)] = 1
         code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., COUNT:]], -1)
-        layers = [layer for layer in self.decoder if isinstance(layer, nn.Linear)]
+        layers = [cast(nn.Linear, layer) for layer in self.decoder]
         flat = dense(maps.reshape(1, -1, maps.shape[-1]), [x.weight for x in layers], [x.bias for x in layers])
         maps = flat.reshape(*maps.shape[:-1], -1)
         # Not of one tensor: it would be a copy of all maps.
@@ -155,14 +184,12 @@ class MomentNetwork(nn.Module):
         roughness, lobe = stretched(found, texels[..., 4:5], _STEP * self.stretch(maps))
         return torch.cat([texels[..., :4], roughness, texels[..., 5:], lobe], -1)
 
-    def forward(self, stored: Tensor, pixel_filter: str) -> list[Tensor]:
-        """(B, S, S, 8) stored channels of images that repeat to every level, (B, S_L, S_L, C), down to 1 x 1.
-
-        S must be a power of two.
-        """
+    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:  # noqa: ARG002
+        """See Network. The source is `gltf`."""
         latents, index = self._latents(stored, pixel_filter)
         levels = _split(self.decode(latents, index, pixel_filter), stored)
-        return settled(levels, ("wrap", "wrap")) if self.anisotropic else levels
+        (made,) = self.config.decoders
+        return {made: settled(levels, ("wrap", "wrap")) if self.config.anisotropic else levels}
 
     def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
@@ -186,11 +213,7 @@ class MomentNetwork(nn.Module):
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
     ) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, n) stored channels of a source, down to 1 x 1, as channels of the target.
-
-        Raises:
-            UsageError: another target, or a pixel filter that these weights were not trained for.
-        """
+        """See Network."""
         from mipbake.models.moment_inference import bake
 
         return bake(self, stored, source, target, pixel_filter, wrap, progress)
@@ -233,16 +256,24 @@ def _choice(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def _more(detail: Tensor, crisp: Tensor) -> Tensor:
     """(..., 7) what more sharpening adds to base colour, metallic, roughness, n_x and n_y."""
     colours, roughness, normals = (crisp[..., i : i + 1] for i in range(_CRISP))
-    return torch.cat([colours * detail[..., :4], roughness * detail[..., 4:5], normals * detail[..., 5:7]], -1)
+    return torch.cat(
+        [
+            colours * detail[..., : PLACES.metallic.stop],
+            roughness * detail[..., PLACES.roughness],
+            normals * detail[..., PLACES.normal],
+        ],
+        -1,
+    )
 
 
 def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
     """(..., 8) stored channels: the averages, changed by (..., _OUTPUTS) numbers, and by (..., 7) that are added."""
-    kept, tall, upward = _choice(out[..., 14:16])
-    change = out[..., 0:1] * found.to_lean + out[..., 1:2] * found.to_widened + out[..., 2:3] * found.to_geometric
-    change = kept * (change + out[..., 3:4] * found.to_quartic) + tall * found.to_tall + upward * found.to_upward
+    said: _Outputs[Tensor] = parts(_SAID, out)
+    kept, tall, upward = _choice(said.choice)
+    change = said.to_lean * found.to_lean + said.to_widened * found.to_widened + said.to_geometric * found.to_geometric
+    change = kept * (change + said.to_quartic * found.to_quartic) + tall * found.to_tall + upward * found.to_upward
     freedom = kept * found.freedom + tall * found.tall_freedom + upward * found.upward_freedom
-    change = change + freedom * out[..., 4:5].tanh()
+    change = change + freedom * said.roughness.tanh()
     shaded = found.log_roughness.exp()
     # What lies below the roughness that is shaded is kept beside the change, so that a change of nothing changes
     # nothing.
@@ -251,14 +282,14 @@ def _changed(found: Statistics, out: Tensor, more: Tensor) -> Tensor:
     roughness = (shaded * torch.maximum(change, least).clamp(max=_MOST_CHANGE).exp() + below + more[..., 4:5]).clamp(
         0, 1
     )
-    gain = _MOST_GAIN * found.colour_freedom.clamp(max=1) * found.metallic * out[..., 5:8].tanh()
-    base = (found.base * gain.exp() + out[..., 8:9] * found.metallic_colour + more[..., :3]).clamp(0, 1)
-    metallic = (found.metallic + out[..., 9:10] * found.metallic_variance + more[..., 3:4]).clamp(0, 1)
-    tilt = (1 + freedom * out[..., 11:12].tanh()) * found.normal + kept * out[..., 10:11] * found.lean_normal
+    gain = _MOST_GAIN * found.colour_freedom.clamp(max=1) * found.metallic * said.gain.tanh()
+    base = (found.base * gain.exp() + said.metallic_colour * found.metallic_colour + more[..., :3]).clamp(0, 1)
+    metallic = (found.metallic + said.metallic_variance * found.metallic_variance + more[..., 3:4]).clamp(0, 1)
+    tilt = (1 + freedom * said.tilt.tanh()) * found.normal + kept * said.lean_normal * found.lean_normal
     tilt = tilt + tall * found.tall_normal + upward * found.upward_normal
     # A highlight is lost when it moves by its own width, however far the texels spread.
     reach = torch.minimum(found.spread.sqrt(), _FARTHEST * roughness.square())
-    xy = tilt + reach * out[..., 12:14].tanh() + more[..., 5:7]
+    xy = tilt + reach * said.normal.tanh() + more[..., 5:7]
     xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
     height = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=_MIN_HEIGHT2).sqrt()
     return torch.cat([base, metallic, roughness, xy, height], -1)

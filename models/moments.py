@@ -14,15 +14,17 @@ highlight is wide, among bright texels it is not.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
 
 from mipbake.material import MIN_ROUGHNESS
+from mipbake.models.channels import channels, count, parts, places
 
-COUNT = 28
-"""Moments of a texel."""
+T = TypeVar("T")
 
 FEATURES = 34
 """Numbers that describe a texel to a decoder."""
@@ -37,27 +39,101 @@ _ROUNDING = 2e-6  # what is left of the variance of a constant in float32
 _SOFT_VARIANCE = 0.02  # variance of normals, or of metallic, where half of a change of colour is
 
 
-def moments(stored: Tensor) -> Tensor:
-    """(..., 8) stored channels of `gltf` to (..., COUNT).
+@dataclass(frozen=True)
+class _Texel:
+    """What moments are made of, (..., n) each, of stored channels of `gltf`.
 
-    Base colour 3, metallic, roughness, n_x, n_y, 1 - n_z, slopes 2, their products 3, alpha^2, ln roughness, metallic
-    times base colour 3, metallic squared. Then two weights, each followed by its product with the slopes 2 and with
-    their squares together: 1 / alpha^2, and the lobe upwards, for which alpha^2 comes last. Slopes are cut at 10; alpha
-        and the logarithm come from the roughness raised to MIN_ROUGHNESS.
+    Args:
+        base, metallic, roughness, normal: stored channels, 3, 1, 1 and 2 (x and y).
+        drop: 1 - n_z. slope: 2, cut at 10. x, y: of the slope. steepness: the sum of their squares.
+        alpha2, log_roughness: of the roughness raised to MIN_ROUGHNESS.
+        height: 1 / alpha^2, of the lobe. upward: the lobe's value upwards.
     """
-    base, metallic, roughness = stored[..., :3], stored[..., 3:4], stored[..., 4:5]
+
+    base: Tensor
+    metallic: Tensor
+    roughness: Tensor
+    normal: Tensor
+    drop: Tensor
+    slope: Tensor
+    x: Tensor
+    y: Tensor
+    steepness: Tensor
+    alpha2: Tensor
+    log_roughness: Tensor
+    height: Tensor
+    upward: Tensor
+
+
+def _texel(stored: Tensor) -> _Texel:
     xy, z = stored[..., 5:7], stored[..., 7:8]
     # 1 - n_z without cancellation: alpha^2 goes down to 4e-6, and spreads of normals are measured against it.
     drop = torch.where(z > 0, xy.square().sum(-1, keepdim=True) / (1 + z.clamp(min=0)), 1 - z)
     slope = xy / z.clamp(min=_MIN_HEIGHT)
     x, y = slope[..., :1], slope[..., 1:]
-    shaded = roughness.clamp(min=MIN_ROUGHNESS)
+    shaded = stored[..., 4:5].clamp(min=MIN_ROUGHNESS)
     alpha2, steepness = shaded**4, x * x + y * y
-    parts = [base, metallic, roughness, xy, drop, slope, x * x, y * y, x * y, alpha2, shaded.log()]
-    parts += [metallic * base, metallic * metallic]
-    height, up = 1 / alpha2, alpha2 / (alpha2 + steepness).square()
-    parts += [height, height * slope, height * steepness, up, up * slope, up * steepness, up * alpha2]
-    return torch.cat(parts, -1)
+    return _Texel(
+        base=stored[..., :3],
+        metallic=stored[..., 3:4],
+        roughness=stored[..., 4:5],
+        normal=xy,
+        drop=drop,
+        slope=slope,
+        x=x,
+        y=y,
+        steepness=steepness,
+        alpha2=alpha2,
+        log_roughness=shaded.log(),
+        height=1 / alpha2,
+        upward=alpha2 / (alpha2 + steepness).square(),
+    )
+
+
+def _moment(width: int, of: Callable[[_Texel], Tensor]) -> dict[str, Any]:
+    return channels(width, of=of)
+
+
+@dataclass(frozen=True)
+class Moments(Generic[T]):
+    """The moments of a texel, in the order of their channels: how many channels each has, and what it is.
+
+    The first moments, up to `drop`, are also what sharpening is told by (moment_network.DETAIL).
+    """
+
+    base: T = field(metadata=_moment(3, lambda texel: texel.base))
+    metallic: T = field(metadata=_moment(1, lambda texel: texel.metallic))
+    roughness: T = field(metadata=_moment(1, lambda texel: texel.roughness))
+    normal: T = field(metadata=_moment(2, lambda texel: texel.normal))
+    drop: T = field(metadata=_moment(1, lambda texel: texel.drop))
+    slope: T = field(metadata=_moment(2, lambda texel: texel.slope))
+    slope_xx: T = field(metadata=_moment(1, lambda texel: texel.x * texel.x))
+    slope_yy: T = field(metadata=_moment(1, lambda texel: texel.y * texel.y))
+    slope_xy: T = field(metadata=_moment(1, lambda texel: texel.x * texel.y))
+    alpha2: T = field(metadata=_moment(1, lambda texel: texel.alpha2))
+    log_roughness: T = field(metadata=_moment(1, lambda texel: texel.log_roughness))
+    metallic_base: T = field(metadata=_moment(3, lambda texel: texel.metallic * texel.base))
+    metallic2: T = field(metadata=_moment(1, lambda texel: texel.metallic * texel.metallic))
+    height: T = field(metadata=_moment(1, lambda texel: texel.height))
+    height_slope: T = field(metadata=_moment(2, lambda texel: texel.height * texel.slope))
+    height_steepness: T = field(metadata=_moment(1, lambda texel: texel.height * texel.steepness))
+    upward: T = field(metadata=_moment(1, lambda texel: texel.upward))
+    upward_slope: T = field(metadata=_moment(2, lambda texel: texel.upward * texel.slope))
+    upward_steepness: T = field(metadata=_moment(1, lambda texel: texel.upward * texel.steepness))
+    upward_alpha2: T = field(metadata=_moment(1, lambda texel: texel.upward * texel.alpha2))
+
+
+COUNT = count(Moments)
+"""Channels of the moments of a texel."""
+
+PLACES: Moments[slice] = places(Moments)
+"""Where each moment stands among them."""
+
+
+def moments(stored: Tensor) -> Tensor:
+    """(..., 8) stored channels of `gltf` to (..., COUNT)."""
+    texel = _texel(stored)
+    return torch.cat([each.metadata["of"](texel) for each in fields(Moments)], -1)
 
 
 @dataclass(frozen=True)
@@ -143,15 +219,16 @@ class Statistics:
 def statistics(means: Tensor) -> Statistics:
     """Statistics of (..., COUNT) averages of `moments`. Kernels with negative lobes leave ranges; every value is cut to
     its range."""
-    base, metallic, roughness = (means[..., i:j].clamp(0, 1) for i, j in ((0, 3), (3, 4), (4, 5)))
-    xy, drop, slope = means[..., 5:7], means[..., 7:8], means[..., 8:10]
-    quartic = means[..., 13:14].clamp(_MIN_ALPHA2, 1)
+    mean: Moments[Tensor] = parts(PLACES, means)
+    base, metallic, roughness = (each.clamp(0, 1) for each in (mean.base, mean.metallic, mean.roughness))
+    xy, drop, slope = mean.normal, mean.drop, mean.slope
+    quartic = mean.alpha2.clamp(_MIN_ALPHA2, 1)
     length2 = xy.square().sum(-1, keepdim=True)
     spread = (2 * drop - drop * drop - length2 * (1 + _CANCELLED)).clamp(0, 1)
     height = 1 - drop
     normal = xy * (length2 + height * height).clamp(min=1e-8).rsqrt()
     x, y = slope[..., :1], slope[..., 1:]
-    xx, yy, xy_ = means[..., 10:11] - x * x, means[..., 11:12] - y * y, means[..., 12:13] - x * y
+    xx, yy, xy_ = mean.slope_xx - x * x, mean.slope_yy - y * y, mean.slope_xy - x * y
     slopes = (xx + yy - _CANCELLED * (x * x + y * y)).clamp(0, 50)
     shaded = roughness.clamp(min=MIN_ROUGHNESS)
     log_roughness = shaded.log()
@@ -161,15 +238,15 @@ def statistics(means: Tensor) -> Statistics:
     widened = (alpha2 + 2 * concentration * (1 - alpha2)) / (1 + 2 * concentration)
     to_lean = (quartic + slopes).clamp(max=1).log() / 4 - log_roughness
     to_widened = widened.log() / 4 - log_roughness
-    to_geometric = (means[..., 14:15].clamp(_MIN_LOG, 0) - log_roughness).clamp(-2, 0.5)
+    to_geometric = (mean.log_roughness.clamp(_MIN_LOG, 0) - log_roughness).clamp(-2, 0.5)
     lean_normal = _leaning(slope) - normal
     # By Jensen's inequality; kernels with negative lobes break it.
-    tall = torch.maximum(means[..., 19:20], 1 / quartic)
-    tall_slope, tall_variance = _among(tall, means[..., 20:22], means[..., 22:23], slope, slopes)
-    upward = means[..., 23:24].clamp(min=1e-4)
-    upward_slope, upward_variance = _among(upward, means[..., 24:26], means[..., 26:27], slope, slopes)
-    upward_alpha2 = (means[..., 27:28] / upward).clamp(_MIN_ALPHA2, 1)
-    metallic_variance = (means[..., 18:19] - metallic * metallic).clamp(0, 1)
+    tall = torch.maximum(mean.height, 1 / quartic)
+    tall_slope, tall_variance = _among(tall, mean.height_slope, mean.height_steepness, slope, slopes)
+    upward = mean.upward.clamp(min=1e-4)
+    upward_slope, upward_variance = _among(upward, mean.upward_slope, mean.upward_steepness, slope, slopes)
+    upward_alpha2 = (mean.upward_alpha2 / upward).clamp(_MIN_ALPHA2, 1)
+    metallic_variance = (mean.metallic2 - metallic * metallic).clamp(0, 1)
     # `to_widened` narrows what is as rough as can be.
     differing = (to_lean.clamp(min=0) + to_widened - to_geometric.clamp(max=0)).clamp(min=0)
     return Statistics(
@@ -185,7 +262,7 @@ def statistics(means: Tensor) -> Statistics:
         lean_normal=lean_normal,
         spread=spread,
         metallic_variance=metallic_variance,
-        metallic_colour=means[..., 15:18] - metallic * base,
+        metallic_colour=mean.metallic_base - metallic * base,
         slopes=slopes,
         axes=_at_most_one(torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5)),
         to_tall=(1 / tall + tall_variance).clamp(_MIN_ALPHA2, 1).log() / 4 - log_roughness,

@@ -12,28 +12,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.material import MODELS
-from mipbake.models.config import (
-    ARCHITECTURES,
-    AnyConfig,
-    MomentConfig,
-    NetworkConfig,
-    architecture_of,
-    reads,
-    takes,
-    targets,
-)
+from mipbake.models.architecture import Architecture
+from mipbake.models.architectures import ARCHITECTURES
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
-    from mipbake.models.moment_network import MomentNetwork
-    from mipbake.models.network import Network
-
-    AnyNetwork: TypeAlias = Network | MomentNetwork
+    from mipbake.models.base import Network
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 WEIGHTS_LICENCE = "CC0-1.0"
@@ -57,7 +44,7 @@ class WeightsInfo:
     """
 
     name: str
-    network: AnyConfig
+    network: Architecture
     pixel_filters: tuple[str, ...]
     default: bool
     steps: int
@@ -71,7 +58,7 @@ class WeightsInfo:
     @property
     def targets(self) -> tuple[str, ...]:
         """Material models that the weights can make."""
-        return targets(self.network)
+        return self.network.targets
 
     @property
     def tensors(self) -> Path:
@@ -82,7 +69,7 @@ class WeightsInfo:
         """Text of `<name>.json`."""
         content = asdict(self)
         del content["folder"]
-        content["network"] = {"architecture": architecture_of(self.network), **content["network"]}
+        content["network"] = {"architecture": self.network.architecture, **content["network"]}
         return json.dumps(content, indent=2) + "\n"
 
 
@@ -139,7 +126,7 @@ def default_weights(
         InputError: several default weights fit equally well.
     """
     every = list_weights(folder)
-    found = [info for info in every if info.default and takes(info.network, source)]
+    found = [info for info in every if info.default and info.network.takes(source)]
     fitting = _best(found, target, pixel_filter, source)
     if len(fitting) == 1:
         return fitting[0]
@@ -162,7 +149,7 @@ def check_sole_default(info: WeightsInfo) -> None:
     """UsageError where other default weights in the folder of `info` fit a bake as well as `info` would."""
     others = [each for each in list_weights(info.folder) if each.default and each.name != info.name]
     for target, pixel_filter, source in product(info.targets, info.pixel_filters, MODELS):
-        found = [each for each in (info, *others) if takes(each.network, source)]
+        found = [each for each in (info, *others) if each.network.takes(source)]
         fitting = _best(found, target, pixel_filter, source)
         if info in fitting and len(fitting) > 1:
             other = next(each for each in fitting if each is not info)
@@ -176,11 +163,11 @@ def check_sole_default(info: WeightsInfo) -> None:
 def _best(found: Sequence[WeightsInfo], target: str, pixel_filter: str, source: str) -> list[WeightsInfo]:
     """Of some weights those that suit a bake best, all of them where several are equal."""
     fitting = [info for info in found if target in info.targets and pixel_filter in info.pixel_filters]
-    ranks = [(not reads(info.network, source), target not in info.network.decoders) for info in fitting]
+    ranks = [(not info.network.reads(source), target not in info.network.decoders) for info in fitting]
     return [info for info, rank in zip(fitting, ranks, strict=True) if rank == min(ranks)]
 
 
-def load_network(info: WeightsInfo) -> AnyNetwork:
+def load_network(info: WeightsInfo) -> Network:
     """The network with its weights, ready for inference.
 
     Raises:
@@ -202,9 +189,9 @@ def load_network(info: WeightsInfo) -> AnyNetwork:
             f"{info.tensors}: damaged or altered weights, expected SHA-256 {info.sha256[:12]}..., found "
             f"{digest[:12]}...; install the release again"
         )
-    network = untrained(info.network)
+    network = info.network.build()
     try:
-        network.load_state_dict(_named(load(content), info.network))
+        network.load_state_dict(load(content))
     except (RuntimeError, ValueError, SafetensorError) as error:
         raise InputError(
             f"{info.tensors}: the tensors are damaged or do not fit the architecture in {info.name}.json; install the "
@@ -212,34 +199,3 @@ def load_network(info: WeightsInfo) -> AnyNetwork:
         ) from error
     network.pixel_filters = info.pixel_filters
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
-
-
-def untrained(config: AnyConfig) -> AnyNetwork:
-    """A network of that architecture, as it is initialised."""
-    if isinstance(config, MomentConfig):
-        from mipbake.models.moment_network import MomentNetwork
-
-        return MomentNetwork(config)
-    from mipbake.models.network import Network
-
-    return Network(config)
-
-
-def _named(tensors: dict[str, Tensor], config: AnyConfig) -> dict[str, Tensor]:
-    """Tensors by today's names; residual weights were released when a network had one encoder and one decoder."""
-    if (
-        not isinstance(config, NetworkConfig)
-        or not config.residual
-        or any(name.startswith("encoders.") for name in tensors)
-    ):
-        return tensors
-    model = config.encoders[0]
-    parts = {
-        "whitening": f"whitening.{model}",
-        "encoder": f"encoders.{model}.layers",
-        "project": f"encoders.{model}.project",
-        "decoder": f"decoders.{model}.layers",
-        "output": f"decoders.{model}.output",
-    }
-    names = {name: name.split(".", 1) for name in tensors}
-    return {f"{parts[part]}.{rest}": tensors[name] for name, (part, rest) in names.items()}

@@ -1,4 +1,7 @@
-"""Linear downsampling of images that are made tile by tile: each tile adds its part to the coarser image."""
+"""Images that are worked on tile by tile: what lies around a tile, and what a tile adds to a coarser image.
+
+Downsampling is linear, so each tile adds its part.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+from mipbake.pixel_filter import Wrap
 
 DEFAULT_TILE = 128
 """Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
@@ -43,3 +48,16 @@ def add(coarser: Tensor, z: Tensor, row: Piece, column: Piece) -> None:
     part = torch.mm(row.weights, z.reshape(height, width * channels)).reshape(-1, width, channels)
     part = torch.matmul(column.weights, part)
     coarser.index_put_((row.rows[:, None], column.rows[None, :]), part, accumulate=True)
+
+
+def extend(image: Tensor, border: int, wrap: Wrap) -> Tensor:
+    """(B, H, W, C) to (B, H + 2 border, W + 2 border, C), the outside filled by the wrap mode of each axis."""
+    rows = border_indices(-border, image.shape[1] + border, image.shape[1], wrap[1])
+    columns = border_indices(-border, image.shape[2] + border, image.shape[2], wrap[0])
+    return image[:, rows][:, :, columns]
+
+
+def border_indices(start: int, stop: int, size: int, wrap: str) -> Tensor:
+    """Texel that stands at each of start, ..., stop - 1 on an axis of that size and wrap mode."""
+    index = torch.arange(start, stop)
+    return index % size if wrap == "wrap" else index.clamp(0, size - 1)

@@ -16,19 +16,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from mipbake.models.moment_network import MomentNetwork
-from mipbake.pixel_filter import FILTERS, slanted_axes
+from mipbake.models.base import Network
+from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
-from mipbake.training.baseline import BaselineNetwork
-from mipbake.training.config import BalancedLossConfig
-from mipbake.training.loss import SEQUENCE, TABLE, TORUS, quantiles
+from mipbake.training.base import TORUS, Batch, Loss
+from mipbake.training.checks import require, require_power_of_two, require_share
+from mipbake.training.loss import SEQUENCE, TABLE, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
@@ -77,29 +78,111 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class BalancedBatch:
-    """Everything of one step that does not depend on the network."""
+class BalancedBatch(Batch):
+    """Of one step, beside the patches."""
 
-    patches: Tensor
     pixel_filter: str
     pairs: Pairs
     seen: tuple[Seen, ...]
 
+
+@dataclass(frozen=True)
+class BalancedLossConfig(Loss[BalancedBatch]):
+    """One step's batch and its loss, for networks that correct averages (mipbake.training.balanced_loss).
+
+    Args:
+        crops: material patches a step.
+        crop_size: their side in texels, a power of two.
+        near_mirror, hemisphere, narrow_lobes, wide_lobes: light-view pairs a patch, drawn like those pair sets, around
+            the lobe of a texel and around one as wide as the patch; together a multiple of 6.
+        grazing: share of the pairs whose views are drawn towards the horizon.
+        rooms: views a patch that see several lights. room_lights: lights of each.
+        mirror_weight, hemisphere_weight: weight of the mean errors over those pair sets.
+        light_weight: weight of the errors of single lights of rooms.
+        room_weight, blur_weight, mean_weight: of the errors of their sums, by pixel, over 4 x 4 pixels and over all.
+        pixel_filter: filter of the noisy reference. any_filter: share of the steps with a filter drawn from all of
+            them.
+        below: share of the levels of detail below 0 that are kept; the others become 0.
+    """
+
+    kind: ClassVar[str] = "balanced"
+
+    crops: int = 4
+    crop_size: int = 32
+    near_mirror: int = 6
+    hemisphere: int = 4
+    narrow_lobes: int = 4
+    wide_lobes: int = 4
+    grazing: float = 0.5
+    rooms: int = 2
+    room_lights: int = 6
+    mirror_weight: float = 1.5
+    hemisphere_weight: float = 1.0
+    light_weight: float = 0.5
+    room_weight: float = 1.0
+    blur_weight: float = 2.0
+    mean_weight: float = 2.0
+    pixel_filter: str = "gaussian"
+    any_filter: float = 0.4
+    below: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "rooms", "room_lights"):
+            require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        require_power_of_two("loss.crop_size", self.crop_size)
+        for name in ("grazing", "any_filter", "below"):
+            require_share(f"loss.{name}", getattr(self, name))
+        require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
+        for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"):
+            require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
+        require(sum(self.kinds) % 6 == 0, "pairs of [loss], rooms' not included,", "a multiple of 6", sum(self.kinds))
+        filter_named(self.pixel_filter)
+
     @property
-    def source(self) -> str:
-        """Material model of the patches."""
-        return "gltf"
+    def room_weights(self) -> tuple[float, float, float]:
+        """Weights of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
+        return self.room_weight, self.blur_weight, self.mean_weight
 
+    @property
+    def kinds(self) -> tuple[int, int, int, int]:
+        """Pairs of each kind."""
+        return self.near_mirror, self.hemisphere, self.narrow_lobes, self.wide_lobes
 
-def draw_balanced(patches: Tensor, config: BalancedLossConfig, rng: np.random.Generator) -> BalancedBatch:
-    """The batch of (B, S, S, 8) patches of `gltf`."""
-    names = list(FILTERS)
-    any_filter = rng.random() < config.any_filter
-    pixel_filter = names[int(rng.integers(len(names)))] if any_filter else config.pixel_filter
-    pairs = draw_pairs(patches, config, rng)
-    return BalancedBatch(
-        patches, pixel_filter, pairs, tuple(_seen(patches, pairs, pixel_filter, band, config, rng) for band in BANDS)
-    )
+    @property
+    def pairs(self) -> int:
+        """How many pairs a patch has, with the pairs of rooms."""
+        return sum(self.kinds) + self.rooms * self.room_lights
+
+    @property
+    def pixel_filters(self) -> tuple[str, ...]:
+        """See Loss."""
+        return tuple(dict.fromkeys((self.pixel_filter, *(FILTERS if self.any_filter > 0 else ()))))
+
+    @property
+    def drawn(self) -> str:
+        """See Loss."""
+        return "drawn by importance for both pair sets, and for many-light views"
+
+    def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> BalancedBatch:
+        """See Loss. The patches are of `gltf`."""
+        names = list(FILTERS)
+        any_filter = rng.random() < self.any_filter
+        pixel_filter = names[int(rng.integers(len(names)))] if any_filter else self.pixel_filter
+        pairs = draw_pairs(patches, self, rng)
+        seen = tuple(_seen(patches, pairs, pixel_filter, band, self, rng) for band in BANDS)
+        return BalancedBatch(source, patches, pixel_filter, pairs, seen)
+
+    def value(self, network: Network, batch: BalancedBatch) -> Tensor:
+        """See Loss; about 1 for each of its parts."""
+        stacks = network(batch.patches, batch.source, batch.pixel_filter)
+        lods = sum(seen.lods for seen in batch.seen)
+        losses = [
+            torch.stack(
+                [_band_loss(levels, model, batch, seen, self) * (seen.lods / lods) for seen in batch.seen]
+            ).sum()
+            for model, levels in stacks.items()
+        ]
+        return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
 
 
 def _seen(
@@ -169,15 +252,6 @@ def _target(
             radiance = radiance * weight.reshape(batch * groups, 1, points, 1)
         total = total + radiance
     return (total / samples).reshape(batch, groups * count, points, 3)
-
-
-def balanced_loss(network: MomentNetwork | BaselineNetwork, batch: BalancedBatch, config: BalancedLossConfig) -> Tensor:
-    """Predicts, renders and compares: the scalar loss of one batch; about 1 for each of its parts."""
-    levels = network(batch.patches, batch.pixel_filter)
-    lods = sum(seen.lods for seen in batch.seen)
-    model = network.config.decoders[0]
-    parts = [_band_loss(levels, model, batch, seen, config) * (seen.lods / lods) for seen in batch.seen]
-    return torch.stack(parts).sum()
 
 
 def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor, model: str = "gltf") -> Tensor:

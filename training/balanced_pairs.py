@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -24,7 +25,9 @@ from torch import Tensor
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.reference import lobes
-from mipbake.training.config import BalancedLossConfig
+
+if TYPE_CHECKING:
+    from mipbake.training.balanced_loss import BalancedLossConfig
 
 GRAZING = 0.4
 """Cosine of the view up to which grazing views are drawn, uniformly."""

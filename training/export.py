@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import re
 from pathlib import Path
 
 from mipbake.errors import OutputError, UsageError
-from mipbake.models.config import AnyConfig, NetworkConfig
-from mipbake.models.moments import COUNT
+from mipbake.models.architecture import Description
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
-from mipbake.pixel_filter import FILTERS
-from mipbake.training.baseline import BaselineConfig
-from mipbake.training.config import BalancedLossConfig, LossConfig, TrainingConfig
+from mipbake.training.config import TrainingConfig
 from mipbake.training.loop import load_state
 
 _CARD = """# {name}
@@ -49,8 +47,6 @@ A texel of a stack has one lobe. Where the normals of a surface fall into severa
 single lobe can match the surface, and the result is a compromise.
 """
 
-_PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"
-
 
 def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> WeightsInfo:
     """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
@@ -66,8 +62,8 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", name):
         raise UsageError(f"weights' name {name!r} must be lower-case letters, digits, '.', '_' and '-'")
     state = load_state(checkpoint)
-    network = state.config.network
-    if isinstance(network, BaselineConfig):
+    network, described = state.config.network, state.config.network.describe()
+    if described is None:
         raise UsageError(f"{checkpoint}: a baseline, which is compared with and not released; export another training")
     tensors = {
         key: value.detach().clone(memory_format=torch.contiguous_format)
@@ -78,7 +74,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     info = WeightsInfo(
         name=name,
         network=network,
-        pixel_filters=_filters(config.loss),
+        pixel_filters=config.loss.pixel_filters,
         default=default,
         steps=state.step,
         commit=state.commit,
@@ -95,17 +91,11 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         folder.mkdir(parents=True, exist_ok=True)
         # The description last: without it nobody finds half-written weights.
         _write(info.tensors, content)
-        _write(folder / f"{name}.md", card(info, config, parameters, state.best).encode())
+        _write(folder / f"{name}.md", card(info, described, config, parameters, state.best).encode())
         _write(folder / f"{name}.json", info.to_json().encode())
     except OSError as error:
         raise OutputError(f"{folder}: the weights cannot be written ({error.strerror})") from error
     return info
-
-
-def _filters(loss: LossConfig | BalancedLossConfig) -> tuple[str, ...]:
-    """The pixel filters that a training was for, its main one first."""
-    others = FILTERS if isinstance(loss, BalancedLossConfig) and loss.any_filter > 0 else ()
-    return tuple(dict.fromkeys((loss.pixel_filter, *others)))
 
 
 def _listed(models: tuple[str, ...]) -> str:
@@ -119,11 +109,12 @@ def _write(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
-def card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float) -> str:
+def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, best: float) -> str:
     """The model card.
 
     Args:
         info: what is said of the weights elsewhere, too.
+        described: what is said of the architecture.
         config: of the training.
         parameters: how many numbers the network has.
         best: mean SNR in dB of the validation; not finite where there was none.
@@ -134,10 +125,7 @@ def card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float
         encoders=_listed(network.encoders),
         decoders=_listed(network.decoders),
         filters=_listed(info.pixel_filters),
-        method=_method(network),
-        encoder=_encoder(network),
-        latents=_latents(network),
-        decoder=_layers(network.decoder_layers, "1 x 1", _decoder_growth(network)),
+        **dataclasses.asdict(described),
         parameters=parameters,
         data=info.data,
         data_licence=info.data_licence,
@@ -145,44 +133,10 @@ def card(info: WeightsInfo, config: TrainingConfig, parameters: int, best: float
         crops="1 patch" if loss.crops == 1 else f"{loss.crops} patches",
         crop_size=loss.crop_size,
         pairs=loss.pairs,
-        drawn=_drawn(loss),
+        drawn=loss.drawn,
         validation=f"mean SNR {best:.2f} dB on held-out patches" if math.isfinite(best) else "none",
         commit=info.commit,
         licence=info.licence,
         sha256=info.sha256,
         max_lod=loss.max_lod,
     )
-
-
-def _method(network: AnyConfig) -> str:
-    if not isinstance(network, NetworkConfig):
-        return f"averages of moments, corrected; after {_PAPER}"
-    return f"averages of parameters, corrected; after {_PAPER}" if network.residual else _PAPER
-
-
-def _drawn(loss: LossConfig | BalancedLossConfig) -> str:
-    if isinstance(loss, LossConfig):
-        return f"{loss.mirror_pairs} of them near the mirror direction"
-    views = ", and for many-light views" if loss.rooms else ""
-    return f"drawn by importance for both pair sets{views}"
-
-
-def _layers(count: int, size: str, growth: int) -> str:
-    return f"{count} layers of {size}, {growth} new maps in each"
-
-
-def _encoder(network: AnyConfig) -> str:
-    if isinstance(network, NetworkConfig):
-        return _layers(network.encoder_layers, "3 x 3", network.growth)
-    return f"{network.convolutions} layers of 3 x 3 and {_layers(network.pointwise, '1 x 1', network.growth)}"
-
-
-def _decoder_growth(network: AnyConfig) -> int:
-    return network.growth if isinstance(network, NetworkConfig) else network.decoder_growth
-
-
-def _latents(network: AnyConfig) -> str:
-    if isinstance(network, NetworkConfig):
-        fixed = f", {network.fixed_latents} of them not learned" if network.fixed_latents else ""
-        return f"{network.latent_channels} channels{fixed}, downsampled with `{network.latent_filter}`"
-    return f"{network.latent_channels} learned channels and {COUNT} moments, filtered with the pixel filter"

@@ -16,11 +16,9 @@ import torch
 from torch import Tensor
 
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.material import convert
-from mipbake.models.network import Network
-from mipbake.models.parameters import to_parameters
-from mipbake.training.baseline import Trainable, new_network
-from mipbake.training.batches import AnyBatch, batch_loss, batches
+from mipbake.models.base import Network
+from mipbake.training.base import Batch
+from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
@@ -47,17 +45,17 @@ class TrainingState:
     """
 
     config: TrainingConfig
-    network: Trainable
-    average: Trainable
+    network: Network
+    average: Network
     optimiser: FlatAdam
     step: int = 0
     best: float = float("-inf")
     commit: str = "unknown"
 
-    def advance(self, batch: AnyBatch) -> Tensor:
+    def advance(self, batch: Batch) -> Tensor:
         """One optimisation step; returns its loss."""
         self.optimiser.zero_grad()
-        loss = batch_loss(self.network, batch, self.config)
+        loss: Tensor = self.config.loss.value(self.network, batch)
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step(self.step, batch.source)
         self.step += 1
@@ -87,11 +85,11 @@ def new_state(config: TrainingConfig) -> TrainingState:
     """An untrained network, initialised from the seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.run.seed)
-        network = new_network(config.network)
+        network = config.network.build()
     return _state(config, network)
 
 
-def _state(config: TrainingConfig, network: Trainable) -> TrainingState:
+def _state(config: TrainingConfig, network: Network) -> TrainingState:
     settings = config.optimiser
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
     optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
@@ -103,7 +101,7 @@ def load_state(path: Path) -> TrainingState:
     try:
         content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         config = config_from(content["config"])
-        state = _state(config, new_network(config.network))
+        state = _state(config, config.network.build())
         state.network.load_state_dict(content["network"])
         state.average.load_state_dict(content["average"])
         state.optimiser.load_state_dict(content["optimiser"])
@@ -146,19 +144,10 @@ def start_from(state: TrainingState, path: Path) -> list[str]:
     return [name for name in own if name not in fitting]
 
 
-def fit_whitening(network: Trainable, materials: Materials, config: TrainingConfig) -> None:
-    """Mean and covariance of the parameters of 16 augmented samples (section 3.4), for each model that is read.
-
-    Networks that the balanced loss trains have no whitening.
-    """
-    if not isinstance(network, Network):
-        return
-    rng, samples = step_generator(config.run.seed, _WHITENING_STEP), {}
-    for source in config.network.encoders:
-        patches = draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng)
-        stored = {model: torch.from_numpy(convert(patches, source, model)) for model in config.network.models}
-        samples[source] = {model: to_parameters(s, model).flatten(0, 2) for model, s in stored.items()}
-    network.fit(samples)
+def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
+    """Has a network take its whitening, where it has one, from 16 augmented samples (section 3.4)."""
+    rng = step_generator(config.run.seed, _WHITENING_STEP)
+    network.fit(lambda source: draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng))
 
 
 def train(

@@ -16,19 +16,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.models.base import Network
 from mipbake.pixel_filter import filter_named
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
-from mipbake.training.config import LossConfig
-
-TORUS = ("wrap", "wrap")
+from mipbake.training.base import TORUS, Batch, Loss
+from mipbake.training.checks import require, require_power_of_two, require_share
 
 EPSILON = 1e-4
 """Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
@@ -56,7 +56,90 @@ class Views:
     uv: Tensor
 
 
-def draw_views(config: LossConfig, rng: np.random.Generator) -> Views:
+@dataclass(frozen=True)
+class SingleLightsBatch(Batch):
+    """Of one step, beside the patches.
+
+    Args:
+        target: (B, S, K, N, 3) noisy references. independent: second ones, where the loss needs them.
+    """
+
+    views: Views
+    target: Tensor
+    independent: Tensor | None
+
+
+WEIGHTINGS = ("prediction", "error")
+
+
+@dataclass(frozen=True)
+class SingleLightsLossConfig(Loss[SingleLightsBatch]):
+    """One step's batch and its loss (section 3.2).
+
+    Args:
+        crops: material patches a step.
+        crop_size: their side in texels, a power of two.
+        pairs: light-view pairs a patch.
+        near_mirror_fraction: share of the pairs whose light lies near the mirror direction of the view.
+        lods: levels of detail drawn for each patch.
+        pixel_filter: filter of the noisy reference.
+        target_samples: surface samples whose mean is one pixel of the noisy reference; divides `pairs`.
+        weighting: what a render's squared error is divided by. "prediction": its own energy, equation 5 of the paper.
+            "error": the error itself, measured with a second, independent noisy reference.
+    """
+
+    kind: ClassVar[str] = "single-lights"
+
+    crops: int = 1
+    crop_size: int = 32
+    pairs: int = 64
+    near_mirror_fraction: float = 0.0
+    lods: int = 5
+    pixel_filter: str = "gaussian"
+    target_samples: int = 1
+    weighting: str = "prediction"
+
+    def __post_init__(self) -> None:
+        for name in ("crops", "pairs", "lods", "target_samples"):
+            require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        require_power_of_two("loss.crop_size", self.crop_size)
+        require_share("loss.near_mirror_fraction", self.near_mirror_fraction)
+        require(self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples)
+        filter_named(self.pixel_filter)
+        require(self.weighting in WEIGHTINGS, "loss.weighting", " or ".join(WEIGHTINGS), self.weighting)
+
+    @property
+    def mirror_pairs(self) -> int:
+        """How many of the pairs are near the mirror."""
+        return round(self.near_mirror_fraction * self.pairs)
+
+    @property
+    def drawn(self) -> str:
+        """See Loss."""
+        return f"{self.mirror_pairs} of them near the mirror direction"
+
+    def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> SingleLightsBatch:
+        """See Loss. The noisy reference is rendered in the model that is read (section 3.5)."""
+        views = draw_views(self, rng)
+        target, *independent = (
+            draw_target(patches, views, source, self.pixel_filter, self.target_samples, rng)
+            for _ in range(2 if self.weighting == "error" else 1)
+        )
+        return SingleLightsBatch(source, patches, views, target, independent[0] if independent else None)
+
+    def value(self, network: Network, batch: SingleLightsBatch) -> Tensor:
+        """See Loss."""
+        stacks = network(batch.patches, batch.source, self.pixel_filter)
+        losses = [
+            render_loss(
+                look_up(levels, batch.views), model, batch.views, batch.target, batch.independent, self.mirror_pairs
+            )
+            for model, levels in stacks.items()
+        ]
+        return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
+
+
+def draw_views(config: SingleLightsLossConfig, rng: np.random.Generator) -> Views:
     """Random pairs, levels of detail (uniform to half a level beyond both ends, then clamped) and pixel positions."""
     b, s, n = config.crops, config.lods, config.crop_size
     view = cosine_directions(rng, b * config.pairs).reshape(b, config.pairs, 3)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.errors import OutputError
 from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
-from mipbake.models.network import Network
+from mipbake.models.architecture import Architecture
+from mipbake.models.base import Network
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.rules.linear import Linear
 from mipbake.render import candidate, random_points, reference
-from mipbake.training.baseline import Trainable, TrainableConfig
 from mipbake.training.data import Materials
 
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
@@ -76,7 +76,7 @@ class _Case:
 class Validator:
     """Held-out patches with their references; models that the network reads take turns."""
 
-    def __init__(self, materials: Materials, config: TrainableConfig, pixel_filter: str) -> None:
+    def __init__(self, materials: Materials, config: Architecture, pixel_filter: str) -> None:
         rng = np.random.default_rng(_SEED)
         self.models, self.pixel_filter = config.decoders, pixel_filter
         sets = [pair_set(name, _SEED, _PAIRS) for name in _SETS]
@@ -121,17 +121,13 @@ class Validator:
                 figures[row, column] = snr_db(shaded[part], case.first[part], case.second[part])
         return figures
 
-    def stacks(self, network: Trainable, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
+    def stacks(self, network: Network, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
         """The network's stacks of one patch, by model."""
         with torch.inference_mode():
-            stored = torch.from_numpy(patch.stored)[None]
-            if isinstance(network, Network):
-                stacks = network.stacks(stored, _TORUS, patch.model)
-            else:
-                stacks = {network.config.decoders[0]: network(stored, self.pixel_filter)}
+            stacks = network(torch.from_numpy(patch.stored)[None], patch.model, self.pixel_filter)
         return {model: [level[0].numpy() for level in levels] for model, levels in stacks.items()}
 
-    def score(self, network: Trainable) -> Score:
+    def score(self, network: Network) -> Score:
         """Measures the network on every patch."""
         figures = []
         for patch, cases in zip(self.patches, self.cases, strict=True):
@@ -139,7 +135,7 @@ class Validator:
             figures.append([self._snr(stacks[model], model, cases) for model in self.models])
         return Score(self.models, np.mean(figures, 0), self.linear)
 
-    def picture(self, network: Trainable, path: Path) -> None:
+    def picture(self, network: Network, path: Path) -> None:
         """Writes a PNG: for some patches a row of prediction (first model), reference and 4 x error, near and far."""
         pairs = pair_set("near-mirror", _SEED, 1)
         centre = (np.arange(_PATCH_SIZE) + 0.5) / _PATCH_SIZE

@@ -38,13 +38,12 @@ class Neural:
 
     def weights(self, target: str, pixel_filter: str, source: str = "gltf") -> WeightsInfo:
         """The weights that bakes of a source to a target use; UsageError where there are none for target and filter."""
-        from mipbake.models.config import takes
         from mipbake.models.registry import default_weights
 
         info = self._chosen
         if info is None:
             return default_weights(target, pixel_filter, source=source)
-        if not takes(info.network, source):
+        if not info.network.takes(source):
             raise UsageError(
                 f"weights {info.name} read gltf and would lose what a set in {source} says of lobes; choose others, or "
                 "leave them out"

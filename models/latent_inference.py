@@ -1,4 +1,4 @@
-"""Baking with a trained network, tile by tile.
+"""Baking with a LatentNetwork, tile by tile.
 
 Level 0 of a 4096 x 4096 set would have 4 GiB of latents. They are never held: a tile of level 0 is encoded, decoded and
 added into the latents of level 1, which linear downsampling allows, and forgotten. Further levels go the same way, so
@@ -16,15 +16,14 @@ from torch import Tensor
 
 from mipbake import directions, material
 from mipbake.errors import UsageError
-from mipbake.models.config import made_from, read_as
 from mipbake.models.latent import latent_weights
-from mipbake.models.network import Network, border_indices
-from mipbake.models.tiles import DEFAULT_TILE, Piece, add, pieces
+from mipbake.models.latent_network import LatentNetwork
+from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.pixel_filter import Wrap, level_sizes
 
 
 def bake(
-    network: Network,
+    network: LatentNetwork,
     stored: NDArray[np.float32],
     source: str,
     target: str,
@@ -32,11 +31,11 @@ def bake(
     wrap: Wrap,
     progress: Callable[[float], None],
 ) -> list[NDArray[np.float32]]:
-    """See Network.bake."""
+    """See LatentNetwork.bake."""
     if network.pixel_filters and pixel_filter not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)
         raise UsageError(f"these weights are trained for the pixel filter {filters}, not for {pixel_filter!r}")
-    read, made = read_as(network.config, source), made_from(network.config, target)
+    read, made = network.config.read_as(source), network.config.made_from(target)
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
     if made != target:
@@ -45,7 +44,7 @@ def bake(
 
 
 def bake_levels(
-    network: Network,
+    network: LatentNetwork,
     stored: NDArray[np.float32],
     wrap: Wrap,
     tile: int = DEFAULT_TILE,
@@ -74,7 +73,7 @@ def bake_levels(
     with torch.inference_mode():
         for level, (height, width) in enumerate(sizes):
             down = sizes[level + 1] if level + 1 < len(sizes) else None
-            first = level == 0 and not network.config.filtered
+            first = level == 0 and not network.filtered
             columns = _pieces(width, down and down[1], tile, network, wrap[0], first)
             coarser = torch.zeros(*down, network.config.latent_channels) if down else None
             out: NDArray[np.float32] | None = None
@@ -96,7 +95,7 @@ def bake_levels(
 
 
 def _encode_tile(
-    network: Network, stored: NDArray[np.float32], wrap: Wrap, row: Piece, column: Piece, source: str | None
+    network: LatentNetwork, stored: NDArray[np.float32], wrap: Wrap, row: Piece, column: Piece, source: str | None
 ) -> Tensor:
     """(h, w, Z) latents of one tile of level 0."""
     halo = network.halo
@@ -105,7 +104,7 @@ def _encode_tile(
     return network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None], source)[0]
 
 
-def _pieces(n_in: int, n_out: int | None, tile: int, network: Network, wrap: str, first: bool) -> list[Piece]:
+def _pieces(n_in: int, n_out: int | None, tile: int, network: LatentNetwork, wrap: str, first: bool) -> list[Piece]:
     if n_out is None:
         return [Piece(0, n_in, torch.empty(0), torch.empty(0))]
     index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, first)

@@ -8,16 +8,11 @@ its halo gives what the whole image gives.
 An untrained network is linear prefiltering: the first latents carry the whitened input, a decoder's last layer reads
 them alone, and un-whitening undoes whitening. Training starts from there. Between two material models the linear map
 nearest to their conversion stands in.
-
-A residual network (`NetworkConfig.residual`) keeps that baseline instead of only starting from it. The first P latents
-*are* the pixel-filtered whitened parameters and one more is the filtered sum of their squares, so that any level knows
-mean and variance of what it covers. The output is the mean plus the decoder's correction times v / (v + c), v the
-variance: where a material is constant the result is exactly the average, and where it hardly varies it hardly differs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import cast
 
 import numpy as np
@@ -27,17 +22,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake.errors import UsageError
-from mipbake.models.config import PARAMETERS, NetworkConfig
+from mipbake.material import convert
+from mipbake.models.base import Network, Patches, Stacks
 from mipbake.models.dense import SLOPE, dense
-from mipbake.models.latent import downsample, pixel_taps
+from mipbake.models.latent import downsample
+from mipbake.models.latent_config import PARAMETERS, LatentConfig
 from mipbake.models.parameters import settled, to_parameters, to_stored
+from mipbake.models.tiles import extend
 from mipbake.pixel_filter import Wrap, level_sizes
-
-_GATE = 0.01
-"""c: variance, in whitened units and summed over parameters, at which half of the correction is applied."""
-
-_STEP = 0.1
-"""Scale of the correction: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
 
 _VARIANCE_FLOOR = 1e-3
 """Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite."""
@@ -79,7 +71,7 @@ class Whitening(nn.Module):
 class Encoder(nn.Module):
     """Dense 3 x 3 layers and the projection to latents."""
 
-    def __init__(self, config: NetworkConfig, model: str) -> None:
+    def __init__(self, config: LatentConfig, model: str) -> None:
         super().__init__()
         inputs, growth = PARAMETERS[model], config.growth
         self.layers = nn.ModuleList(nn.Conv2d(inputs + growth * i, growth, 3) for i in range(config.encoder_layers))
@@ -87,9 +79,6 @@ class Encoder(nn.Module):
         _initialise(self.layers)
         nn.init.kaiming_normal_(self.project.weight, nonlinearity="linear")
         nn.init.zeros_(self.project.bias)
-        if not config.residual:
-            with torch.no_grad():
-                self.project.weight[:inputs] = torch.eye(inputs, self.project.in_features)
         # Convolutions run on channels-last memory, in which images come.
         self.layers.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
@@ -112,18 +101,14 @@ class Encoder(nn.Module):
 class Decoder(nn.Module):
     """Dense 1 x 1 layers and the projection to whitened parameters."""
 
-    def __init__(self, config: NetworkConfig, model: str) -> None:
+    def __init__(self, config: LatentConfig, model: str) -> None:
         super().__init__()
         channels, growth = config.latent_channels, config.growth
         self.layers = nn.ModuleList(nn.Linear(channels + growth * i, growth) for i in range(config.decoder_layers))
         self.output = nn.Linear(channels + growth * config.decoder_layers, PARAMETERS[model])
         _initialise(self.layers)
-        with torch.no_grad():
-            if config.residual:
-                nn.init.zeros_(self.output.weight)
-            else:
-                self.output.weight.copy_(torch.eye(*self.output.weight.shape))
-            nn.init.zeros_(self.output.bias)
+        nn.init.zeros_(self.output.weight)
+        nn.init.zeros_(self.output.bias)
 
     def forward(self, latent: Tensor) -> Tensor:
         """(..., Z) latents to (..., P) whitened parameters."""
@@ -144,17 +129,30 @@ def _parameters(layers: nn.ModuleList) -> tuple[list[Tensor], list[Tensor]]:
     return [layer.weight for layer in known], [cast(Tensor, layer.bias) for layer in known]
 
 
-class Network(nn.Module):
-    """Encoders, latent downsampling and decoders. Images are (B, H, W, channels)."""
+class LatentNetwork(Network):
+    """Encoders, latent downsampling and decoders."""
 
-    def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.pixel_filters: tuple[str, ...] = ()
-        """The pixel filters that it was trained for; only released weights say that."""
+    config: LatentConfig
+
+    filtered = False
+    """Whether the latents of level 0 have been averaged under the pixel filter before the encoder hands them on."""
+
+    def __init__(self, config: LatentConfig) -> None:
+        super().__init__(config)
         self.whitening = nn.ModuleDict({model: Whitening(PARAMETERS[model]) for model in config.models})
         self.encoders = nn.ModuleDict({model: Encoder(config, model) for model in config.encoders})
         self.decoders = nn.ModuleDict({model: Decoder(config, model) for model in config.decoders})
+        self._pass_through()
+
+    def _pass_through(self) -> None:
+        """Has the first latents carry what an encoder is given, and decoders read them alone."""
+        with torch.no_grad():
+            for source in self.config.encoders:
+                project, inputs = self.encoder_of(source).project, PARAMETERS[source]
+                project.weight[:inputs] = torch.eye(inputs, project.in_features)
+            for target in self.config.decoders:
+                weight = self.decoder_of(target).output.weight
+                weight.copy_(torch.eye(*weight.shape))
 
     def whitening_of(self, model: str) -> Whitening:
         """The whitening of a model that is read or made."""
@@ -173,21 +171,27 @@ class Network(nn.Module):
         """Texels around an output texel that it depends on."""
         return self.config.encoder_layers
 
-    def fit(self, samples: dict[str, dict[str, Tensor]]) -> None:
-        """Takes the whitening from samples, and starts the network at linear prefiltering.
+    def fit(self, patches: Patches) -> None:
+        """Takes the whitening from patches of each encoder's model, and starts the network at linear prefiltering.
 
         The first latents are the whitened parameters of every model that is read, one after the other: the parameters
         of the encoder's own model as they are, the parameters of the other models as what is linearly nearest. A
         decoder reads the parameters of its own model, or what is linearly nearest to the parameters of the first.
-
-        Args:
-            samples: of each encoder's model, (N, P) parameters of the same materials in every model of the network.
         """
+        samples = {source: self._parameters_of(patches(source), source) for source in self.config.encoders}
         encoders, first = self.config.encoders, self.config.encoders[0]
         for model in self.config.models:
             self.whitening_of(model).fit(samples[model if model in encoders else first][model])
-        if self.config.residual:
-            return
+        self._start_linear(samples)
+
+    def _parameters_of(self, patches: NDArray[np.float32], source: str) -> dict[str, Tensor]:
+        """(N, P) parameters of the texels of patches of a model, in every model of the network."""
+        stored = {model: torch.from_numpy(convert(patches, source, model)) for model in self.config.models}
+        return {model: to_parameters(each, model).flatten(0, 2) for model, each in stored.items()}
+
+    def _start_linear(self, samples: Mapping[str, Mapping[str, Tensor]]) -> None:
+        """Linear prefiltering, from the parameters of the same materials in every model, for each encoder's model."""
+        encoders, first = self.config.encoders, self.config.encoders[0]
         counts = [PARAMETERS[model] for model in encoders]
         slots = {m: slice(sum(counts[:i]), sum(counts[: i + 1])) for i, m in enumerate(encoders)}
         with torch.no_grad():
@@ -206,7 +210,7 @@ class Network(nn.Module):
                 decoder.output.weight[:, slots[source]] = matrix
                 decoder.output.bias.copy_(offset)
 
-    def _linear_map(self, samples: dict[str, Tensor], source: str, target: str) -> tuple[Tensor, Tensor]:
+    def _linear_map(self, samples: Mapping[str, Tensor], source: str, target: str) -> tuple[Tensor, Tensor]:
         """Matrix (Q, P) and offset (Q,) of the least-squares map between whitened parameters of two models."""
         if source == target:
             return torch.eye(PARAMETERS[source]), torch.zeros(PARAMETERS[source])
@@ -220,53 +224,40 @@ class Network(nn.Module):
     def encode(self, stored: Tensor, wrap: Wrap, source: str | None = None) -> Tensor:
         """(B, H, W, C) stored channels of a source (default: the only one) to (B, H, W, Z) latents, any size."""
         source = source or self._only("encoders")
-        if wrap == _PERIODIC and not self.config.residual:
-            latent: Tensor = self.encoder_of(source).periodic(self.whitening_of(source)(to_parameters(stored, source)))
-            return latent
+        if wrap == _PERIODIC:
+            return self._encode_periodic(stored, source)
         return self.encode_extended(extend(stored, self.halo, wrap), source)
+
+    def _encode_periodic(self, stored: Tensor, source: str) -> Tensor:
+        """The same as `encode_extended` of images that repeat, and faster."""
+        return self.encoder_of(source).periodic(self.whitening_of(source)(to_parameters(stored, source)))
 
     def encode_extended(self, stored: Tensor, source: str | None = None) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, C) stored channels, borders included, to (B, H, W, Z) latents."""
         source = source or self._only("encoders")
-        whitened = self.whitening_of(source)(to_parameters(stored, source))
-        latent: Tensor = self.encoder_of(source)(whitened)
-        return torch.cat([self._moments(whitened), latent], -1) if self.config.residual else latent
-
-    def _moments(self, whitened: Tensor) -> Tensor:
-        """(B, H + 2 halo, W + 2 halo, P) to (B, H, W, P + 1): filtered parameters, filtered sum of their squares."""
-        taps = pixel_taps(self.config.latent_filter)
-        border = self.halo - len(taps) // 2
-        moments = torch.cat([whitened, whitened.square().sum(-1, keepdim=True)], -1)
-        moments = moments[:, border : moments.shape[1] - border, border : moments.shape[2] - border]
-        for axis in (1, 2):
-            size = moments.shape[axis] - len(taps) + 1
-            moments = torch.stack([w * moments.narrow(axis, i, size) for i, w in enumerate(taps)]).sum(0)
-        return moments
+        latent: Tensor = self.encoder_of(source)(self.whitening_of(source)(to_parameters(stored, source)))
+        return latent
 
     def decode(self, latent: Tensor, target: str | None = None) -> Tensor:
         """(..., Z) latents of any level to (..., C) stored channels of a target, valid as they are; differentiable."""
         target = target or self._only("decoders")
-        whitened = self.decoder_of(target)(latent)
-        if self.config.residual:
-            p = PARAMETERS[target]
-            mean = latent[..., :p]
-            variance = (latent[..., p : p + 1] - mean.square().sum(-1, keepdim=True)).clamp(min=0)
-            whitened = mean + _STEP * variance / (variance + _GATE) * whitened
-        return to_stored(self.whitening_of(target).inverse(whitened), target)
+        return to_stored(self.whitening_of(target).inverse(self.whitened(latent, target)), target)
 
-    def forward(self, stored: Tensor, wrap: Wrap) -> list[Tensor]:
-        """(B, H, W, C) stored channels to every level of the stack, (B, H_L, W_L, C) each, down to 1 x 1.
+    def whitened(self, latent: Tensor, target: str) -> Tensor:
+        """(..., Z) latents to (..., P) whitened parameters of a target."""
+        out: Tensor = self.decoder_of(target)(latent)
+        return out
 
-        For a network with one encoder and one decoder; `stacks` is for any network.
-        """
-        return self.stacks(stored, wrap, self._only("encoders"))[self._only("decoders")]
+    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:  # noqa: ARG002
+        """See Network. The pixel filter is the one that the network is trained for."""
+        return self.stacks(stored, _PERIODIC, source)
 
     def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
         """(B, H, W, C) stored channels of a source to the levels of every target, (B, H_L, W_L, C) each, to 1 x 1."""
         latent = self.encode(stored, wrap, source)
         latents = [latent]
         for level, size in enumerate(level_sizes(*stored.shape[1:3])[1:], 1):
-            first = level == 1 and not self.config.filtered
+            first = level == 1 and not self.filtered
             latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, first))
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         flat = [z.reshape(len(z), -1, z.shape[-1]) for z in latents]
@@ -287,15 +278,12 @@ class Network(nn.Module):
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
     ) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, C) stored channels, down to 1 x 1, as valid channels of the target.
+        """See Network.
 
         A source without an encoder is converted to the nearest model that has one; what is made of `ggx` texels is
         converted from them where the target has no decoder.
-
-        Raises:
-            UsageError: these weights do not make the target, or not for that pixel filter.
         """
-        from mipbake.models.inference import bake
+        from mipbake.models.latent_inference import bake
 
         return bake(self, stored, source, target, pixel_filter, wrap, progress)
 
@@ -304,16 +292,3 @@ class Network(nn.Module):
         if len(models) > 1:
             raise UsageError(f"a network with the {kind} {', '.join(models)} needs one of them named")
         return models[0]
-
-
-def extend(image: Tensor, border: int, wrap: Wrap) -> Tensor:
-    """(B, H, W, C) to (B, H + 2 border, W + 2 border, C), the outside filled by the wrap mode of each axis."""
-    rows = border_indices(-border, image.shape[1] + border, image.shape[1], wrap[1])
-    columns = border_indices(-border, image.shape[2] + border, image.shape[2], wrap[0])
-    return image[:, rows][:, :, columns]
-
-
-def border_indices(start: int, stop: int, size: int, wrap: str) -> Tensor:
-    """Texel that stands at each of start, ..., stop - 1 on an axis of that size and wrap mode."""
-    index = torch.arange(start, stop)
-    return index % size if wrap == "wrap" else index.clamp(0, size - 1)

@@ -1,0 +1,101 @@
+"""What an architecture is: the numbers that fix a network, and what can be asked of them without torch.
+
+An architecture has two files: one like latent_config.py, which loads no torch, so that weights are listed quickly, and
+one like latent_network.py. `ARCHITECTURES` in architectures.py lists the first.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from mipbake.errors import UsageError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from mipbake.models.base import Network
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the model card of released weights says of their architecture.
+
+    Args:
+        method: where the method comes from. encoder, latents, decoder: what each is made of.
+    """
+
+    method: str
+    encoder: str
+    latents: str
+    decoder: str
+
+
+class Architecture(ABC):
+    """One kind of network, and the numbers that fix it.
+
+    A subclass is a frozen dataclass. Its fields are what a description of weights and the section [network] of a
+    configuration hold: texts, whole numbers, true or false, and tuples of texts.
+    """
+
+    architecture: ClassVar[str]
+    """What descriptions of weights and configurations call the kind."""
+
+    trained_with: ClassVar[str]
+    """The kind of loss that its networks are trained with (mipbake.training.losses)."""
+
+    @property
+    @abstractmethod
+    def encoders(self) -> tuple[str, ...]:
+        """The material models that are read."""
+
+    @property
+    @abstractmethod
+    def decoders(self) -> tuple[str, ...]:
+        """The material models that are made."""
+
+    @abstractmethod
+    def build(self) -> Network:
+        """A network of this architecture, as it is initialised."""
+
+    def describe(self) -> Description | None:
+        """For the model card; None where networks of this architecture are compared with and never released."""
+        return None
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Every material model that is read or made, once."""
+        return tuple(dict.fromkeys((*self.encoders, *self.decoders)))
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The material models that can be baked: the models of the decoders, and models that are made from them."""
+        return self.decoders
+
+    def reads(self, source: str) -> bool:
+        """Whether all of a source is seen, as it is or converted: who reads `gltf` is blind to anisotropic lobes."""
+        return any(_READ.index(source) <= _READ.index(model) for model in self.encoders)
+
+    def takes(self, source: str) -> bool:  # noqa: ARG002
+        """Whether a source is baked at all."""
+        return True
+
+
+_READ = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
+"""Each of these models can say all that the models before it can."""
+
+PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"
+
+
+def layers(count: int, size: str, growth: int) -> str:
+    """What a model card says of dense layers."""
+    return f"{count} layers of {size}, {growth} new maps in each"
+
+
+def check_counts(config: DataclassInstance) -> None:
+    """UsageError where a field that counts something is no whole number, or below 1."""
+    for field in fields(config):
+        value: Any = getattr(config, field.name)
+        if field.type == "int" and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
+            raise UsageError(f"network.{field.name} must be a whole number of at least 1, got {value!r}")

@@ -1,0 +1,72 @@
+"""The interface of networks: everything that training and baking ask of one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from mipbake.models.architecture import Architecture
+from mipbake.pixel_filter import Wrap
+
+Stacks: TypeAlias = Mapping[str, list[Tensor]]
+"""Material models that are made, and all levels of a stack of each."""
+
+Patches: TypeAlias = Callable[[str], NDArray[np.float32]]
+"""(N, S, S, C) stored channels of a material model, random samples of the materials to train on."""
+
+
+class Network(nn.Module, ABC):
+    """A network of any architecture. Images are (B, H, W, channels).
+
+    Args:
+        config: the architecture.
+    """
+
+    config: Architecture
+
+    def __init__(self, config: Architecture) -> None:
+        super().__init__()
+        self.config = config
+        self.pixel_filters: tuple[str, ...] = ()
+        """The pixel filters that it was trained for; only released weights say that."""
+
+    @abstractmethod
+    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:
+        """Every level of the stacks of every model that is made; differentiable in the parameters.
+
+        Args:
+            stored: (B, S, S, C) stored channels of images that repeat, S a power of two.
+            source: the model of the images, one of the encoders'.
+            pixel_filter: that the levels are for.
+
+        Returns:
+            (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.
+        """
+
+    @abstractmethod
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[NDArray[np.float32]]:
+        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
+        target; any size, without gradients.
+
+        Args:
+            progress: told the finished share, from 0 to 1.
+
+        Raises:
+            UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.
+        """
+
+    def fit(self, patches: Patches) -> None:
+        """Takes what a training leaves as it is, such as a whitening, from materials; before the first step."""

@@ -1,0 +1,128 @@
+"""The architecture of the paper's networks: encoders, latents that are averaged, decoders (latent_network.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from mipbake.errors import UsageError
+from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
+
+if TYPE_CHECKING:
+    from mipbake.models.latent_network import LatentNetwork
+
+PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
+"""Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
+
+LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
+"""Kernels that latents can be downsampled with; mipbake.pixel_filter has them."""
+
+
+@dataclass(frozen=True)
+class LatentConfig(Architecture):
+    """Architecture of one network (sections 3.3 and 3.5 of Kemppinen et al. 2023).
+
+    Args:
+        encoders: material models that are read, keys of PARAMETERS; each has an encoder of its own.
+        decoders: material models that are made; each has a decoder of its own, and all decoders read the same latents.
+        latent_filter: kernel of the linear downsampling in latent space.
+        latent_channels: maps of the latent code; at least as many as the encoders' models have parameters together.
+        encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
+        decoder_layers: dense 1 x 1 layers.
+        growth: new maps a layer.
+        residual: whether some latents are fixed to the filtered parameters and their second moment, and the decoder
+            predicts a correction (mipbake.models.residual), for one material model alone; the paper has no such thing.
+    """
+
+    architecture: ClassVar[str] = "latent"
+    trained_with: ClassVar[str] = "single-lights"
+
+    encoders: tuple[str, ...] = ("gltf",)
+    decoders: tuple[str, ...] = ("gltf",)
+    latent_filter: str = "gaussian"
+    latent_channels: int = 64
+    encoder_layers: int = 6
+    decoder_layers: int = 4
+    growth: int = 16
+    residual: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("encoders", "decoders"):
+            _check_models(name, getattr(self, name))
+        if self.latent_filter not in LATENT_FILTERS:
+            raise UsageError(
+                f"unknown latent filter {self.latent_filter!r}: expected one of {', '.join(LATENT_FILTERS)}"
+            )
+        check_counts(self)
+        if not isinstance(self.residual, bool):
+            raise UsageError(f"network.residual must be true or false, got {self.residual!r}")
+        if self.residual and (len(self.encoders) > 1 or self.decoders != self.encoders):
+            raise UsageError("network.residual needs one encoder, and one decoder of the same material model")
+        least = max(self.fixed_latents + 1, sum(PARAMETERS[model] for model in self.encoders))
+        if self.latent_channels < least:
+            raise UsageError(
+                f"network.latent_channels must be at least {least} for {', '.join(self.encoders)}, "
+                f"got {self.latent_channels}"
+            )
+
+    @property
+    def fixed_latents(self) -> int:
+        """How many latents are not learned; only a residual network has some."""
+        return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """See Architecture."""
+        converted = (to for to, made in _CONVERTED.items() if made in self.decoders)
+        return tuple(dict.fromkeys((*self.decoders, *converted)))
+
+    def read_as(self, source: str) -> str:
+        """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
+        return next(model for model in (source, *_NEAREST[source]) if model in self.encoders)
+
+    def made_from(self, target: str) -> str:
+        """The decoder whose texels become a target; UsageError where there is none."""
+        for model in (target, _CONVERTED.get(target)):
+            if model in self.decoders:
+                return str(model)
+        raise UsageError(f"these weights make {', '.join(self.targets)}, not {target!r}; choose other weights")
+
+    def build(self) -> LatentNetwork:
+        """See Architecture."""
+        if self.residual:
+            from mipbake.models.residual import ResidualNetwork
+
+            return ResidualNetwork(self)
+        from mipbake.models.latent_network import LatentNetwork
+
+        return LatentNetwork(self)
+
+    def describe(self) -> Description:
+        """See Architecture."""
+        fixed = f", {self.fixed_latents} of them not learned" if self.residual else ""
+        return Description(
+            method=f"averages of parameters, corrected; after {PAPER}" if self.residual else PAPER,
+            encoder=layers(self.encoder_layers, "3 x 3", self.growth),
+            latents=f"{self.latent_channels} channels{fixed}, downsampled with `{self.latent_filter}`",
+            decoder=layers(self.decoder_layers, "1 x 1", self.growth),
+        )
+
+
+def _check_models(name: str, models: Any) -> None:
+    if not isinstance(models, tuple) or not models or len(set(models)) < len(models):
+        raise UsageError(f"network.{name} must name one or more different material models, got {models!r}")
+    for model in models:
+        if model not in PARAMETERS:
+            raise UsageError(f"no network for material model {model!r}: expected one of {', '.join(PARAMETERS)}")
+
+
+_NEAREST = {
+    "gltf": ("gltf-anisotropic", "ggx", "beckmann"),
+    "gltf-anisotropic": ("ggx", "beckmann", "gltf"),
+    "ggx": ("gltf-anisotropic", "beckmann", "gltf"),
+    "beckmann": ("ggx", "gltf-anisotropic", "gltf"),
+}
+"""Encoders that can read each material model converted to theirs, the nearest first."""
+
+_CONVERTED = {"gltf-anisotropic": "ggx"}
+"""Decoders whose texels are converted, one by one, to a model that has no decoder of its own."""

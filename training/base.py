@@ -1,0 +1,82 @@
+"""The interface of losses: what a step draws, and how far a network is from it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+from torch import Tensor
+
+from mipbake.models.base import Network
+
+TORUS = ("wrap", "wrap")
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Everything of one step that does not depend on the network; a loss adds fields of its own.
+
+    Args:
+        source: material model of the patches. patches: (B, S, S, C) stored channels.
+    """
+
+    source: str
+    patches: Tensor
+
+
+AnyBatch = TypeVar("AnyBatch", bound=Batch)
+
+
+class Loss(ABC, Generic[AnyBatch]):
+    """One kind of loss, and its settings.
+
+    A subclass is a frozen dataclass. Its fields are what the section [loss] of a configuration holds.
+    """
+
+    kind: ClassVar[str]
+    """What configurations call it."""
+
+    @property
+    @abstractmethod
+    def crops(self) -> int:
+        """Material patches a step."""
+
+    @property
+    @abstractmethod
+    def crop_size(self) -> int:
+        """Their side in texels, a power of two."""
+
+    @property
+    @abstractmethod
+    def pixel_filter(self) -> str:
+        """The filter that validations measure with."""
+
+    @property
+    @abstractmethod
+    def pairs(self) -> int:
+        """Light-view pairs a patch."""
+
+    @property
+    def pixel_filters(self) -> tuple[str, ...]:
+        """The filters that networks are trained for, the main one first."""
+        return (self.pixel_filter,)
+
+    @property
+    def max_lod(self) -> int:
+        """Last level of a patch, 1 x 1."""
+        return self.crop_size.bit_length() - 1
+
+    @property
+    @abstractmethod
+    def drawn(self) -> str:
+        """How the pairs are drawn, for the model card."""
+
+    @abstractmethod
+    def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> AnyBatch:
+        """The batch of (crops, S, S, C) patches of a material model."""
+
+    @abstractmethod
+    def value(self, network: Network, batch: AnyBatch) -> Tensor:
+        """Predicts, renders and compares: the scalar loss of one batch, the mean over the models that are made."""
