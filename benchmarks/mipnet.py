@@ -37,9 +37,10 @@ from mipbake.compare.result import Comparison, Method
 from mipbake.errors import InputError, UsageError
 from mipbake.metrics import PAIR_SETS
 from mipbake.models import default_weights
+from mipbake.models.architectures import ARCHITECTURES
 from mipbake.training.__main__ import exit_code
-from mipbake.training.baseline import add_baseline
-from mipbake.training.config import BalancedLossConfig, TrainingConfig, read_config
+from mipbake.training.balanced_loss import BalancedLossConfig
+from mipbake.training.config import TrainingConfig, read_config
 from mipbake.training.loop import LAST, load_state, threads_beside_batches, train
 from mipbake.validate import DEFAULT_LODS
 
@@ -106,7 +107,7 @@ def network_of(checkpoint: Path) -> MipnetNetwork:
 def baked(network: MipnetNetwork, texture_set: TextureSet) -> Candidate:
     """Its stack of a set."""
     start, source = time.perf_counter(), texture_set.source_model
-    levels = network.bake(texture_set.material(source), source)
+    levels = network.bake(texture_set.material(source), source, network.target)
     label = LABELS[network.target]
     return Candidate(Method(label, "mipnet", "box", network.target, time.perf_counter() - start), levels)
 
@@ -214,7 +215,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("command", choices=COMMANDS)
     command = COMMANDS[parser.parse_args(sys.argv[1:2]).command]
-    add_baseline("mipnet", MipnetConfig)
+    ARCHITECTURES[MipnetConfig.architecture] = MipnetConfig
     return exit_code(lambda: command(sys.argv[2:]))
 
 

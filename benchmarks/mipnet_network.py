@@ -25,7 +25,9 @@ What differs from theirs:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -36,8 +38,10 @@ from torch.nn import functional
 from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS
+from mipbake.models.architecture import Architecture
+from mipbake.models.base import Network, Stacks
 from mipbake.models.parameters import clamp, settled
-from mipbake.training.baseline import BaselineConfig, BaselineNetwork
+from mipbake.pixel_filter import Wrap
 
 TARGETS = ("gltf", "gltf-anisotropic")
 
@@ -50,7 +54,7 @@ _ROWS = 1 << 14  # windows at a time: 64 MiB of the widest layer
 
 
 @dataclass(frozen=True)
-class MipnetConfig(BaselineConfig):
+class MipnetConfig(Architecture):
     """Architecture.
 
     Args:
@@ -58,6 +62,9 @@ class MipnetConfig(BaselineConfig):
         single_layers, single_width: hidden layers of the single-scale network.
         multi_layers, multi_width: hidden layers of the multi-scale network.
     """
+
+    architecture: ClassVar[str] = "mipnet"
+    trained_with: ClassVar[str] = "balanced"
 
     target: str = "gltf"
     single_layers: int = 2
@@ -73,12 +80,17 @@ class MipnetConfig(BaselineConfig):
                 raise UsageError(f"network.{name} must be at least 1, got {getattr(self, name)}")
 
     @property
+    def encoders(self) -> tuple[str, ...]:
+        """The material model that is read."""
+        return ("gltf",)
+
+    @property
     def decoders(self) -> tuple[str, ...]:
         """The target."""
         return (self.target,)
 
     def build(self) -> MipnetNetwork:
-        """See BaselineConfig."""
+        """See Architecture."""
         return MipnetNetwork(self)
 
 
@@ -102,7 +114,7 @@ class _Perceptron(nn.Module):
         return torch.cat(parts).reshape(*windows.shape[:-1], _STATE)
 
 
-class MipnetNetwork(BaselineNetwork):
+class MipnetNetwork(Network):
     """Both networks and the cascade. Images are (B, H, W, channels), and repeat."""
 
     def __init__(self, config: MipnetConfig) -> None:
@@ -111,11 +123,12 @@ class MipnetNetwork(BaselineNetwork):
         self.single = _Perceptron(2 * 2 * _STATE, config.single_layers, config.single_width)
         self.multi = _Perceptron((4 * 4 + 2 * 2 + 1) * _STATE, config.multi_layers, config.multi_width)
 
-    def forward(self, stored: Tensor, pixel_filter: str = "gaussian") -> list[Tensor]:  # noqa: ARG002
+    def forward(self, stored: Tensor, source: str = "gltf", pixel_filter: str = "gaussian") -> Stacks:  # noqa: ARG002
         """(B, H, W, 8) stored channels of `gltf` to every level of the target, the first the source's.
 
         Args:
             stored: sides that are powers of two, or windows of 2 x 2 leave texels over.
+            source: `gltf`.
             pixel_filter: changes nothing.
 
         Raises:
@@ -132,9 +145,9 @@ class MipnetNetwork(BaselineNetwork):
             colours = _boxed(_filled(colours, 2))
             levels.append(_isotropic(colours, state) if self.target == "gltf" else _anisotropic(colours, state))
         if self.target == "gltf":
-            return levels
+            return {self.target: levels}
         levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
-        return settled(levels, ("wrap", "wrap"))
+        return {self.target: settled(levels, ("wrap", "wrap"))}
 
     def _states(self, stored: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""
@@ -150,15 +163,23 @@ class MipnetNetwork(BaselineNetwork):
             states.append(_valid(average + change))
         return states
 
-    def bake(self, stored: NDArray[np.float32], source: str) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, C) stored channels of a model, which are read as `gltf`.
-
-        Raises:
-            UsageError: sides that are not powers of two.
-        """
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str = "box",
+        wrap: Wrap = ("wrap", "wrap"),  # noqa: ARG002
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[NDArray[np.float32]]:
+        """See Network. Pixel filter and wrap modes change nothing, and sides must be powers of two."""
+        if target != self.target:
+            raise UsageError(f"this network makes {self.target}, not {target!r}")
         channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, "gltf"), np.float32))
         with torch.inference_mode():
-            return [material.regularise(level[0].numpy(), self.target) for level in self(channels[None])]
+            levels = self(channels[None], "gltf", pixel_filter)[target]
+        progress(1.0)
+        return [material.regularise(level[0].numpy(), target) for level in levels]
 
 
 def _windows(image: Tensor, side: int) -> Tensor:

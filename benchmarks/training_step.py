@@ -55,7 +55,7 @@ def one_step(state: loop.TrainingState, materials: Materials, step: int, watch: 
     target = loss.draw_target(patches, views, model, settings.pixel_filter, settings.target_samples, rng)
     watch.lap("target: lookups and shading")
     state.optimiser.zero_grad()
-    levels = state.network(patches, loss.TORUS)
+    levels = state.network(patches, model, settings.pixel_filter)[model]
     watch.lap("network forward")
     texels = loss.look_up(levels, views)
     watch.lap("prediction: lookups")

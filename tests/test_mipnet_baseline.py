@@ -15,7 +15,8 @@ import torch
 
 from mipbake import material
 from mipbake.errors import InputError, UsageError
-from mipbake.training import baseline, batches, loop
+from mipbake.models.architectures import ARCHITECTURES
+from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import BalancedBatch, rendered
 from mipbake.training.config import TrainingConfig, config_from, plain, read_config
 from mipbake.training.data import Materials
@@ -49,8 +50,7 @@ mipnet = module("mipnet")
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Configurations may name it, in these tests alone."""
-    monkeypatch.setattr(baseline, "_BASELINES", {})
-    baseline.add_baseline("mipnet", mipnet_network.MipnetConfig)
+    monkeypatch.setitem(ARCHITECTURES, "mipnet", mipnet_network.MipnetConfig)
     yield
 
 
@@ -98,7 +98,7 @@ def lobes(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("target", TARGETS)
 def test_untrained_it_makes_box_averages(target: str, size: tuple[int, int]) -> None:
     stored = bumpy(*size, 3)
-    levels = small(target).build().bake(stored, "gltf")
+    levels = small(target).build().bake(stored, "gltf", target)
     kept = np.concatenate([stored, np.broadcast_to(AXIS, (*size, 3))], -1) if len(target) > 4 else stored
     np.testing.assert_array_equal(levels[0][..., :5], kept[..., :5])
     np.testing.assert_allclose(levels[0][..., 5:], kept[..., 5:], atol=1e-6)
@@ -124,7 +124,7 @@ def test_a_constant_material_stays_as_it_is(target: str) -> None:
         normal = np.array([0.3, -0.2, 0.0])
         normal[2] = np.sqrt(1 - np.square(normal).sum())
         stored = np.tile(np.array([*texel, *normal], np.float32), (8, 8, 1))
-        for level in small(target).build().bake(stored, "gltf"):
+        for level in small(target).build().bake(stored, "gltf", target):
             expected = stored[: len(level), : len(level)]
             np.testing.assert_array_equal(level[..., :4], expected[..., :4])
             np.testing.assert_allclose(level[..., 4], expected[..., 4], rtol=1e-5 if target == "gltf" else 1e-3)
@@ -135,7 +135,7 @@ def test_only_sides_that_halve_to_one_texel_are_taken() -> None:
     network = small().build()
     for size in ((12, 16), (16, 7), (3, 3)):
         with pytest.raises(UsageError, match=f"powers of two, got {size[1]} x {size[0]}"):
-            network.bake(bumpy(*size, 0), "gltf")
+            network.bake(bumpy(*size, 0), "gltf", "gltf")
 
 
 def test_settings_that_make_no_network_are_refused() -> None:
@@ -150,7 +150,7 @@ def test_what_it_makes_is_valid(target: str) -> None:
     """With any weights, ranges are kept, vectors are unit and widths are shaded."""
     network = trained_like(target)
     torch.nn.init.normal_(network.multi.output.bias, std=2.0)
-    levels = network(torch.from_numpy(bumpy(16, 16, 1))[None])
+    levels = network(torch.from_numpy(bumpy(16, 16, 1))[None])[target]
     for level in levels[1:]:
         one = level[0].detach().numpy()
         np.testing.assert_allclose(material.regularise(one, target), one, atol=2e-6)
@@ -162,7 +162,7 @@ def test_the_isotropic_target_is_the_geometric_mean_of_the_anisotropic_one() -> 
     stored = bumpy(16, 16, 2)
     networks = [trained_like(target) for target in TARGETS]
     networks[1].load_state_dict(networks[0].state_dict())
-    isotropic, anisotropic = (network.bake(stored, "gltf") for network in networks)
+    isotropic, anisotropic = (network.bake(stored, "gltf", network.target) for network in networks)
     stretched = 0.0
     for one, other in zip(isotropic[1:], anisotropic[1:], strict=True):
         axes, _ = lobes(other)
@@ -206,10 +206,10 @@ def test_gradients_are_those_of_differences(target: str) -> None:
     network = trained_like(target).double()
     stored = torch.from_numpy(bumpy(8, 8, 4))[None].double()
     torch.manual_seed(1)
-    weights = [torch.randn(level.shape, dtype=torch.float64) for level in network(stored)]
+    weights = [torch.randn(level.shape, dtype=torch.float64) for level in network(stored)[target]]
 
     def value() -> torch.Tensor:
-        made = network(stored)
+        made = network(stored)[target]
         return torch.stack([(w * level).sum() for w, level in zip(weights, made, strict=True)]).sum()
 
     value().backward()
@@ -254,7 +254,7 @@ def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
 
     def error() -> torch.Tensor:
-        levels = network(batch.patches)
+        levels = network(batch.patches)[target]
         shaded = [rendered(levels, seen, batch.pairs.light, batch.pairs.view, target) for seen in batch.seen[1:]]
         return torch.stack([(a - b.target).square().mean() for a, b in zip(shaded, batch.seen[1:], strict=True)]).sum()
 
@@ -265,7 +265,7 @@ def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
         optimiser.step()
     assert float(error().detach()) < 0.9 * before
     if target == "gltf-anisotropic":
-        axes, _ = lobes(network(batch.patches)[2].detach().numpy())
+        axes, _ = lobes(network(batch.patches)[target][2].detach().numpy())
         assert np.median(axes[..., 0] / axes[..., 1]) > 1.02  # untrained: 1.002
 
 
@@ -288,7 +288,7 @@ def test_it_is_not_released(small_validation: None, tmp_path: Path) -> None:
 
 def test_only_a_process_that_has_it_knows_it(small_validation: None, tmp_path: Path) -> None:
     loop.train(tiny(steps=1), tmp_path, False, lambda _: None)
-    baseline._BASELINES.clear()
+    del ARCHITECTURES["mipnet"]
     with pytest.raises(InputError, match="one of latent, moments"):
         loop.load_state(tmp_path / loop.LAST)
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, UsageError
 from mipbake.material import MIN_ROUGHNESS, MODELS, convert, lift_normal
 from mipbake.models import registry
-from mipbake.models.config import LATENT_FILTERS, PARAMETERS, MomentConfig, NetworkConfig
-from mipbake.models.inference import bake_levels
 from mipbake.models.latent import downsample
-from mipbake.models.network import Network, Whitening
+from mipbake.models.latent_config import LATENT_FILTERS, PARAMETERS, LatentConfig
+from mipbake.models.latent_inference import bake_levels
+from mipbake.models.latent_network import LatentNetwork, Whitening
+from mipbake.models.moment_config import MomentConfig
 from mipbake.models.parameters import clamp, to_parameters, to_stored
 from mipbake.pixel_filter import FILTERS, level_sizes, resample
 
@@ -62,14 +63,14 @@ def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
     return out
 
 
-def untrained(model: str = "gltf", **changes: object) -> Network:
+def untrained(model: str = "gltf", **changes: object) -> LatentNetwork:
     torch.manual_seed(1)
-    network = Network(NetworkConfig((model,), (model,), **changes))  # type: ignore[arg-type]
-    network.fit({model: {model: to_parameters(torch.from_numpy(material_of(model, 16, 16, 9)), model).flatten(0, 1)}})
+    network = LatentConfig((model,), (model,), **changes).build()  # type: ignore[arg-type]
+    network.fit(lambda source: material_of(source, 16, 16, 9)[None])
     return network.requires_grad_(False)
 
 
-def perturbed(model: str, **changes: object) -> Network:
+def perturbed(model: str, **changes: object) -> LatentNetwork:
     """Makes the network like a trained one: every unit has its say, and outputs stay ordinary materials."""
     network = untrained(model, **changes)
     generator = torch.Generator().manual_seed(2)
@@ -185,7 +186,7 @@ def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
 @pytest.mark.parametrize("residual", [False, True])
 def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int], residual: bool) -> None:
     network, stored = perturbed(model, residual=residual), material_of(model, *size)
-    whole = network(torch.from_numpy(stored)[None], wrap)
+    whole = network.stacks(torch.from_numpy(stored)[None], wrap, model)[model]
     tiled = bake_levels(network, stored, wrap, tile=11)
     assert [level.shape for level in tiled] == [tuple(level.shape[1:]) for level in whole]
     for left, right in zip(tiled, whole, strict=True):
@@ -246,7 +247,7 @@ def test_progress_ends_at_one() -> None:
 )  # fmt: skip
 def test_impossible_architectures(change: dict[str, object], word: str) -> None:
     with pytest.raises(UsageError, match=word):
-        NetworkConfig(**change)  # type: ignore[arg-type]
+        LatentConfig(**change)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -257,7 +258,7 @@ def released(tmp_path: Path) -> registry.WeightsInfo:
 
     content = save({k: v.contiguous() for k, v in perturbed("gltf").state_dict().items()})
     info = registry.WeightsInfo(
-        name="tiny", network=NetworkConfig(), pixel_filters=("gaussian",), default=True, steps=1, commit="c",
+        name="tiny", network=LatentConfig(), pixel_filters=("gaussian",), default=True, steps=1, commit="c",
         data="d", data_licence="CC0-1.0", licence="CC0-1.0", sha256=sha256(content).hexdigest(), folder=tmp_path,
     )  # fmt: skip
     info.tensors.write_bytes(content)
@@ -291,7 +292,7 @@ def test_weights_see_all_of_their_source(released: registry.WeightsInfo) -> None
     """A decoder of the target's own is worth less than an encoder that sees anisotropic sources."""
     for name, network in (
         ("blind", MomentConfig(decoders=("gltf-anisotropic",))),
-        ("seeing", NetworkConfig(encoders=("ggx",), decoders=("ggx",))),
+        ("seeing", LatentConfig(encoders=("ggx",), decoders=("ggx",))),
     ):
         info = dataclasses.replace(released, name=name, network=network)
         (released.folder / f"{name}.json").write_text(info.to_json())
@@ -314,7 +315,7 @@ def test_there_is_one_default_for_a_bake(released: registry.WeightsInfo) -> None
         registry.check_sole_default(rival)
     (released.folder / "another.json").write_text(dataclasses.replace(rival, default=False).to_json())
     assert registry.default_weights("gltf", folder=released.folder) == released
-    for apart in ({"pixel_filters": ("box",)}, {"network": NetworkConfig(decoders=("ggx",), encoders=("ggx",))}):
+    for apart in ({"pixel_filters": ("box",)}, {"network": LatentConfig(decoders=("ggx",), encoders=("ggx",))}):
         registry.check_sole_default(dataclasses.replace(rival, **apart))
 
 
@@ -336,7 +337,7 @@ def test_damaged_weights_are_refused(released: registry.WeightsInfo) -> None:
 
 
 def test_weights_of_another_architecture_are_refused(released: registry.WeightsInfo) -> None:
-    other = dataclasses.replace(released, network=NetworkConfig(growth=8))
+    other = dataclasses.replace(released, network=LatentConfig(growth=8))
     with pytest.raises(InputError, match="do not fit the architecture"):
         registry.load_network(other)
 

@@ -13,9 +13,9 @@ from mipbake import directions
 from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS, lift_normal
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.models.config import MomentConfig
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
-from mipbake.models.moment_inference import bake
+from mipbake.models.moment_config import MomentConfig
+from mipbake.models.moment_inference import bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.moments import COUNT, FEATURES, moments, statistics
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
@@ -84,10 +84,7 @@ def test_colours_of_a_flat_dielectric_are_averages() -> None:
 @pytest.mark.parametrize(("height", "width"), [(40, 25), (16, 1), (33, 64)])
 def test_tiles_do_not_show(height: int, width: int, pixel_filter: str) -> None:
     network, stored = trained_like(), bumpy(height, width)
-    whole, tiled = (
-        bake(network, stored, "gltf", "gltf", pixel_filter, ("clamp", "wrap"), lambda _: None, tile)
-        for tile in (128, 7)
-    )
+    whole, tiled = (bake_levels(network, stored, pixel_filter, ("clamp", "wrap"), tile) for tile in (128, 7))
     assert [level.shape[:2] for level in whole] == level_sizes(height, width)
     for left, right in zip(whole, tiled, strict=True):
         np.testing.assert_allclose(left, right, atol=1e-4)
@@ -95,11 +92,11 @@ def test_tiles_do_not_show(height: int, width: int, pixel_filter: str) -> None:
 
 def test_threads_do_not_show() -> None:
     network, stored = trained_like(), bumpy(300, 170)
-    one = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
+    one = bake_levels(network, stored, "gaussian", ("clamp", "wrap"), 64)
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        three = bake(network, stored, "gltf", "gltf", "gaussian", ("clamp", "wrap"), lambda _: None, 64)
+        three = bake_levels(network, stored, "gaussian", ("clamp", "wrap"), 64)
     finally:
         torch.set_num_threads(before)
     for left, right in zip(one, three, strict=True):
@@ -111,7 +108,7 @@ def test_training_and_baking_agree(pixel_filter: str) -> None:
     """Up to level 3, which both filter from level 0; coarser ones are baked from box averages."""
     network, stored = trained_like(), bumpy(16, 16)
     baked = network.bake(stored, "gltf", "gltf", pixel_filter, TORUS)
-    trained = network(torch.from_numpy(stored)[None], pixel_filter)
+    trained = network(torch.from_numpy(stored)[None], "gltf", pixel_filter)["gltf"]
     for level, (left, right) in enumerate(zip(baked, trained, strict=True)):
         if level <= 3:
             np.testing.assert_allclose(left, right[0].numpy(), atol=5e-4)
@@ -202,7 +199,7 @@ def test_sharper_levels_are_nearer_to_the_reference() -> None:
 
 def test_gradients_reach_every_parameter() -> None:
     network = trained_like().requires_grad_(True)
-    levels = network(torch.from_numpy(bumpy(8, 8))[None], "gaussian")
+    levels = network(torch.from_numpy(bumpy(8, 8))[None], "gltf", "gaussian")["gltf"]
     torch.stack([level.square().mean() for level in levels]).sum().backward()  # type: ignore[no-untyped-call]
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
@@ -302,7 +299,8 @@ def test_lobes_are_wider_across_brushing(angle: float) -> None:
 def test_directions_of_levels_agree() -> None:
     """d and -d shade alike, but lookups between them would cancel: training has the signs that bakes give."""
     stored = torch.from_numpy(bumpy(16, 16, 5))[None]
-    levels = [level[0].detach() for level in MomentNetwork(ANISOTROPIC)(stored, "gaussian")]
+    stacks = MomentNetwork(ANISOTROPIC)(stored, "gltf", "gaussian")
+    levels = [level[0].detach() for level in stacks["gltf-anisotropic"]]
     lying = [coarse.repeat_interleave(2, 0).repeat_interleave(2, 1) for coarse in levels[1:]]
     against = [
         ((fine[..., 8:10] * under[..., 8:10]).sum(-1) < 0).float().mean()
@@ -319,7 +317,8 @@ def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:
     stored = torch.from_numpy(bumpy(8, 8, 5))[None]
     stored[:, :4] = stored[:, :1, :1]  # constant, but for its border
     network = MomentNetwork(ANISOTROPIC)
-    loss = torch.stack([level.square().sum() for level in network(stored, "box")]).sum()
+    levels = network(stored, "gltf", "box")["gltf-anisotropic"]
+    loss = torch.stack([level.square().sum() for level in levels]).sum()
     loss.backward()
     assert network.stretch is not None
     assert all(p.grad is not None and bool(p.grad.isfinite().all()) for p in network.parameters())

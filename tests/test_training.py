@@ -21,13 +21,13 @@ from mipbake.training import augmentation, data, loss
 from mipbake.training.batches import draw_batch
 from mipbake.training.config import (
     AUGMENTED,
-    LossConfig,
     OptimiserConfig,
     TrainingConfig,
     config_from,
     plain,
     read_config,
 )
+from mipbake.training.loss import SingleLightsLossConfig
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.procedural import procedural_set
 
@@ -69,10 +69,10 @@ def test_shipped_configurations_are_valid(path: Path) -> None:
     assert config_from(plain(config)) == config
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize("model", ["ggx", "beckmann"])
 def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) -> None:
     config = read_config(CONFIGS / f"paper-{model}.toml")
-    assert config.loss == LossConfig()
+    assert config.loss == SingleLightsLossConfig()
     assert config.optimiser == OptimiserConfig()
     assert config.run == TrainingConfig().run
     assert config.network.encoders == config.network.decoders == (model,)
@@ -288,7 +288,9 @@ def test_missing_data_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize(("samples", "pixel_filter"), [(1, "gaussian"), (4, "gaussian"), (2, "mitchell")])
 def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_filter: str) -> None:
-    config = LossConfig(crops=1, crop_size=8, pairs=4, lods=2, target_samples=samples, pixel_filter=pixel_filter)
+    config = SingleLightsLossConfig(
+        crops=1, crop_size=8, pairs=4, lods=2, target_samples=samples, pixel_filter=pixel_filter
+    )
     patch = patches_of(model, 1, 8)
     rng = np.random.default_rng(5)
     views = loss.draw_views(config, rng)
@@ -309,7 +311,7 @@ def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_
 
 
 def test_views_follow_their_distributions() -> None:
-    config = LossConfig(crops=64, crop_size=4, pairs=16, lods=8, near_mirror_fraction=0.25)
+    config = SingleLightsLossConfig(crops=64, crop_size=4, pairs=16, lods=8, near_mirror_fraction=0.25)
     views = loss.draw_views(config, np.random.default_rng(0))
     for directions in (views.light, views.view):
         assert torch.allclose(directions.norm(dim=-1), torch.ones(64, 16), atol=1e-5)
@@ -333,7 +335,7 @@ def test_views_follow_their_distributions() -> None:
 
 def loss_case(model: str = "ggx") -> tuple[torch.Tensor, loss.Views, torch.Tensor, torch.Tensor]:
     """Texels (B, S, N, C) with a gradient, views of 6 pairs, and two targets that differ from what the texels give."""
-    config = LossConfig(crops=2, crop_size=4, pairs=6, lods=3)
+    config = SingleLightsLossConfig(crops=2, crop_size=4, pairs=6, lods=3)
     views = loss.draw_views(config, np.random.default_rng(0))
     texels = torch.from_numpy(patches_of(model, 6, 4)).reshape(2, 3, 16, -1)
     generator = torch.Generator().manual_seed(0)

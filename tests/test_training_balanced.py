@@ -20,15 +20,14 @@ from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import (
     BANDS,
     BalancedBatch,
+    BalancedLossConfig,
     _groups,
     _room_error,
-    balanced_loss,
-    draw_balanced,
     own_errors,
     rendered,
 )
 from mipbake.training.balanced_pairs import draw_pairs
-from mipbake.training.config import BalancedLossConfig, config_from, plain, read_config
+from mipbake.training.config import config_from, plain, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials
 from mipbake.training.export import export_weights
 from mipbake.training.validation import Validator
@@ -86,7 +85,7 @@ def test_rooms_see_several_lights_from_one_view() -> None:
 def test_rooms_are_seen_at_their_slant() -> None:
     """Stripes across the view: a room's pixels blur them as the filter does; along it, only as much as its cosine."""
     settings = BalancedLossConfig(crops=2, crop_size=32, any_filter=0.0, rooms=1, room_lights=1)
-    batch = draw_balanced(patches_of(2, 2), settings, np.random.default_rng(0))
+    batch = settings.draw(patches_of(2, 2), "gltf", np.random.default_rng(0))
     (_, _, square), (light, view, slanted) = _groups(batch.pairs, BANDS[0])
     assert torch.equal(square, torch.eye(2).expand_as(square)) and light.shape == (2, 1, 1, 3)
     along, across = slanted.unbind(-2)
@@ -116,7 +115,7 @@ def test_targets_are_the_reference(pixel_filter: str) -> None:
     patches[..., 4] = 0.5 + 0.5 * patches[..., 4]  # narrow lobes would drown all in noise
     signal, errors = 0.0, {"gaussian": 0.0, "box": 0.0}
     for seed in range(4):
-        batch = draw_balanced(patches, settings, np.random.default_rng(seed))
+        batch = settings.draw(patches, "gltf", np.random.default_rng(seed))
         assert batch.pixel_filter == pixel_filter
         single = batch.pairs.weights.shape[2]  # rooms are seen at a slant
         pairs = LightViewPairs(batch.pairs.light[0, :single].numpy(), batch.pairs.view[0, :single].numpy())
@@ -139,9 +138,9 @@ def test_targets_are_the_reference(pixel_filter: str) -> None:
 def test_a_constant_material_costs_nothing() -> None:
     patches = patches_of(0)
     patches[:] = torch.tensor([0.5, 0.2, 0.1, 0.0, 0.4, 0.0, 0.0, 1.0])
-    batch = draw_balanced(patches, SETTINGS, np.random.default_rng(0))
+    batch = SETTINGS.draw(patches, "gltf", np.random.default_rng(0))
     network = MomentNetwork(tiny().network)  # type: ignore[arg-type]
-    assert float(balanced_loss(network, batch, SETTINGS).detach()) < 1e-3
+    assert float(SETTINGS.value(network, batch).detach()) < 1e-3
 
 
 @pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic"])
@@ -158,7 +157,7 @@ def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None
         for batch in held:
             assert isinstance(batch, BalancedBatch)
             with torch.no_grad():
-                levels = state.network(batch.patches, batch.pixel_filter)
+                levels = state.network(batch.patches, "gltf", batch.pixel_filter)[model]
                 for seen in batch.seen:
                     shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view, model)
                     total += float((shaded - seen.target).square().mean().log())
@@ -269,7 +268,7 @@ def test_validation_bakes_for_the_filter_that_it_measures(small_validation: None
     found = validator.stacks(network, patch)["gltf"]
     for name, same in (("mitchell", True), ("gaussian", False)):
         with torch.no_grad():
-            expected = network(torch.from_numpy(patch.stored)[None], name)
+            expected = network(torch.from_numpy(patch.stored)[None], "gltf", name)["gltf"]
         assert np.allclose(found[1], expected[1][0].numpy(), atol=1e-6) == same
 
 

@@ -12,11 +12,11 @@ import torch
 
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, convert
-from mipbake.models.config import NetworkConfig, made_from, read_as, targets
+from mipbake.models.latent_config import LatentConfig
 from mipbake.models.parameters import to_parameters
 from mipbake.models.registry import default_weights, load_network
 from mipbake.training import data, loop
-from mipbake.training.batches import batch_loss, batches, draw_batch
+from mipbake.training.batches import batches, draw_batch
 from mipbake.training.config import TrainingConfig
 from mipbake.training.export import export_weights
 from mipbake.training.loss import look_up, render_loss
@@ -80,7 +80,7 @@ def test_the_loss_is_the_mean_over_decoders_each_shaded_under_its_own_model() ->
             for model, levels in stacks.items()
         ]
         assert list(stacks) == list(DECODERS)
-        assert float(batch_loss(state.network, batch, config)) == pytest.approx(float(sum(each)) / 4, rel=1e-5)
+        assert float(config.loss.value(state.network, batch)) == pytest.approx(float(sum(each)) / 4, rel=1e-5)
 
 
 @pytest.mark.parametrize("source", ENCODERS)
@@ -158,24 +158,24 @@ def test_resumed_exported_and_baked(tmp_path: Path) -> None:
 
 
 def test_what_networks_read_and_make() -> None:
-    ggx = NetworkConfig(("ggx",), ("ggx",))
-    assert targets(ggx) == ("ggx", "gltf-anisotropic")
-    assert read_as(ggx, "beckmann") == read_as(ggx, "gltf") == "ggx"
-    assert made_from(ggx, "gltf-anisotropic") == "ggx"
+    ggx = LatentConfig(("ggx",), ("ggx",))
+    assert ggx.targets == ("ggx", "gltf-anisotropic")
+    assert ggx.read_as("beckmann") == ggx.read_as("gltf") == "ggx"
+    assert ggx.made_from("gltf-anisotropic") == "ggx"
     with pytest.raises(UsageError, match="make ggx, gltf-anisotropic, not 'gltf'"):
-        made_from(ggx, "gltf")
-    cross = NetworkConfig(ENCODERS, DECODERS)
-    assert targets(cross) == DECODERS
-    assert [read_as(cross, model) for model in MODELS] == ["ggx", "ggx", "ggx", "beckmann"]
-    assert made_from(cross, "gltf-anisotropic") == "gltf-anisotropic"
+        ggx.made_from("gltf")
+    cross = LatentConfig(ENCODERS, DECODERS)
+    assert cross.targets == DECODERS
+    assert [cross.read_as(model) for model in MODELS] == ["ggx", "ggx", "ggx", "beckmann"]
+    assert cross.made_from("gltf-anisotropic") == "gltf-anisotropic"
     for model in MODELS:
-        assert read_as(NetworkConfig((model,), (model,)), model) == model
+        assert LatentConfig((model,), (model,)).read_as(model) == model
 
 
 def test_a_network_of_several_models_wants_one_named() -> None:
     state, _ = started(crossed())
     with pytest.raises(UsageError, match="encoders ggx, beckmann"):
-        state.network(torch.zeros(1, 8, 8, 11), ("wrap", "wrap"))
+        state.network.encode(torch.zeros(1, 8, 8, 11), ("wrap", "wrap"))
 
 
 def test_only_models_with_augmentation_can_be_read() -> None:

@@ -15,10 +15,10 @@ import torch
 
 from mipbake.errors import InputError, UsageError
 from mipbake.material import lift_normal
-from mipbake.models.inference import bake_levels
+from mipbake.models.latent_inference import bake_levels
 from mipbake.models.registry import WeightsInfo, default_weights, list_weights, load_network
 from mipbake.training import data, loop
-from mipbake.training.batches import batch_loss, batches, draw_batch
+from mipbake.training.batches import batches, draw_batch
 from mipbake.training.config import read_config
 from mipbake.training.data import Materials
 from mipbake.training.export import card, export_weights
@@ -102,7 +102,7 @@ def test_loss_decreases() -> None:
 
     def dense_loss() -> float:
         with torch.no_grad():
-            return float(np.mean([float(batch_loss(state.network, batch, config)) for batch in held]))
+            return float(np.mean([float(config.loss.value(state.network, batch)) for batch in held]))
 
     before = dense_loss()
     for batch in batches(materials, config, 0):
@@ -181,7 +181,9 @@ def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
     validated = re.search(r"mean SNR (\S+) dB", text)  # the one figure that stands nowhere else
     assert validated and config.network == info.network
     parameters = sum(value.numel() for value in load_network(info).parameters())
-    assert text == card(info, config, parameters, float(validated[1]))
+    described = info.network.describe()
+    assert described is not None
+    assert text == card(info, described, config, parameters, float(validated[1]))
 
 
 def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:

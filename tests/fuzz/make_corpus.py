@@ -119,12 +119,12 @@ def _weights(folder: Path) -> None:
     import torch
     from safetensors.torch import save
 
-    from mipbake.models.config import NetworkConfig
-    from mipbake.models.registry import WeightsInfo, untrained
+    from mipbake.models.latent_config import LatentConfig
+    from mipbake.models.registry import WeightsInfo
 
     torch.manual_seed(0)
-    config = NetworkConfig(latent_channels=16, encoder_layers=1, decoder_layers=1, growth=2)
-    content = save({key: value.contiguous() for key, value in untrained(config).state_dict().items()})
+    config = LatentConfig(latent_channels=16, encoder_layers=1, decoder_layers=1, growth=2)
+    content = save({key: value.contiguous() for key, value in config.build().state_dict().items()})
     digest = hashlib.sha256(content).hexdigest()
     about = ("nothing", "CC0-1.0", "CC0-1.0", digest)
     info = WeightsInfo("small", config, ("gaussian",), False, 0, "none", *about, folder)
