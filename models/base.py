@@ -70,3 +70,7 @@ class Network(nn.Module, ABC):
 
     def fit(self, patches: Patches) -> None:
         """Takes what a training leaves as it is, such as a whitening, from materials; before the first step."""
+
+    def only_of(self, parameter: str) -> str:  # noqa: ARG002
+        """The source whose steps alone train a parameter of that name; "" for the steps of every source."""
+        return ""

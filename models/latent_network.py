@@ -144,6 +144,11 @@ class LatentNetwork(Network):
         self.decoders = nn.ModuleDict({model: Decoder(config, model) for model in config.decoders})
         self._pass_through()
 
+    def only_of(self, parameter: str) -> str:
+        """See Network. An encoder is trained with what it reads."""
+        part, model, *_ = parameter.split(".")
+        return model if part == "encoders" else ""
+
     def _pass_through(self) -> None:
         """Has the first latents carry what an encoder is given, and decoders read them alone."""
         with torch.no_grad():

@@ -15,6 +15,7 @@ import torch
 from mipbake.errors import InputError, UsageError
 from mipbake.material import MIN_ROUGHNESS, MODELS, convert, tensor_exp
 from mipbake.metrics import pair_set
+from mipbake.models.latent_config import LatentConfig
 from mipbake.render import reference
 from mipbake.shading.ops import shade
 from mipbake.training import augmentation, data, loss
@@ -110,8 +111,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     assert (optimiser.clip, optimiser.ema_decay, optimiser.fall_until, run.uses) == (0, 0, 0, 1)
     assert (made.pairs, made.crop_size, made.crops, made.lods) == (64, 32, 1, 5)
     assert (made.target_samples, made.near_mirror_fraction, made.weighting) == (1, 0, "prediction")
-    network = torch.nn.ModuleDict({"decoders": torch.nn.ModuleDict({"ggx": torch.nn.Linear(2, 2)})})
-    adam = FlatAdam(network, None, optimiser)._adam.defaults
+    adam = FlatAdam(LatentConfig().build(), None, optimiser)._adam.defaults
     assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -195,16 +195,22 @@ def _seen(
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
     target, independent = (
-        torch.cat(
-            [_target(patches, *where, pixel_filter, band.samples, *each, rng) for each in _groups(pairs, band)], 1
-        )
+        torch.cat([_target(patches, *where, pixel_filter, band.samples, each, rng) for each in _groups(pairs, band)], 1)
         for _ in range(2)
     )
     return Seen(*where, band.lods, target, independent)
 
 
-def _groups(pairs: Pairs, band: Band) -> list[tuple[Tensor, Tensor, Tensor]]:
-    """Lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2), of groups of pairs and of rooms.
+class _Group(NamedTuple):
+    """G groups of k pairs, all of one pixel each: lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2)."""
+
+    light: Tensor
+    view: Tensor
+    axes: Tensor
+
+
+def _groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
+    """Groups of single pairs, and rooms.
 
     Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is.
     """
@@ -213,7 +219,7 @@ def _groups(pairs: Pairs, band: Band) -> list[tuple[Tensor, Tensor, Tensor]]:
     several = [d[:, count:].reshape(batch, pairs.rooms, -1, 3) for d in (pairs.light, pairs.view)]
     slanted = torch.from_numpy(slanted_axes(several[1][:, :, 0].numpy()))
     square = torch.eye(2).expand(batch, band.groups, 2, 2)
-    return [(single[0], single[1], square), (several[0], several[1], slanted)]
+    return _Group(single[0], single[1], square), _Group(several[0], several[1], slanted)
 
 
 @lru_cache(maxsize=8)
@@ -228,23 +234,21 @@ def _target(
     uv: Tensor,
     pixel_filter: str,
     samples: int,
-    light: Tensor,
-    view: Tensor,
-    axes: Tensor,
+    group: _Group,
     rng: np.random.Generator,
 ) -> Tensor:
     """(B, G k, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
-    batch, groups, count, _ = light.shape
+    batch, groups, count, _ = group.light.shape
     points = uv.shape[1]
     offsets, weights = quantiles(pixel_filter)
     reach = torch.exp2(lod)[:, None, :, None] / patches.shape[1]
-    light, view = (d.reshape(batch * groups, count, 3) for d in (light, view))
+    light, view = (d.reshape(batch * groups, count, 3) for d in (group.light, group.view))
     shift = torch.from_numpy(rng.integers(TABLE, size=(batch, 1, points, 2)))  # int64: an index as it is
     total = torch.zeros(())
     for index in range(samples):
         place = (np.arange(groups)[:, None] * samples + index) * SEQUENCE % 1 * TABLE
         quantile = (shift + torch.from_numpy(place.astype(np.int64))[:, None]) & (TABLE - 1)
-        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape) @ axes
+        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape) @ group.axes
         texels = texture(patches, torch.addcmul(uv[:, None], offset, reach), filter_mode="linear", boundary_mode=TORUS)
         radiance = shade("gltf", texels.reshape(batch * groups, points, -1), light, view)
         if _signed(pixel_filter):

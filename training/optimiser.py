@@ -1,7 +1,8 @@
 """Adam on few long vectors: the parameters of a network lie one after the other, and so do their gradients.
 
-A step of an optimiser over dozens of small tensors costs more in calls than in arithmetic. An encoder of a
-cross-trained network is a vector of its own: in steps that it has no part in, it and its moments stay as they are.
+A step of an optimiser over dozens of small tensors costs more in calls than in arithmetic. What is trained with one
+source alone, as an encoder of a cross-trained network is (`Network.only_of`), is a vector of its own: in steps that it
+has no part in, it and its moments stay as they are.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from mipbake.models.base import Network
 from mipbake.training.config import OptimiserConfig
 
 
@@ -28,17 +30,18 @@ class FlatAdam:
     """Adam and the moving average, in place on the parameters of a network.
 
     Args:
-        network: its parameters become views of vectors, one for each of `encoders.*` and one for all others.
+        network: its parameters become views of vectors: one for each source that has parameters of its own, and one
+            for all others.
         average: its twin, whose parameters follow as the moving average; None for none.
     """
 
-    def __init__(self, network: nn.Module, average: nn.Module | None, settings: OptimiserConfig) -> None:
+    def __init__(self, network: Network, average: Network | None, settings: OptimiserConfig) -> None:
         self._settings = settings
         named = dict(network.named_parameters())
         twins = dict(average.named_parameters()) if average is not None else {}
         groups: dict[str, list[str]] = {}
         for name in named:
-            groups.setdefault(_part_of(name), []).append(name)
+            groups.setdefault(network.only_of(name), []).append(name)
         self._parts: dict[str, _Part] = {}
         for part, names in groups.items():
             vector = nn.Parameter(_flattened([named[n] for n in names]))
@@ -61,8 +64,7 @@ class FlatAdam:
             part.gradient.zero_()
 
     def step(self, index: int, source: str) -> None:
-        """Moves all parameters except the parameters of encoders for other models than the source's; `index` decides
-        the rate."""
+        """Moves all parameters except those that other sources alone train; `index` decides the rate."""
         for group in self._adam.param_groups:
             group["lr"] = self._settings.rate(index)
         for name, part in self._parts.items():
@@ -82,11 +84,6 @@ class FlatAdam:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Takes back what `state_dict` gave."""
         self._adam.load_state_dict(state)
-
-
-def _part_of(name: str) -> str:
-    kind, model, *_ = name.split(".")
-    return model if kind == "encoders" else ""
 
 
 def _flattened(parameters: list[nn.Parameter]) -> Tensor:
