@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-import pytest
-
+from mipbake.training import loop
 from mipbake.training.config import TrainingConfig, config_from
+from mipbake.training.validation import Effort
 
 
 def tiny(**sections: dict[str, Any]) -> TrainingConfig:
@@ -40,9 +41,8 @@ def tiny_balanced(**sections: dict[str, Any]) -> TrainingConfig:
     return config_from(content)
 
 
-@pytest.fixture
-def small_validation(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Validation of seconds less."""
-    for name, value in {"_PATCHES": 2, "_PATCH_SIZE": 16, "_PAIRS": 4, "_POINTS": 16, "_SAMPLES": 8}.items():
-        monkeypatch.setattr(f"mipbake.training.validation.{name}", value)
-    monkeypatch.setattr("mipbake.training.validation._PICTURE_SAMPLES", 4)
+SMALL = Effort(patches=2, patch_size=16, pairs=4, points=16, samples=8, picture_samples=4)
+"""Validation of seconds less."""
+
+train = partial(loop.train, say=lambda _: None, effort=SMALL)
+"""A training that says nothing."""

@@ -22,10 +22,8 @@ from mipbake.training.config import TrainingConfig, config_from, plain, read_con
 from mipbake.training.data import Materials
 from mipbake.training.export import export_weights
 
-from .small_training import small_validation
+from .small_training import train
 from .test_moment_network import bumpy
-
-__all__ = ["small_validation"]
 
 torch.set_num_threads(1)
 
@@ -269,25 +267,25 @@ def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
         assert np.median(axes[..., 0] / axes[..., 1]) > 1.02  # untrained: 1.002
 
 
-def test_a_training_resumes_to_the_same_bits(small_validation: None, tmp_path: Path) -> None:
-    whole = loop.train(tiny(), tmp_path / "whole", False, lambda _: None)
-    loop.train(tiny(steps=3), tmp_path / "parts", False, lambda _: None)
-    parts = loop.train(tiny(), tmp_path / "parts", True, lambda _: None)
+def test_a_training_resumes_to_the_same_bits(tmp_path: Path) -> None:
+    whole = train(tiny(), tmp_path / "whole", False)
+    train(tiny(steps=3), tmp_path / "parts", False)
+    parts = train(tiny(), tmp_path / "parts", True)
     for a, b in zip(whole.average.state_dict().values(), parts.average.state_dict().values(), strict=True):
         assert torch.equal(a, b)
     network = mipnet.network_of(tmp_path / "parts" / loop.LAST)
     assert isinstance(network, mipnet_network.MipnetNetwork) and network.target == "gltf"
 
 
-def test_it_is_not_released(small_validation: None, tmp_path: Path) -> None:
-    loop.train(tiny(), tmp_path, False, lambda _: None)
+def test_it_is_not_released(tmp_path: Path) -> None:
+    train(tiny(), tmp_path, False)
     with pytest.raises(UsageError, match="a baseline, which is compared with and not released"):
         export_weights(tmp_path / loop.LAST, "mine", tmp_path / "weights", False)
     assert not (tmp_path / "weights").exists()
 
 
-def test_only_a_process_that_has_it_knows_it(small_validation: None, tmp_path: Path) -> None:
-    loop.train(tiny(steps=1), tmp_path, False, lambda _: None)
+def test_only_a_process_that_has_it_knows_it(tmp_path: Path) -> None:
+    train(tiny(steps=1), tmp_path, False)
     del ARCHITECTURES["mipnet"]
     with pytest.raises(InputError, match="one of latent, moments"):
         loop.load_state(tmp_path / loop.LAST)
@@ -308,7 +306,7 @@ def test_it_is_trained_as_mipbake_1_is() -> None:
 
 
 def test_the_command_resumes_with_the_configuration_it_started_with(
-    small_validation: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """However the one of mipbake-1 has changed since."""
     config = tiny(steps=3)

@@ -32,11 +32,9 @@ from mipbake.training.data import Materials, draw_crops, load_materials
 from mipbake.training.export import export_weights
 from mipbake.training.validation import Validator
 
-from .small_training import small_validation
+from .small_training import SMALL, train
 from .small_training import tiny_balanced as tiny
 from .test_moment_network import TORUS, bumpy
-
-__all__ = ["small_validation"]
 
 torch.set_num_threads(1)
 
@@ -196,10 +194,10 @@ def test_plain_and_strided_patches_are_materials_of_the_data() -> None:
         assert all((*sorted(t[:3]), t[3], t[4]) in texels for t in patch[..., :5].reshape(-1, 5).tolist())
 
 
-def test_training_resumes_and_exports_for_every_pixel_filter(tmp_path: Path, small_validation: None) -> None:
+def test_training_resumes_and_exports_for_every_pixel_filter(tmp_path: Path) -> None:
     config = tiny()
-    loop.train(config, tmp_path / "run", resume=False, say=lambda _: None)
-    again = loop.train(tiny(run={"steps": 8}), tmp_path / "run", resume=True, say=lambda _: None)
+    train(config, tmp_path / "run", resume=False)
+    again = train(tiny(run={"steps": 8}), tmp_path / "run", resume=True)
     assert again.step == 8
     info = export_weights(tmp_path / "run" / loop.LAST, "tiny", tmp_path, default=True)
     assert set(info.pixel_filters) == set(FILTERS) and info.targets == ("gltf",)
@@ -212,19 +210,19 @@ def test_training_resumes_and_exports_for_every_pixel_filter(tmp_path: Path, sma
         assert all(np.isfinite(level).all() for level in levels)
 
 
-def test_a_training_starts_from_another_ones_weights(tmp_path: Path, small_validation: None) -> None:
+def test_a_training_starts_from_another_ones_weights(tmp_path: Path) -> None:
     """Round lobes first, then two widths: what both networks have is taken over, the rest is new."""
-    first = loop.train(tiny(), tmp_path / "round", resume=False, say=lambda _: None)
+    first = train(tiny(), tmp_path / "round", resume=False)
     stretched = tiny(network={"decoders": ["gltf-anisotropic"]}, run={"steps": 1})
     state = loop.new_state(stretched)
     assert loop.start_from(state, tmp_path / "round" / loop.LAST) == ["stretch.weight", "stretch.bias"]
     own, given = state.network.state_dict(), first.average.state_dict()
     assert all(torch.equal(own[name], value) for name, value in given.items()) and len(own) == len(given) + 2
     said: list[str] = []
-    loop.train(stretched, tmp_path / "stretched", False, said.append, tmp_path / "round" / loop.LAST)
+    train(stretched, tmp_path / "stretched", False, say=said.append, start=tmp_path / "round" / loop.LAST)
     assert any("stretch.weight, stretch.bias" in line for line in said)
     with pytest.raises(UsageError, match="--start"):
-        loop.train(stretched, tmp_path / "stretched", True, lambda _: None, tmp_path / "round" / loop.LAST)
+        train(stretched, tmp_path / "stretched", True, start=tmp_path / "round" / loop.LAST)
     other = loop.new_state(config_from({"network": {"latent_channels": 20}}))
     with pytest.raises(UsageError, match="no weights of this architecture"):
         loop.start_from(other, tmp_path / "round" / loop.LAST)
@@ -259,11 +257,11 @@ def test_wrong_settings_are_named(section: str, change: dict[str, object], word:
         tiny(**{section: change})
 
 
-def test_validation_bakes_for_the_filter_that_it_measures(small_validation: None) -> None:
+def test_validation_bakes_for_the_filter_that_it_measures() -> None:
     config = tiny(loss={"pixel_filter": "mitchell"})
     _, held_out = load_materials(config)
     network = MomentNetwork(config.network)  # type: ignore[arg-type]
-    validator = Validator(held_out, config.network, "mitchell")
+    validator = Validator(held_out, config.network, "mitchell", SMALL)
     patch = validator.patches[0]
     found = validator.stacks(network, patch)["gltf"]
     for name, same in (("mitchell", True), ("gaussian", False)):

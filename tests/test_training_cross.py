@@ -22,15 +22,11 @@ from mipbake.training.export import export_weights
 from mipbake.training.loss import look_up, render_loss
 from mipbake.training.procedural import procedural_set
 
-from .small_training import small_validation, tiny
+from .small_training import tiny, train
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
 ENCODERS, DECODERS = ("ggx", "beckmann"), ("ggx", "beckmann", "gltf", "gltf-anisotropic")
-
-pytestmark = pytest.mark.usefixtures("small_validation")
-
-__all__ = ["small_validation"]
 
 
 def crossed(**sections: dict[str, object]) -> TrainingConfig:
@@ -125,10 +121,10 @@ def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
 
 def test_resumed_exported_and_baked(tmp_path: Path) -> None:
     config = crossed()
-    whole = loop.train(config, tmp_path / "whole", resume=False, say=lambda _: None)
+    whole = train(config, tmp_path / "whole", resume=False)
     short = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=3))
-    loop.train(short, tmp_path / "parts", resume=False, say=lambda _: None)
-    resumed = loop.train(config, tmp_path / "parts", resume=True, say=lambda _: None)
+    train(short, tmp_path / "parts", resume=False)
+    resumed = train(config, tmp_path / "parts", resume=True)
     for left, right in ((whole.network, resumed.network), (whole.average, resumed.average)):
         pairs = zip(left.state_dict().values(), right.state_dict().values(), strict=True)
         assert all(torch.equal(a, b) for a, b in pairs)

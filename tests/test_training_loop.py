@@ -25,17 +25,12 @@ from mipbake.training.export import card, export_weights
 from mipbake.training.procedural import procedural_set
 from mipbake.training.validation import Validator
 
-from .small_training import small_validation, tiny
+from .small_training import SMALL, tiny, train
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
 MODEL_NAMES = ("gltf", "ggx")
 CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
-
-
-pytestmark = pytest.mark.usefixtures("small_validation")
-
-__all__ = ["small_validation"]
 
 
 # The loop
@@ -48,10 +43,10 @@ def weights(state: loop.TrainingState) -> list[torch.Tensor]:
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
     config = tiny(network={"encoders": [model], "decoders": [model]})
-    whole = loop.train(config, tmp_path / "whole", resume=False, say=lambda _: None)
+    whole = train(config, tmp_path / "whole", resume=False)
     short = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=3))
-    loop.train(short, tmp_path / "parts", resume=False, say=lambda _: None)
-    resumed = loop.train(config, tmp_path / "parts", resume=True, say=lambda _: None)
+    train(short, tmp_path / "parts", resume=False)
+    resumed = train(config, tmp_path / "parts", resume=True)
     assert resumed.step == whole.step == 6
     assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
     rows = {name: [row[:2] for row in csv.reader((tmp_path / name / "log.csv").open())] for name in ("whole", "parts")}
@@ -60,7 +55,7 @@ def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
 
 
 def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
-    loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+    train(tiny(), tmp_path, resume=False)
     names = {path.name for path in tmp_path.iterdir()}
     assert {"last.pt", "best.pt", "log.csv", "validation.csv", "validation-0000004.png"} <= names
     assert not any(name.endswith(".partial") for name in names)
@@ -68,20 +63,20 @@ def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
     assert header[0] == "step"
     assert [row[0] for row in rows] == ["0", "4", "6"]
     with pytest.raises(UsageError, match="--resume"):
-        loop.train(tiny(), tmp_path, resume=False, say=lambda _: None)
+        train(tiny(), tmp_path, resume=False)
 
 
 def test_resuming_refuses_another_configuration(tmp_path: Path) -> None:
-    loop.train(tiny(run={"steps": 1}), tmp_path, resume=False, say=lambda _: None)
+    train(tiny(run={"steps": 1}), tmp_path, resume=False)
     with pytest.raises(UsageError, match=r"another \[loss\] section"):
-        loop.train(tiny(loss={"pairs": 2}), tmp_path, resume=True, say=lambda _: None)
+        train(tiny(loss={"pairs": 2}), tmp_path, resume=True)
     with pytest.raises(UsageError, match="seed"):
-        loop.train(tiny(run={"seed": 5}), tmp_path, resume=True, say=lambda _: None)
+        train(tiny(run={"seed": 5}), tmp_path, resume=True)
     (tmp_path / "last.pt").write_bytes(b"nonsense")
     with pytest.raises(InputError, match="not a checkpoint"):
-        loop.train(tiny(), tmp_path, resume=True, say=lambda _: None)
+        train(tiny(), tmp_path, resume=True)
     with pytest.raises(InputError, match="no such checkpoint"):
-        loop.train(tiny(), tmp_path / "none", resume=True, say=lambda _: None)
+        train(tiny(), tmp_path / "none", resume=True)
 
 
 def test_loss_decreases() -> None:
@@ -125,7 +120,7 @@ def test_an_untrained_network_scores_like_averaging() -> None:
     materials, held_out = data.load_materials(config)
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
-    score = Validator(held_out, config.network, "gaussian").score(state.network)
+    score = Validator(held_out, config.network, "gaussian", SMALL).score(state.network)
     assert score.network.shape == (1, *score.linear.shape)
     # Level 0 is the input in both.
     np.testing.assert_allclose(score.network[0, :, 0], score.linear[:, 0], atol=0.5)
@@ -137,7 +132,7 @@ def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     config = tiny(run={"steps": 2, "tensorboard": True, "validate_every": 2})
-    loop.train(config, tmp_path, resume=False, say=lambda _: None)
+    train(config, tmp_path, resume=False)
     events = EventAccumulator(str(tmp_path)).Reload()
     _, *rows = csv.reader((tmp_path / "validation.csv").open())
     logged = [event.value for event in events.Scalars("validation/network near-mirror")]
@@ -148,7 +143,7 @@ def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
 
 
 def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
-    state = loop.train(tiny(), tmp_path / "run", resume=False, say=lambda _: None)
+    state = train(tiny(), tmp_path / "run", resume=False)
     info = export_weights(tmp_path / "run" / "last.pt", "tiny-1", tmp_path / "weights", default=True)
     assert default_weights("gltf", folder=tmp_path / "weights") == info
     assert info.steps == 6

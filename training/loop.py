@@ -22,7 +22,7 @@ from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
-from mipbake.training.validation import Validator
+from mipbake.training.validation import Effort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
@@ -156,8 +156,11 @@ def train(
     resume: bool,
     say: Callable[[str], None] = print,
     start: Path | None = None,
+    effort: Effort | None = None,
 ) -> TrainingState:
     """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
+
+    `effort` is that of validations, where it is to be another one than usual.
 
     Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
     """
@@ -180,7 +183,7 @@ def train(
             new = start_from(state, start)
             say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
         state.average.load_state_dict(state.network.state_dict())
-    validator = Validator(held_out, config.network, config.loss.pixel_filter)
+    validator = Validator(held_out, config.network, config.loss.pixel_filter, effort)
     logs = _Logs(out, config.run, state.step)
 
     def validate() -> None:

@@ -25,10 +25,28 @@ from mipbake.render import candidate, random_points, reference
 from mipbake.training.data import Materials
 
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
-_PATCHES, _PATCH_SIZE, _PAIRS, _POINTS, _SAMPLES, _SEED = 8, 64, 16, 192, 64, 20230
-_PICTURED, _PICTURE_LODS, _PICTURE_SAMPLES = 4, (0.0, 2.0), 64
+_SEED = 20230
+_PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)
 _TORUS: Wrap = ("wrap", "wrap")
 _SETS = tuple(PAIR_SETS)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a validation measures.
+
+    Args:
+        patches: held-out patches. patch_size: their side in texels.
+        pairs: light-view pairs of each pair set. points: pixels of each level of detail.
+        samples: of a pixel of the reference. picture_samples: of a pixel of the pictured reference.
+    """
+
+    patches: int = 8
+    patch_size: int = 64
+    pairs: int = 16
+    points: int = 192
+    samples: int = 64
+    picture_samples: int = 64
 
 
 @dataclass(frozen=True)
@@ -76,15 +94,19 @@ class _Case:
 class Validator:
     """Held-out patches with their references; models that the network reads take turns."""
 
-    def __init__(self, materials: Materials, config: Architecture, pixel_filter: str) -> None:
-        rng = np.random.default_rng(_SEED)
+    def __init__(
+        self, materials: Materials, config: Architecture, pixel_filter: str, effort: Effort | None = None
+    ) -> None:
+        rng, self.effort = np.random.default_rng(_SEED), effort or Effort()
         self.models, self.pixel_filter = config.decoders, pixel_filter
-        sets = [pair_set(name, _SEED, _PAIRS) for name in _SETS]
+        sets = [pair_set(name, _SEED, self.effort.pairs) for name in _SETS]
         self.pairs = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view")))
         self.patches = [
             _Patch(source, material.regularise(material.convert(patch, materials.model, source), source))
             for patch, source in zip(
-                _central_patches(materials, _PATCHES, _PATCH_SIZE), itertools.cycle(config.encoders), strict=False
+                _central_patches(materials, self.effort.patches, self.effort.patch_size),
+                itertools.cycle(config.encoders),
+                strict=False,
             )
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
@@ -97,8 +119,8 @@ class Validator:
         )
 
     def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
-        uv = random_points(rng, _POINTS)
-        first, second = (self._reference(patch, uv, lod, self.pairs, _SAMPLES, rng) for _ in range(2))
+        uv = random_points(rng, self.effort.points)
+        first, second = (self._reference(patch, uv, lod, self.pairs, self.effort.samples, rng) for _ in range(2))
         return _Case(lod, uv, first, second)
 
     def _reference(
@@ -117,7 +139,7 @@ class Validator:
         for column, case in enumerate(cases):
             shaded = candidate(levels, model, _TORUS, case.uv, case.lod, self.pairs)
             for row in range(len(_SETS)):
-                part = slice(row * _PAIRS, (row + 1) * _PAIRS)
+                part = slice(row * self.effort.pairs, (row + 1) * self.effort.pairs)
                 figures[row, column] = snr_db(shaded[part], case.first[part], case.second[part])
         return figures
 
@@ -137,20 +159,20 @@ class Validator:
 
     def picture(self, network: Network, path: Path) -> None:
         """Writes a PNG: for some patches a row of prediction (first model), reference and 4 x error, near and far."""
-        pairs = pair_set("near-mirror", _SEED, 1)
-        centre = (np.arange(_PATCH_SIZE) + 0.5) / _PATCH_SIZE
+        pairs, size = pair_set("near-mirror", _SEED, 1), self.effort.patch_size
+        centre = (np.arange(size) + 0.5) / size
         uv = np.stack(np.meshgrid(centre, centre), -1).reshape(-1, 2)
         rows = []
         for patch in self.patches[:_PICTURED]:
             levels, row = self.stacks(network, patch)[self.models[0]], []
             for lod in _PICTURE_LODS:
                 rng = np.random.default_rng(_SEED)
-                target = self._reference(patch, uv, lod, pairs, _PICTURE_SAMPLES, rng)
+                target = self._reference(patch, uv, lod, pairs, self.effort.picture_samples, rng)
                 prediction = candidate(levels, self.models[0], _TORUS, uv, lod, pairs)
                 exposure = 0.25 / max(float(target.mean()), 1e-6)
                 shown = _tonemap(prediction * exposure), _tonemap(target * exposure)
                 row += [*shown, np.clip(4 * abs(shown[0] - shown[1]), 0, 1)]
-            rows.append(np.concatenate([r.reshape(_PATCH_SIZE, _PATCH_SIZE, 3) for r in row], 1))
+            rows.append(np.concatenate([r.reshape(size, size, 3) for r in row], 1))
         _write_png(path, np.concatenate(rows))
 
 
