@@ -5,8 +5,8 @@ that any level knows mean and variance of what it covers. The output is the mean
 v / (v + c), v the variance: where a material is constant the result is exactly the average, and where it hardly varies
 it hardly differs.
 
-The weights `residual-ggx` are all that needs this file. With them go the lines of latent_config.py that say `residual`
-or `fixed_latents`, and one of latent_network.py.
+The weights `residual-ggx` are all that needs this file. With it go the lines that say `residual` or `fixed_latents` in
+latent_config.py, and `fixed_latents` or `filtered` in latent_network.py and latent_inference.py.
 """
 
 from __future__ import annotations
