@@ -13,11 +13,12 @@ from mipbake import directions
 from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS, lift_normal
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.models.channels import parts
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.moment_inference import bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.models.moments import COUNT, FEATURES, moments, statistics
+from mipbake.models.moments import COUNT, FEATURES, PLACES, Moments, moments, statistics
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.linear import Linear
@@ -205,6 +206,15 @@ def test_gradients_reach_every_parameter() -> None:
         assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
         assert parameter.grad.abs().max() > 0, name
     assert moments(torch.zeros(1, 8)).shape[-1] == COUNT
+
+
+def test_moments_have_their_channels_by_name() -> None:
+    stored = torch.from_numpy(bumpy(4, 4))
+    found: Moments[torch.Tensor] = parts(PLACES, moments(stored))
+    torch.testing.assert_close(found.metallic_base, stored[..., 3:4] * stored[..., :3])
+    torch.testing.assert_close(found.upward_alpha2, found.upward * found.alpha2)
+    torch.testing.assert_close(found.slope_xy[..., 0], found.slope.prod(-1))
+    assert torch.equal(torch.cat(list(vars(found).values()), -1), moments(stored))
 
 
 def test_bakes_other_than_trained_for_are_refused() -> None:
