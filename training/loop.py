@@ -160,7 +160,7 @@ def train(
 ) -> TrainingState:
     """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
 
-    `effort` is that of validations, where it is to be another one than usual.
+    Validations take the usual effort, or `effort`.
 
     Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
     """
