@@ -147,7 +147,7 @@ class MipnetNetwork(Network):
         if self.target == "gltf":
             return {self.target: levels}
         levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
-        return {self.target: settled(levels, ("wrap", "wrap"))}
+        return {self.target: settled(levels, self.target, ("wrap", "wrap"))}
 
     def _states(self, stored: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""

@@ -25,6 +25,7 @@ from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.uastc import check_encoder
 from mipbake.jobs import Job
+from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, GLB_TEXELS, check_outputs
 from mipbake.packing import PACKINGS, SOURCE, Normals
 from mipbake.pixel_filter import FILTERS, filter_named
@@ -170,7 +171,7 @@ def bake(
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
     outputs, glb, finer = wanted_outputs(chosen_preset, format, packing, write_normals)
     # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
-    as_maps = format or packing or write_normals or not (target == AUTO_TARGET or target.startswith("gltf"))
+    as_maps = format or packing or write_normals or target not in (AUTO_TARGET, *GLTF_MODELS)
     asked = Asked(
         method,
         target,
@@ -186,9 +187,9 @@ def bake(
         finer,
     )
     check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
-    if target != AUTO_TARGET and not target.startswith("gltf") and (glb or asked.adjustments.any):
+    if target not in (AUTO_TARGET, *GLTF_MODELS) and (glb or asked.adjustments.any):
         what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
-        raise UsageError(f"the target {target} does not go with {what}: expected gltf or gltf-anisotropic")
+        raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
     if glb or any(output.container.texels == "uastc" for output in outputs):
         check_encoder()
     with temporary_folder() as scratch:

@@ -27,6 +27,7 @@ from mipbake.io.publish import published
 from mipbake.jobs import Failure, Job
 from mipbake.manifest import check_output, is_stack_folder
 from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
+from mipbake.material import MODELS
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance
 from mipbake.texture_set import TextureSet
@@ -180,7 +181,7 @@ def _bake_one(
     whole = read.texture_set
     model = resolve_target(whole, asked.target)
     check_outputs(asked.outputs, model)
-    if whole.anisotropic and model == "gltf":
+    if whole.anisotropic and not MODELS[model].anisotropic:
         session.print(f"note: the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
     with stages(session, whole.name) as baking:
         baking.seconds.update(reading.seconds)

@@ -17,6 +17,7 @@ from mipbake.io.normal import normalised
 from mipbake.io.read import read_image
 from mipbake.io.sources import taken
 from mipbake.io.steep import holes
+from mipbake.material import GLTF_MODELS
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -80,8 +81,8 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
     """
     if not asked.any:
         return stack
-    if not stack.model.startswith("gltf"):
-        raise UsageError(f"a stack of the model {stack.model} cannot be adjusted: expected gltf or gltf-anisotropic")
+    if stack.model not in GLTF_MODELS:
+        raise UsageError(f"a stack of the model {stack.model} cannot be adjusted: expected {' or '.join(GLTF_MODELS)}")
     levels = list(stack.levels)
     if asked.strength < 1:
         plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]
@@ -91,8 +92,7 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
         for layout in LAYOUTS[stack.model]:
             if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
                 levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
-    if asked.keep_level0 and stack.model == "gltf-anisotropic":
-        levels = led(levels)
+        levels = led(levels, stack.model)
     if asked.min_roughness:
         roughness = channels_of(stack.model, "roughness")
         for index, level in enumerate(levels):

@@ -9,7 +9,7 @@ import numpy as np
 from mipbake import __version__
 from mipbake.errors import UsageError
 from mipbake.io.layout import channels_of
-from mipbake.material import MODELS
+from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.opacity import covering, keeping_coverage, opacity_of, shown
 from mipbake.packing import source_files
 from mipbake.pixel_filter import filter_named, filtered_levels
@@ -92,8 +92,8 @@ def bake(
     if not all(np.isfinite(level).all() for level in result.levels):
         raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
     levels, promise = result.levels, result.promise
-    if opacity is not None and model.startswith("gltf"):
-        # Both models of glTF store base colours first, as the source does. What was promised was measured before.
+    if opacity is not None and model in GLTF_MODELS:
+        # Models of glTF store base colours first, as the source does. What was promised was measured before.
         levels = covering(levels, stored, opacity, channels_of(model, "base_color"), kernel, texture_set.wrap)
         promise = None
     extra = {}

@@ -21,7 +21,7 @@ from mipbake.bake import bake
 from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
-from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, PARAMETRISATIONS, extra_layout
+from mipbake.io.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, extra_layout
 from mipbake.io.map_files import (
     CONVENTIONS,
     MapFile,
@@ -158,7 +158,7 @@ class Material:
             "width": width,
             "height": height,
             "wrap": {"u": self.wrap[0], "v": self.wrap[1]},
-            "parametrisation": PARAMETRISATIONS[self.model],
+            "parametrisation": MODELS[self.model].formula,
             "format": files[0].container.name,
             "conventions": {**CONVENTIONS, "normal_convention": "OpenGL"},
             "maps": described(files),
@@ -217,8 +217,9 @@ def _converted(
     converted = material.convert(stored, made.source_model, target)
     if target != made.source_model:
         converted = material.regularise(converted, target)
-    if target == "gltf-anisotropic":
-        converted[..., 8:11] = untangled(converted[..., 8:11], wrap)
+    lines = MODELS[target].lines
+    if lines is not None:
+        converted[..., lines.channels] = untangled(converted[..., lines.channels], wrap)
     return Material(name, target, np.ascontiguousarray(converted, np.float32), extra, wrap, made)
 
 

@@ -18,9 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.material import MIN_ROUGHNESS, Array
-
-DIRECTION, STRENGTH, ROUGHNESS = slice(8, 10), slice(10, 11), slice(4, 5)
+from mipbake.material import MIN_ROUGHNESS, Array, Lines, model_named
 
 _TOGETHER = 1 << 18  # texels of the finest level whose signs are settled together; finer ones follow what they lie over
 _LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
@@ -39,51 +37,55 @@ Wrap = tuple[str, str]
 
 
 def settled(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Levels as they are stored: of `gltf-anisotropic` `aligned` and `eased`, of other models as they are.
+    """Levels as they are stored: of a model that stores directions `aligned` and `eased`, of other models as they are.
 
     Args:
         levels: (H_L, W_L, C) stored channels, finest first.
         wrap: addressing along u and v.
     """
-    return eased(aligned(levels, model, wrap), wrap) if model == "gltf-anisotropic" else levels
+    return eased(aligned(levels, model, wrap), model, wrap)
 
 
 def aligned(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Levels whose directions have the signs of `signs`; levels of other models than `gltf-anisotropic` stay as they
-    are."""
-    if model != "gltf-anisotropic":
+    """Levels whose directions have the signs of `signs`; levels of a model that stores none stay as they are."""
+    lines = model_named(model).lines
+    if lines is None:
         return levels
     out = []
-    for level, sign in zip(levels, signs([level[..., 8:11] for level in levels], wrap), strict=True):
+    for level, sign in zip(levels, signs([level[..., lines.channels] for level in levels], wrap), strict=True):
         made = level.copy()
-        made[..., DIRECTION] *= sign[..., None]
+        made[..., lines.direction] *= sign[..., None]
         out.append(made)
     return out
 
 
-def eased(levels: list[NDArray[np.float32]], wrap: Wrap) -> list[NDArray[np.float32]]:
-    """Levels of `gltf-anisotropic` with less anisotropy along cuts, where lookups turn away from what is stored.
+def eased(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
+    """Levels with less anisotropy along cuts, where lookups turn away from what is stored.
 
     The logarithm of the ratio of both alphas is multiplied by `shares`, their product stays: a lobe that points all
-    ways in turn becomes a round one of the same height. Texels off the cuts stay bit for bit.
+    ways in turn becomes a round one of the same height. Texels off the cuts stay bit for bit, and so do levels of a
+    model that stores no directions.
     """
-    found = shares([level[..., DIRECTION] for level in levels], wrap)
-    return [_with_less(*each) for each in zip(levels, found, strict=True)]
+    lines = model_named(model).lines
+    if lines is None:
+        return levels
+    found = shares([level[..., lines.direction] for level in levels], wrap)
+    return [_with_less(level, share, lines) for level, share in zip(levels, found, strict=True)]
 
 
-def _with_less(level: NDArray[np.float32], share: NDArray[np.float32]) -> NDArray[np.float32]:
+def _with_less(level: NDArray[np.float32], share: NDArray[np.float32], lines: Lines) -> NDArray[np.float32]:
     """A level with that share of the anisotropy of each texel."""
     less = share < 1
     if not less.any():
         return level
     texels = level[less]
-    roughness, strength = texels[:, ROUGHNESS], texels[:, STRENGTH]
+    roughness, strength = texels[:, lines.roughness], texels[:, lines.strength]
     across = np.square(np.maximum(roughness, MIN_ROUGHNESS))
     along = across + (1 - across) * np.square(strength)
     middle, half = np.log(along * across) / 2, np.log(along / across) / 2 * share[less][:, None]
     across, along = np.exp(middle - half), np.exp(middle + half)
-    texels[:, ROUGHNESS] = np.maximum(np.sqrt(across), roughness)
-    texels[:, STRENGTH] = np.sqrt(np.clip((along - across) / np.maximum(1 - across, 1e-6), 0, 1))
+    texels[:, lines.roughness] = np.maximum(np.sqrt(across), roughness)
+    texels[:, lines.strength] = np.sqrt(np.clip((along - across) / np.maximum(1 - across, 1e-6), 0, 1))
     out = np.array(level, np.float32)
     out[less] = texels
     return out
@@ -136,18 +138,24 @@ def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
     return out
 
 
-def led(levels: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
-    """Levels of `gltf-anisotropic` whose level 0 comes from elsewhere and stays: coarser ones take the signs of finer.
+def led(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float32]]:
+    """Levels whose level 0 comes from elsewhere and stays: coarser levels take the signs of finer ones.
 
-    Each direction has the sign of the mean of the directions that lie over it in the next finer level.
+    Each direction has the sign of the mean of the directions that lie over it in the next finer level. Levels of a
+    model that stores no directions stay as they are.
     """
+    lines = model_named(model).lines
+    if lines is None:
+        return levels
     out = [levels[0]]
     for level in levels[1:]:
-        over = out[-1][..., DIRECTION] * (out[-1][..., STRENGTH] + np.float32(_LEAST))
+        over = out[-1][..., lines.direction] * (out[-1][..., lines.strength] + np.float32(_LEAST))
         for axis in (0, 1):
             over = _mean_of_two(over, axis)
         made = level.copy()
-        made[..., DIRECTION] *= np.where(np.einsum("hwc,hwc->hw", over, made[..., DIRECTION]) < 0, -1, 1)[..., None]
+        made[..., lines.direction] *= np.where(np.einsum("hwc,hwc->hw", over, made[..., lines.direction]) < 0, -1, 1)[
+            ..., None
+        ]
         out.append(made)
     return out
 

@@ -29,6 +29,7 @@ from mipbake.io.gpu_files import GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
+from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, Output
 from mipbake.packing import Normals
 from mipbake.stack import MipStack
@@ -93,8 +94,8 @@ def encoded(
     Raises:
         UsageError: another model, or other sides.
     """
-    if not stack.model.startswith("gltf"):
-        raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected gltf or gltf-anisotropic")
+    if stack.model not in GLTF_MODELS:
+        raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected {' or '.join(GLTF_MODELS)}")
     if ranges is None:
         ranges = usual_ranges(stack.levels, stack.model)
 

@@ -11,7 +11,7 @@ from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.containers import FORMATS
 from mipbake.io.json_text import parsed
-from mipbake.io.layout import MANIFEST, PARAMETRISATIONS, SCHEMA, manifests
+from mipbake.io.layout import MANIFEST, SCHEMA, manifests
 from mipbake.io.map_files import (
     CONVENTIONS,
     MapFile,
@@ -22,6 +22,7 @@ from mipbake.io.map_files import (
     read_files,
 )
 from mipbake.io.publish import check_target
+from mipbake.material import MODELS
 from mipbake.output import Output
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def manifest_of(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]
         "name": stack.name,
         **({"tile": stack.tile} if stack.tile else {}),
         "model": stack.model,
-        "parametrisation": PARAMETRISATIONS[stack.model],
+        "parametrisation": MODELS[stack.model].formula,
         "width": width,
         "height": height,
         "wrap": {"u": stack.wrap[0], "v": stack.wrap[1]},

@@ -28,7 +28,7 @@ from mipbake.manifest import (
     read_back,
     read_manifest,
 )
-from mipbake.material import MODELS
+from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.output import GLB, Output, check_outputs, planned
 from mipbake.packing import PackedFile, unpacked
 from mipbake.pixel_filter import filter_named, level_sizes
@@ -220,7 +220,7 @@ class MipStack:
         engine = None if preset is None else preset_named(preset)
         if engine is not None:
             height, width = self.size
-            allowed = ("gltf", "gltf-anisotropic") if engine.anisotropic else ("gltf",)
+            allowed = [m for m in GLTF_MODELS if engine.anisotropic or not MODELS[m].anisotropic]
             if self.model not in allowed:
                 raise UsageError(
                     f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {self.name!r} is of "

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mipbake.errors import UsageError
+from mipbake.material import losses
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -75,15 +76,12 @@ class Architecture(ABC):
 
     def reads(self, source: str) -> bool:
         """Whether all of a source is seen, as it is or converted: who reads `gltf` is blind to anisotropic lobes."""
-        return any(_READ.index(source) <= _READ.index(model) for model in self.encoders)
+        return any(not losses(source, model).blind for model in self.encoders)
 
     def takes(self, source: str) -> bool:  # noqa: ARG002
         """Whether a source is baked at all."""
         return True
 
-
-_READ = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
-"""Each of these models can say all that the models before it can."""
 
 PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mipbake.errors import UsageError
+from mipbake.material import MODELS, losses, model_named
 from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.latent_network import LatentNetwork
 
-PARAMETERS = {"gltf": 7, "gltf-anisotropic": 9, "ggx": 11, "beckmann": 12}
-"""Unconstrained optimisation parameters of each material model that has networks (mipbake.models.parameters)."""
+PARAMETERS = {name: model.parameters for name, model in MODELS.items()}
+"""Unconstrained optimisation parameters of each material model (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
 """Kernels that latents can be downsampled with; mipbake.pixel_filter has them."""
@@ -73,16 +74,18 @@ class LatentConfig(Architecture):
     @property
     def targets(self) -> tuple[str, ...]:
         """See Architecture."""
-        converted = (to for to, made in _CONVERTED.items() if made in self.decoders)
+        converted = (name for name, model in MODELS.items() if model.decoded_from in self.decoders)
         return tuple(dict.fromkeys((*self.decoders, *converted)))
 
     def read_as(self, source: str) -> str:
         """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
-        return next(model for model in (source, *_NEAREST[source]) if model in self.encoders)
+        if source in self.encoders:
+            return source
+        return min(self.encoders, key=lambda model: (losses(source, model), list(MODELS).index(model)))
 
     def made_from(self, target: str) -> str:
         """The decoder whose texels become a target; UsageError where there is none."""
-        for model in (target, _CONVERTED.get(target)):
+        for model in (target, model_named(target).decoded_from):
             if model in self.decoders:
                 return str(model)
         raise UsageError(f"these weights make {', '.join(self.targets)}, not {target!r}; choose other weights")
@@ -114,15 +117,3 @@ def _check_models(name: str, models: Any) -> None:
     for model in models:
         if model not in PARAMETERS:
             raise UsageError(f"no network for material model {model!r}: expected one of {', '.join(PARAMETERS)}")
-
-
-_NEAREST = {
-    "gltf": ("gltf-anisotropic", "ggx", "beckmann"),
-    "gltf-anisotropic": ("ggx", "beckmann", "gltf"),
-    "ggx": ("gltf-anisotropic", "beckmann", "gltf"),
-    "beckmann": ("ggx", "gltf-anisotropic", "gltf"),
-}
-"""Encoders that can read each material model converted to theirs, the nearest first."""
-
-_CONVERTED = {"gltf-anisotropic": "ggx"}
-"""Decoders whose texels are converted, one by one, to a model that has no decoder of its own."""

@@ -271,7 +271,7 @@ class LatentNetwork(Network):
         for target in self.config.decoders:
             decoded = torch.split(self.decode(texels, target), counts, 1)
             levels = [d.reshape(*z.shape[:3], -1) for d, z in zip(decoded, latents, strict=True)]
-            stacks[target] = settled(levels, wrap) if target == "gltf-anisotropic" else levels
+            stacks[target] = settled(levels, target, wrap)
         return stacks
 
     def bake(

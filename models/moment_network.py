@@ -189,7 +189,7 @@ class MomentNetwork(Network):
         latents, index = self._latents(stored, pixel_filter)
         levels = _split(self.decode(latents, index, pixel_filter), stored)
         (made,) = self.config.decoders
-        return {made: settled(levels, ("wrap", "wrap")) if self.config.anisotropic else levels}
+        return {made: settled(levels, made, ("wrap", "wrap"))}
 
     def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""

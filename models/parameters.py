@@ -18,7 +18,7 @@ metal is 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,15 +28,26 @@ from torch import Tensor
 
 from mipbake import directions
 from mipbake.directions import Wrap
-from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2
+from mipbake.material import (
+    FACTS,
+    LEAST_STRENGTH,
+    MAX_LOG_GAMMA,
+    MIN_LOG_ALPHA2,
+    MIN_ROUGHNESS,
+    Kind,
+    Lines,
+    MaterialModel,
+    model_named,
+    unknown,
+)
 
 MIN_HEIGHT = 0.01
 """Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound."""
 
-MIN_LOG_ALPHA2, MAX_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS), 2.0
-"""Range of the eigenvalues of the log-roughness tensor, from the floor that shading has to beyond any rough surface.
+MAX_LOG_ALPHA2 = 2.0
+"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface.
 
-material.least_alpha2 gives the floor of `beckmann`."""
+The least one is the floor that shading has, `least_alpha2` of the model."""
 
 
 class _Clamp(torch.autograd.Function):
@@ -62,68 +73,137 @@ def clamp(x: Tensor, low: float, high: float) -> Tensor:
     return clamped
 
 
+def to_coordinates(stored: Tensor, kind: Kind) -> Tensor:
+    """(..., C) valid stored channels of a map to what stands for them without constraints, as `FACTS` counts them.
+
+    Roughness is raised to MIN_ROUGHNESS, strength to LEAST_STRENGTH.
+    """
+    match kind:
+        case Kind.ROUGHNESS:
+            out = 4 * stored.clamp(MIN_ROUGHNESS, 1).log()
+        case Kind.NORMAL:
+            out = stored[..., :2]
+        case Kind.STRENGTH:
+            out = stored.clamp(LEAST_STRENGTH, 1).square()
+        case Kind.REFLECTANCE | Kind.SHARE | Kind.NORMAL_XY | Kind.DIRECTION | Kind.LOG_TENSOR | Kind.LOG_GAMMA:
+            out = stored
+        case _:
+            unknown(kind)
+    return out
+
+
+def of_coordinates(coordinates: Tensor, kind: Kind, least_alpha2: float) -> Tensor:
+    """Any numbers to (..., C) valid stored channels of a map, differentiable; the inverse of `to_coordinates`."""
+    match kind:
+        case Kind.REFLECTANCE | Kind.SHARE:
+            out = clamp(coordinates, 0, 1)
+        case Kind.ROUGHNESS:
+            out = (clamp(coordinates, MIN_LOG_ALPHA2, 0) / 4).exp()
+        case Kind.NORMAL:
+            xy = _onto_disc(coordinates)
+            out = torch.cat([xy, (1 - xy.square().sum(-1, keepdim=True)).clamp(min=MIN_HEIGHT**2).sqrt()], -1)
+        case Kind.NORMAL_XY:
+            out = _onto_disc(coordinates)
+        case Kind.DIRECTION:
+            out = coordinates / coordinates.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
+        case Kind.STRENGTH:
+            out = clamp(coordinates, LEAST_STRENGTH**2, 1).sqrt()
+        case Kind.LOG_TENSOR:
+            out = _within(coordinates, math.log(least_alpha2))
+        case Kind.LOG_GAMMA:
+            out = clamp(coordinates, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
+        case _:
+            unknown(kind)
+    return out
+
+
 def to_parameters(stored: Tensor, model: str) -> Tensor:
     """(..., C) valid stored channels to (..., P) parameters. Roughness is raised to MIN_ROUGHNESS."""
-    if model in ("ggx", "beckmann"):
+    layout = model_named(model)
+    if all(FACTS[part.kind].as_stored for part in layout.parts):
         return stored
-    roughness = stored[..., 4:5].clamp(MIN_ROUGHNESS, 1)
-    if model == "gltf-anisotropic":
-        alpha, x, y = roughness.square(), stored[..., 8:9], stored[..., 9:10]
-        along, across = 2 * (alpha + (1 - alpha) * stored[..., 10:].square()).log(), 2 * alpha.log()
-        mean, half = (along + across) / 2, (along - across) / 2
-        d, c = half * (x * x - y * y), half * 2 * x * y
-        return torch.cat([stored[..., :4], stored[..., 5:7], mean + d, mean - d, c], -1)
-    return torch.cat([stored[..., :4], 4 * roughness.log(), stored[..., 5:7]], -1)
+    out: list[Tensor] = []
+    for part in layout.parts:
+        if layout.lines is None or part.kind not in _LOBE:
+            out.append(to_coordinates(stored[..., part.channels], part.kind))
+        elif part.kind is Kind.DIRECTION:
+            out.append(_log_tensor(stored, layout.lines))
+    return torch.cat(out, -1)
 
 
 def to_stored(parameters: Tensor, model: str) -> Tensor:
     """(..., P) unconstrained parameters to (..., C) valid stored channels, differentiable."""
-    return _TO_STORED[model](parameters)
+    layout = model_named(model)
+    out: list[Tensor] = []
+    lobe: dict[Kind, Tensor] = {}
+    for part in layout.parts:
+        if part.kind is Kind.DIRECTION:
+            lobe = _lobe(parameters[..., part.parameters])
+    for part in layout.parts:
+        if part.kind in lobe:
+            out.append(lobe[part.kind])
+        else:
+            out.append(of_coordinates(parameters[..., part.parameters], part.kind, layout.least_alpha2))
+    return torch.cat(out, -1)
 
 
-def _gltf(parameters: Tensor) -> Tensor:
-    roughness = (clamp(parameters[..., 4:5], MIN_LOG_ALPHA2, 0) / 4).exp()
-    xy = _onto_disc(parameters[..., 5:7])
-    z = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=MIN_HEIGHT**2).sqrt()
-    return torch.cat([clamp(parameters[..., :4], 0, 1), roughness, xy, z], -1)
+_LOBE = (Kind.ROUGHNESS, Kind.DIRECTION, Kind.STRENGTH)
+"""What a, b, c stand for, together, in a model that stores directions."""
 
 
-def _gltf_anisotropic(parameters: Tensor) -> Tensor:
+def _log_tensor(stored: Tensor, lines: Lines) -> Tensor:
+    """(..., 3) a, b, c of the log-roughness tensor of a model that stores directions."""
+    alpha = stored[..., lines.roughness].clamp(MIN_ROUGHNESS, 1).square()
+    x, y = (stored[..., lines.direction][..., i : i + 1] for i in (0, 1))
+    along, across = 2 * (alpha + (1 - alpha) * stored[..., lines.strength].square()).log(), 2 * alpha.log()
+    mean, half = (along + across) / 2, (along - across) / 2
+    d, c = half * (x * x - y * y), half * 2 * x * y
+    return torch.cat([mean + d, mean - d, c], -1)
+
+
+def _lobe(log_tensor: Tensor) -> dict[Kind, Tensor]:
     """Both roughnesses from the eigenvalues of the tensor, and the direction from the axis of the larger eigenvalue.
 
     Strength and direction have no derivative at isotropy, but what is shaded has: tiny amounts are added, so that the
     factors which grow there stay finite, and meet those which vanish.
     """
-    a, b, c = parameters[..., 6:9].unbind(-1)
+    a, b, c = log_tensor.unbind(-1)
     mean, d = (a + b) / 2, (a - b) / 2
     radius = (d * d + c * c + 1e-12).sqrt()
     wide, narrow = (clamp(mean + s * radius, MIN_LOG_ALPHA2, 0) for s in (1, -1))
     alpha = (narrow / 2).exp()
     strength = (((wide / 2).exp() - alpha) / (1 - alpha).clamp(min=1e-3) + 1e-8).sqrt()
     angle = torch.atan2(c, torch.where(d * d + c * c < 1e-12, 1e-6, d)) / 2
-    xy = _onto_disc(parameters[..., 4:6])
-    z = (1 - xy.square().sum(-1, keepdim=True)).clamp(min=MIN_HEIGHT**2).sqrt()
-    lobe = torch.stack([angle.cos(), angle.sin(), strength], -1)
-    return torch.cat([clamp(parameters[..., :4], 0, 1), (narrow / 4).exp()[..., None], xy, z, lobe], -1)
+    return {
+        Kind.ROUGHNESS: (narrow / 4).exp()[..., None],
+        Kind.DIRECTION: torch.stack([angle.cos(), angle.sin()], -1),
+        Kind.STRENGTH: strength[..., None],
+    }
 
 
-def settled(levels: list[Tensor], wrap: Wrap) -> list[Tensor]:
-    """`mipbake.directions.settled` of (B, H_L, W_L, 11) levels of `gltf-anisotropic`; signs and shares are constants.
+def settled(levels: list[Tensor], model: str, wrap: Wrap) -> list[Tensor]:
+    """`mipbake.directions.settled` of (B, H_L, W_L, C) levels; signs and shares are constants.
 
     Differentiable: the gradients of roughness and strength meet along cuts, and are their own elsewhere.
     """
-    found = [level[..., 8:11].detach().cpu().numpy() for level in levels]
+    lines = model_named(model).lines
+    if lines is None:
+        return levels
+    found = [level[..., lines.channels].detach().cpu().numpy() for level in levels]
     sign = directions.signs(found, wrap)
     share = directions.shares([each[..., :2] * s[..., None] for each, s in zip(found, sign, strict=True)], wrap)
-    return [_eased(*each) for each in zip(levels, sign, share, strict=True)]
+    return [_eased(*each, model_named(model)) for each in zip(levels, sign, share, strict=True)]
 
 
-def _eased(level: Tensor, sign: NDArray[np.float32], share: NDArray[np.float32]) -> Tensor:
-    """(B, H, W, 11) with other signs, and a share of the anisotropy where it is below 1."""
-    direction = level[..., 8:10] * level.new_tensor(sign)[..., None]
+def _eased(level: Tensor, sign: NDArray[np.float32], share: NDArray[np.float32], layout: MaterialModel) -> Tensor:
+    """(B, H, W, C) with other signs, and a share of the anisotropy where it is below 1."""
+    lines = layout.lines
+    assert lines is not None
+    direction = level[..., lines.direction] * level.new_tensor(sign)[..., None]
     if (share == 1).all():
-        return torch.cat([level[..., :8], direction, level[..., 10:]], -1)
-    kept, roughness, strength = level.new_tensor(share)[..., None], level[..., 4:5], level[..., 10:]
+        return _with(level, layout, {Kind.DIRECTION: direction})
+    kept = level.new_tensor(share)[..., None]
+    roughness, strength = level[..., lines.roughness], level[..., lines.strength]
     across = roughness.clamp(min=MIN_ROUGHNESS).square()
     along = across + (1 - across) * strength.square()
     middle, half = (along * across).log() / 2, (along / across).log() / 2 * kept
@@ -132,33 +212,25 @@ def _eased(level: Tensor, sign: NDArray[np.float32], share: NDArray[np.float32])
     less = ((wide - narrow) / (1 - narrow).clamp(min=1e-3)).clamp(min=1e-8).sqrt().clamp(max=1)
     roughness = torch.where(kept < 1, narrow.sqrt(), roughness)
     strength = torch.where(kept < 1, less, strength)
-    return torch.cat([level[..., :4], roughness, level[..., 5:8], direction, strength], -1)
+    return _with(level, layout, {Kind.ROUGHNESS: roughness, Kind.DIRECTION: direction, Kind.STRENGTH: strength})
 
 
-def _ggx(parameters: Tensor, least: float = MIN_LOG_ALPHA2) -> Tensor:
-    a, b, c = parameters[..., 8:11].unbind(-1)
+def _with(level: Tensor, layout: MaterialModel, changed: Mapping[Kind, Tensor]) -> Tensor:
+    """(..., C) with other channels of some kinds."""
+    return torch.cat([changed.get(part.kind, level[..., part.channels]) for part in layout.parts], -1)
+
+
+def _within(log_tensor: Tensor, least: float) -> Tensor:
+    """(..., 3) a, b, c whose eigenvalues lie between `least` and MAX_LOG_ALPHA2."""
+    a, b, c = log_tensor.unbind(-1)
     mean, d = (a + b) / 2, (a - b) / 2
     radius = (d * d + c * c + 1e-12).sqrt()
     high = clamp(mean + radius, least, MAX_LOG_ALPHA2)
     low = clamp(mean - radius, least, MAX_LOG_ALPHA2)
     mean, shrink = (high + low) / 2, (high - low) / (2 * radius)
-    tensor = torch.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
-    return torch.cat([clamp(parameters[..., :6], 0, 1), _onto_disc(parameters[..., 6:8]), tensor], -1)
-
-
-def _beckmann(parameters: Tensor) -> Tensor:
-    g = clamp(parameters[..., 11:], -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
-    return torch.cat([_ggx(parameters[..., :11], math.log(least_alpha2("beckmann"))), g], -1)
+    return torch.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
 
 
 def _onto_disc(xy: Tensor) -> Tensor:
     """(..., 2): scaled back onto the unit disc where it lies outside."""
     return xy * xy.square().sum(-1, keepdim=True).clamp(min=1).rsqrt()
-
-
-_TO_STORED: dict[str, Callable[[Tensor], Tensor]] = {
-    "gltf": _gltf,
-    "gltf-anisotropic": _gltf_anisotropic,
-    "ggx": _ggx,
-    "beckmann": _beckmann,
-}

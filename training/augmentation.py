@@ -1,8 +1,8 @@
 """Data augmentation (section 3.4 of Kemppinen et al. 2023), on batches of patches (B, S, S, C) of stored channels.
 
 Valid materials stay valid: colours only trade places, normals stay unit and above the surface, roughness stays between
-the floor that shading has and 1, exponents within their limits. Of `gltf`, `ggx` and `beckmann`; a model with a
-roughness tensor has it in channels 8 to 10, its normal in 6 and 7.
+the floor that shading has and 1, exponents within their limits. Every kind of map is known here but directions of
+anisotropy and their strengths.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, least_alpha2, lift_normal
+from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, Kind, lift_normal, model_named, unknown
 
 Patches = NDArray[np.float32]
 Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
@@ -35,15 +35,14 @@ def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
     patches = reorient(patches, model, rng)
     patches = change_roughness(patches, model, rng)
     patches = change_normals(patches, model, rng)
-    return change_kurtosis(patches, rng) if model == "beckmann" else patches
+    return change_kurtosis(patches, model, rng)
 
 
 def permute_colours(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
     """Permutes red, green and blue; albedo and F0 alike, so that their correlation stays."""
     order = rng.permuted(np.tile(np.arange(3), (len(patches), 1)), axis=1)[:, None, None]
-    colours = [slice(0, 3)] if model == "gltf" else [slice(0, 3), slice(3, 6)]
     out: Patches = patches.copy()
-    for group in colours:
+    for group in model_named(model).of(Kind.REFLECTANCE):
         out[..., group] = np.take_along_axis(patches[..., group], order, -1)
     return out
 
@@ -57,16 +56,27 @@ def reorient(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
 def turn(patch: Patches, quarter_turns: int, mirror: bool, model: str) -> Patches:
     """(S, S, C) counterclockwise by quarter turns, seen with +Y up, then mirrored left to right if asked to."""
     out: Patches = np.rot90(patch, quarter_turns).copy()
-    x = 5 if model == "gltf" else 6
-    for _ in range(quarter_turns % 4):
-        out[..., x], out[..., x + 1] = -out[..., x + 1], out[..., x].copy()
-    if model != "gltf" and quarter_turns % 2:
-        out[..., 8], out[..., 9], out[..., 10] = out[..., 9].copy(), out[..., 8].copy(), -out[..., 10]
     if mirror:
         out = out[:, ::-1].copy()
-        out[..., x] *= -1
-        if model != "gltf":
-            out[..., 10] *= -1
+    for part in model_named(model).parts:
+        own = out[..., part.channels]
+        match part.kind:
+            case Kind.NORMAL | Kind.NORMAL_XY:
+                for _ in range(quarter_turns % 4):
+                    own[..., 0], own[..., 1] = -own[..., 1], own[..., 0].copy()
+                if mirror:
+                    own[..., 0] *= -1
+            case Kind.LOG_TENSOR:
+                if quarter_turns % 2:
+                    own[..., 0], own[..., 1], own[..., 2] = own[..., 1].copy(), own[..., 0].copy(), -own[..., 2]
+                if mirror:
+                    own[..., 2] *= -1
+            case Kind.REFLECTANCE | Kind.SHARE | Kind.ROUGHNESS | Kind.LOG_GAMMA:
+                pass
+            case Kind.DIRECTION | Kind.STRENGTH:
+                raise AssertionError(f"patches of {model} cannot be turned")
+            case _:
+                unknown(part.kind)
     return out
 
 
@@ -74,12 +84,14 @@ def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> 
     """Scales the roughness tensor; where it is one, also turns it and stretches it along a random axis."""
     scale = _some(rng, len(patches), _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD)
     out: Patches = patches.copy()
-    if model == "gltf":
-        out[..., 4] = np.clip(patches[..., 4] * np.exp(scale / 4), MIN_ROUGHNESS, 1)
+    layout = model_named(model)
+    for group in layout.of(Kind.ROUGHNESS):
+        out[..., group.start] = np.clip(patches[..., group.start] * np.exp(scale / 4), MIN_ROUGHNESS, 1)
         return out
+    (tensor,) = layout.of(Kind.LOG_TENSOR)
     stretch = _some(rng, len(patches), 0.0, _LOG_ANISOTROPY_SPREAD)
     twice, axis = (2 * np.pi * rng.random((2, len(patches), 1, 1))).astype(np.float32)
-    a, b, c = np.moveaxis(patches[..., 8:11], -1, 0)
+    a, b, c = np.moveaxis(patches[..., tensor], -1, 0)
     mean, d = (a + b) / 2, (a - b) / 2
     roughest = np.maximum(mean + np.hypot(d, c), 0)  # what other models convert to reaches a little beyond 0
     mean = mean + scale
@@ -87,10 +99,10 @@ def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> 
     d, c = np.cos(twice) * d - np.sin(twice) * c, np.sin(twice) * d + np.cos(twice) * c
     d, c = d + stretch * np.cos(axis), c + stretch * np.sin(axis)
     radius = np.hypot(d, c)
-    high, low = (np.clip(mean + s * radius, math.log(least_alpha2(model)), roughest) for s in (1, -1))
+    high, low = (np.clip(mean + s * radius, math.log(layout.least_alpha2), roughest) for s in (1, -1))
     shrink = (high - low) / np.maximum(2 * radius, 1e-6)
     mean = (high + low) / 2
-    out[..., 8:11] = np.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
+    out[..., tensor] = np.stack([mean + shrink * d, mean - shrink * d, shrink * c], -1)
     return out
 
 
@@ -99,8 +111,9 @@ def change_normals(patches: Patches, model: str, rng: np.random.Generator) -> Pa
     scale = _some(rng, len(patches), _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD)
     stretch = _some(rng, len(patches), 0.0, _LOG_ECCENTRICITY_SPREAD)
     angle = (np.pi * rng.random((len(patches), 1, 1))).astype(np.float32)
-    x = 5 if model == "gltf" else 6
-    normal = patches[..., 5:8] if model == "gltf" else lift_normal(patches[..., 6:8])
+    group = model_named(model).normal
+    stored = patches[..., group]
+    normal = stored if stored.shape[-1] == 3 else lift_normal(stored)
     slope = normal[..., :2] / np.maximum(normal[..., 2:], _MIN_HEIGHT)
     cos, sin = np.cos(angle), np.sin(angle)
     along = (cos * slope[..., 0] + sin * slope[..., 1]) * np.exp(scale + stretch)
@@ -111,17 +124,16 @@ def change_normals(patches: Patches, model: str, rng: np.random.Generator) -> Pa
     changed = np.stack([cos * along - sin * across, sin * along + cos * across, np.ones_like(along)], -1)
     changed /= np.linalg.norm(changed, axis=-1, keepdims=True)
     out: Patches = patches.copy()
-    out[..., x : x + 2] = changed[..., :2]
-    if model == "gltf":
-        out[..., 7] = changed[..., 2]
+    out[..., group] = changed[..., : stored.shape[-1]]
     return out
 
 
-def change_kurtosis(patches: Patches, rng: np.random.Generator) -> Patches:
-    """Shifts g = ln(gamma) of `beckmann`: sets converted from other models all have much the same."""
+def change_kurtosis(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Shifts g = ln(gamma), where a model has it: sets converted from other models all have much the same."""
     out: Patches = patches.copy()
-    shift = _some(rng, len(patches), _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD)
-    out[..., 11] = np.clip(patches[..., 11] + shift, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
+    for group in model_named(model).of(Kind.LOG_GAMMA):
+        shift = _some(rng, len(patches), _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD)
+        out[..., group.start] = np.clip(patches[..., group.start] + shift, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
     return out
 
 

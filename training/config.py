@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from mipbake.errors import UsageError
+from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.latent_config import LatentConfig
@@ -56,8 +57,8 @@ class DataConfig:
             require_share(f"data.{name}", getattr(self, name))
 
 
-AUGMENTED = ("gltf", "ggx", "beckmann")
-"""Material models that data augmentation knows, and so those that can be read."""
+AUGMENTED = tuple(model.name for model in MODELS.values() if model.lines is None)
+"""Material models that data augmentation knows, and so those that can be read: it turns no directions of anisotropy."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method,
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
 from mipbake.errors import UsageError
+from mipbake.material import losses, model_named
 from mipbake.metrics import MEASURES, PAIR_SETS
 from mipbake.pixel_filter import filter_named
 from mipbake.render import environment
@@ -189,20 +190,21 @@ def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
         said = [
             f"{BAKED} was measured as its files hold it; methods that were baked here were measured in 32-bit floats."
         ]
-    if target in ("ggx", "beckmann") and source not in ("ggx", "beckmann"):
+    given, wanted, lost = model_named(source), model_named(target), losses(source, target)
+    if given.coated and lost.diffuse:
         said.append(
             f"the diffuse term of {source} loses the light that a dielectric's surface reflects, and the diffuse term "
             f"of {target} does not: this difference between the models is in the error of every method, and no stack "
             "can avoid it."
         )
-    if target == "beckmann" and source != target:
+    if lost.lobe:
         said.append(
-            f"the highlights of {source} have the long tails of GGX, and the highlights of {target} have the short "
-            "tails of an exponential: this difference between the models is in the error of every method."
+            f"the highlights of {source} have {given.lobe.tails}, and the highlights of {target} have "
+            f"{wanted.lobe.tails}: this difference between the models is in the error of every method."
         )
-    if target == "gltf" and source == "gltf-anisotropic":
+    if lost.anisotropy:
         said.append(
-            "stacks of gltf are isotropic and the source is not: this difference is in the error of every method."
+            f"stacks of {target} are isotropic and the source is not: this difference is in the error of every method."
         )
     return tuple(said)
 

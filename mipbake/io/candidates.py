@@ -19,6 +19,7 @@ from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
 from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import IgnoredFile, Log, spoken
+from mipbake.material import GLTF_MODELS
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
@@ -88,7 +89,7 @@ def refuse_baked(folder: Path) -> None:
     if any(_manifest(file, SCHEMA) is not None for file in manifests(folder)):
         raise InputError(f"{folder} is a baked stack: expected a texture set, give its source")
     converted = _manifest(folder / MATERIAL_MANIFEST, MATERIAL_SCHEMA)
-    if converted is not None and not str(converted.get("model")).startswith("gltf"):
+    if converted is not None and converted.get("model") not in GLTF_MODELS:
         raise InputError(
             f"{folder} is a material converted to {converted.get('model')}: expected a texture set, give its source "
             "or convert it to gltf first"

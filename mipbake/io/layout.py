@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import material
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.colour import srgb_to_linear
@@ -29,7 +30,8 @@ MATERIAL_MANIFEST = "material.json"
 
 MATERIAL_SCHEMA = "mipbake-material"
 
-COLOUR, UNIT, INVERTED, SIGNED, FLIPPED, LOG = "colour", "unit", "inverted", "signed", "flipped", "log"
+COLOUR, UNIT, SIGNED, LOG = material.COLOUR, material.UNIT, material.SIGNED, material.LOG
+INVERTED, FLIPPED = "inverted", "flipped"
 """Encodings. `colour`: linear Rec.709, which integer containers store sRGB-encoded; `unit`: the value itself;
 `inverted`: 1 - x, gloss of a roughness; `signed`: (x + 1) / 2 of a value from -1 to 1; `flipped`: (1 - x) / 2, green of
 a DirectX normal map; `log`: the value itself, a logarithm that only float containers hold."""
@@ -124,48 +126,21 @@ class FileLayout:
         return self.channels[0].encoding == COLOUR
 
 
-def _rgb(what: str) -> tuple[str, ...]:
-    return tuple(f"{what}, {c}" for c in ("red", "green", "blue"))
+def _layout(model: material.MaterialModel, stem: str) -> MapLayout:
+    """A file of a model, which holds one of its maps, or neighbouring ones."""
+    held = model.files[stem]
+    return MapLayout(
+        stem,
+        slice(model.maps[held[0].name].start, model.maps[held[-1].name].stop),
+        tuple(each.facts.encoding for each in held for _ in each.meanings),
+        tuple(meaning for each in held for meaning in each.meanings),
+    )
 
-
-def _xyz(what: str, axes: str) -> tuple[str, ...]:
-    return tuple(f"{what}, {axis}" for axis in axes)
-
-
-_GLTF = (
-    MapLayout("base_color", slice(0, 3), (COLOUR,) * 3, _rgb("base colour")),
-    MapLayout("metallic", slice(3, 4), (UNIT,), ("metallic",)),
-    MapLayout("roughness", slice(4, 5), (UNIT,), ("perceptual roughness r; alpha = r^2",)),
-    MapLayout("normal", slice(5, 8), (SIGNED,) * 3, _xyz("normal", "xyz")),
-)
-
-_GGX = (
-    MapLayout("diffuse", slice(0, 3), (COLOUR,) * 3, _rgb("diffuse albedo")),
-    MapLayout("specular", slice(3, 6), (COLOUR,) * 3, _rgb("specular reflectance at normal incidence")),
-    MapLayout("normal", slice(6, 8), (SIGNED,) * 2, _xyz("normal", "xy")),
-    MapLayout(
-        "log_roughness",
-        slice(8, 11),
-        (LOG,) * 3,
-        tuple(f"log-roughness tensor, {entry}" for entry in ("a (xx)", "b (yy)", "c (xy)")),
-    ),
-)
 
 LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
-    "gltf": _GLTF,
-    "gltf-anisotropic": (
-        *_GLTF,
-        MapLayout(
-            "anisotropy",
-            slice(8, 11),
-            (SIGNED, SIGNED, UNIT),
-            (*_xyz("anisotropy direction, along the rougher axis", "xy"), "anisotropy strength"),
-        ),
-    ),
-    "ggx": _GGX,
-    "beckmann": (*_GGX, MapLayout("log_gamma", slice(11, 12), (LOG,), ("g = ln(gamma)",))),
+    name: tuple(_layout(model, stem) for stem in model.files) for name, model in material.MODELS.items()
 }
-"""The maps of each material model; together they hold every stored channel once."""
+"""The maps of each material model as files hold them; together they hold every stored channel once."""
 
 
 def channels_of(model: str, name: str) -> slice:
@@ -176,21 +151,12 @@ def channels_of(model: str, name: str) -> slice:
     raise KeyError(name)
 
 
-PARAMETRISATIONS: Mapping[str, str] = {
-    "gltf": "glTF 2.0 metallic-roughness (its appendix B)",
-    "gltf-anisotropic": "glTF 2.0 metallic-roughness with KHR_materials_anisotropy",
-    "ggx": "anisotropic GGX with roughness tensor S = exp([[a, c], [c, b]]), eigenvalues alpha_x^2 and alpha_y^2; "
-    "normal z = sqrt(1 - x^2 - y^2)",
-    "beckmann": "anisotropic generalised Beckmann (Aittala et al. 2015): D(h) = exp(-q^gamma) / (pi Gamma(1 + 1/gamma) "
-    "sqrt(det S) h_n^4), q = h_t^T S^-1 h_t / h_n^2, S = exp([[a, c], [c, b]]); height-correlated Smith masking of "
-    "Beckmann (gamma = 1) on S; normal z = sqrt(1 - x^2 - y^2)",
-}
-
-
 def extra_layout(role: str, channels: int) -> MapLayout:
     """The layout of a map that does not shade, of that many channels."""
     encoding = COLOUR if role in COLOUR_ROLES else UNIT
-    meanings = (role,) if channels == 1 else _rgb(role) if channels == 3 else tuple(f"{role}, {c}" for c in "RGBA")
+    meanings = (
+        (role,) if channels == 1 else material.rgb(role) if channels == 3 else tuple(f"{role}, {c}" for c in "RGBA")
+    )
     return MapLayout(role, slice(0, channels), (encoding,) * channels, meanings[:channels], shades=False)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.material import Kind
 from mipbake.pixel_filter import Wrap, filtered_levels, resample
 from mipbake.prefilter.base import PrefilterResult, Progress
 
@@ -62,21 +63,21 @@ class RoughnessRule:
         self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
+        given, wanted = material.model_named(source), material.model_named(target)
         centre = normal_centre(stored, source)
-        colours = len(averaged_channels(target))
+        colours = len(wanted.averaged)
 
         def read(texels: Array) -> Array:
             own = material.convert(texels, source, target)
-            isotropic = source == "gltf" and target != "beckmann"  # beckmann has another alpha for the same lobe
-            alpha2 = roughness_tensor(texels, source) if isotropic else roughness_tensor(own, target)
-            spread = unit_normals(texels, source) - centre
+            # Round lobes stay one number; other distributions have another alpha for the same lobe.
+            isotropic = not given.anisotropic and given.lobe is wanted.lobe
+            alpha2 = given.roughness_tensor(texels) if isotropic else wanted.roughness_tensor(own)
+            spread = given.unit_normals(texels) - centre
             moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)
             if self.weight is not None:
-                weight = mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
+                weight = material.mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
                 moments = np.concatenate([weight * moments, weight], -1)
-            return np.concatenate(
-                [own[..., averaged_channels(target)], moments, of_eigenvalues(alpha2, self.averaged)], -1
-            )
+            return np.concatenate([own[..., wanted.averaged], moments, of_eigenvalues(alpha2, self.averaged)], -1)
 
         normals = slice(colours, colours + (4 if self.weight is None else 5))
 
@@ -149,77 +150,25 @@ def of_eigenvalues(tensor: Array, function: Callable[[Array], Array]) -> Array:
     return np.stack([centre + slope * d, centre - slope * d, slope * t12], -1)
 
 
-def mean_eigenvalue(tensor: Array) -> Array:
-    """(..., 1): half the trace of a (..., 3) tensor; a (..., 1) one as it is."""
-    return tensor if tensor.shape[-1] == 1 else (tensor[..., 0:1] + tensor[..., 1:2]) / 2
-
-
-def positive_definite(tensor: Array, target: str) -> Array:
-    """(..., 3) with its axes raised to the least alpha^2 of a model: rounding may take one below zero."""
-    smallest = tensor.dtype.type(material.least_alpha2(target))
-    out: Array = np.maximum(tensor, smallest)
-    limit = np.sqrt(np.maximum((out[..., 0] - smallest / 2) * (out[..., 1] - smallest / 2), 0))
-    out[..., 2] = np.clip(tensor[..., 2], -limit, limit)
-    return out
-
-
-def averaged_channels(target: str) -> list[int]:
-    """The channels of a model that every closed form averages as they are stored: reflectances, and g of `beckmann`.
-
-    g is averaged as in section 4 of Kemppinen et al. 2023. What a method adds to the roughness tensor assumes a
-    distribution of its own, and not that g.
-    """
-    if target == "beckmann":
-        return [*range(6), 11]
-    return list(range(6 if target == "ggx" else 4))
-
-
-def unit_normals(stored: Array, model: str) -> Array:
-    """(..., 3) unit normals of stored channels."""
-    normal = stored[..., material.MODELS[model].maps["normal"]]
-    return np.asarray(material.lift_normal(normal)) if normal.shape[-1] == 2 else _normalised(normal)
-
-
-def roughness_tensor(stored: Array, model: str) -> Array:
-    """S, whose eigenvalues are alpha^2, of stored channels: (..., 3) S11, S22, S12, or (..., 1) for `gltf`."""
-    if model in ("ggx", "beckmann"):
-        return material.tensor_exp(stored[..., 8:11])
-    alpha = np.square(stored[..., 4])
-    if model == "gltf":
-        return np.square(alpha)[..., None]
-    return material.axes_to_tensor(alpha, stored[..., 10], stored[..., 8:10])
-
-
 def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -> Image:
     """(..., C) stored channels of a model from what a closed form found.
 
     Args:
-        colours: (..., A) the averaged_channels.
+        colours: (..., A) the `averaged` channels of the model.
         normal: (..., 3), any length.
-        tensor: (..., 3) or (..., 1) roughness tensor S; `gltf` takes its mean eigenvalue.
+        tensor: (..., 3) or (..., 1) roughness tensor S; an isotropic model takes its mean eigenvalue.
     """
-    normal = _normalised(normal)
-    if target in ("ggx", "beckmann"):
-        if tensor.shape[-1] == 1:
-            log_alpha2 = np.log(np.maximum(tensor, material.least_alpha2(target)))
-            log_tensor = np.concatenate([log_alpha2, log_alpha2, np.zeros_like(log_alpha2)], -1)
+    layout = material.model_named(target)
+    normal = material.with_unit_length(normal)
+    made = {Kind.NORMAL: normal, Kind.NORMAL_XY: normal[..., 0:2], **layout.of_tensor(tensor)}
+    channels, start = [], 0
+    for each in layout.stored:
+        if each.facts.averaged:
+            channels.append(colours[..., start : start + each.facts.channels])
+            start += each.facts.channels
         else:
-            log_tensor = material.tensor_log(positive_definite(tensor, target))
-        channels = [colours[..., :6], normal[..., 0:2], log_tensor, colours[..., 6:]]
-    elif target == "gltf-anisotropic":
-        if tensor.shape[-1] == 1:
-            tensor = np.concatenate([tensor, tensor, np.zeros_like(tensor)], -1)
-        alpha, strength, direction = material.tensor_to_axes(tensor)
-        channels = [colours, np.sqrt(alpha)[..., None], normal, direction, strength[..., None]]
-    else:
-        channels = [colours, np.sqrt(np.sqrt(np.maximum(mean_eigenvalue(tensor), 0))), normal]
+            channels.append(made[each.kind])
     return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
-
-
-def _normalised(vectors: Array) -> Array:
-    """Unit vectors; +Z for those that cancelled."""
-    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(size > 1e-6, vectors / np.maximum(size, 1e-6), np.array([0, 0, 1], vectors.dtype))
 
 
 def by_rows(function: Callable[..., Array], *images: Image) -> Image:
@@ -250,4 +199,4 @@ def mean_by_rows(function: Callable[[Array], Array], image: Image) -> NDArray[np
 
 def normal_centre(stored: Image, model: str) -> NDArray[np.float32]:
     """(3,) the mean of the unit normals: moments about it are exact for flat maps, tilted ones too."""
-    return mean_by_rows(lambda texels: unit_normals(texels, model), stored)
+    return mean_by_rows(material.model_named(model).unit_normals, stored)

@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 from mipbake import directions, material
 from mipbake.pixel_filter import Wrap, filtered_levels
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.averages import (
-    Array,
-    averaged_channels,
-    by_rows,
-    mean_by_rows,
-    positive_definite,
-    roughness_tensor,
-    stored_channels,
-    unit_normals,
-)
+from mipbake.prefilter.rules.averages import Array, by_rows, mean_by_rows, stored_channels
 
 
 class Lean:
@@ -38,7 +29,9 @@ class Lean:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        averaged = averaged_channels(target)
+        wanted = material.model_named(target)
+        # A target with the lobe of `ggx` takes S from `ggx`, where alpha has its floor. Others have their own alpha.
+        lobes_of = material.MODELS["ggx"] if wanted.lobe is material.GGX_LOBE else wanted
         # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
         tilt = mean_by_rows(lambda texels: _slopes(texels, source), stored)
 
@@ -47,16 +40,15 @@ class Lean:
             x, y = slopes[..., 0], slopes[..., 1]
             # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
             own = material.convert(texels, source, target)
-            lobes = own if target == "beckmann" else material.convert(texels, source, "ggx")
-            tensor = roughness_tensor(lobes, "ggx")
+            tensor = lobes_of.roughness_tensor(material.convert(texels, source, lobes_of.name))
             tensor += 2 * np.stack([x * x, y * y, x * y], -1)
-            return np.concatenate([own[..., averaged], slopes, tensor], -1)
+            return np.concatenate([own[..., wanted.averaged], slopes, tensor], -1)
 
         def write(moments: Array) -> Array:
             slopes, second = moments[..., -5:-3], moments[..., -3:]
             x, y = slopes[..., 0], slopes[..., 1]
             # Averages of S + 2 ss^T are positive definite in exact arithmetic, not after rounding.
-            tensor = positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1), target)
+            tensor = material.positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1), wanted.least_alpha2)
             normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
             return stored_channels(moments[..., :-5], normal, tensor, target)
 
@@ -67,5 +59,5 @@ class Lean:
 
 
 def _slopes(stored: Array, model: str) -> Array:
-    normal = unit_normals(stored, model)
+    normal = material.model_named(model).unit_normals(stored)
     return normal[..., 0:2] / np.maximum(normal[..., 2:3], material.MIN_NORMAL_Z)

@@ -161,11 +161,13 @@ class Bench:
         if name in self._kept:
             return self._kept[name]
         levels = self._candidates[name].bake()
-        if self.problem.target == "gltf-anisotropic" and name != self.base:
+        lines = MODELS[self.problem.target].lines
+        if lines is not None and name != self.base:
             # Directions d and -d are one; blends must not cancel.
             for level, base in zip(levels, self.levels(self.base), strict=True):
-                apart = (level[..., 8:10] * base[..., 8:10]).sum(-1, keepdims=True) < 0
-                level[..., 8:10] = np.where(apart, -level[..., 8:10], level[..., 8:10])
+                own = level[..., lines.direction]
+                apart = (own * base[..., lines.direction]).sum(-1, keepdims=True) < 0
+                level[..., lines.direction] = np.where(apart, -own, own)
         if name in self._keep:
             self._kept[name] = levels
         return levels

@@ -1,8 +1,9 @@
 """Texels as coordinates to descend on, and the part of a level that a block of them sees.
 
-Coordinates are what `models.parameters` has: colours as they are, roughness as ln alpha^2, normals as x and y; for
-`gltf-anisotropic` also the direction and the square of the strength. A unit is chosen for each, about as large a change
-everywhere: normals in units of the lobe's width alpha, since what turns a mirror over is nothing to a rough surface.
+Coordinates are what `mipbake.models.parameters` makes of each map: colours as they are, roughness as ln alpha^2,
+normals as x and y, directions as they are, strengths squared. A unit is chosen for each, about as large a change
+everywhere (`mipbake.material.FACTS`): normals in units of the lobe's width alpha, since what turns a mirror over is
+nothing to a rough surface.
 """
 
 from __future__ import annotations
@@ -16,62 +17,60 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake import material, sampling
-from mipbake.material import MAX_LOG_GAMMA
+from mipbake.material import FACTS, LEAST_STRENGTH, Facts, Kind, MaterialModel, model_named
 from mipbake.models import parameters
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.problem import Image, Region
 
-_COLOUR, _LOG_ALPHA2, _NORMAL, _DIRECTION, _STRENGTH, _LOG_GAMMA = 0.03, 0.15, 0.15, 0.1, 0.03, 0.1
-_UNITS = {
-    "gltf": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2,
-    "gltf-anisotropic": (_COLOUR,) * 4 + (_LOG_ALPHA2,) + (_NORMAL,) * 2 + (_DIRECTION,) * 2 + (_STRENGTH,),
-    "ggx": (_COLOUR,) * 6 + (_NORMAL,) * 2 + (_LOG_ALPHA2,) * 3,
-    "beckmann": (_COLOUR,) * 6 + (_NORMAL,) * 2 + (_LOG_ALPHA2,) * 3 + (_LOG_GAMMA,),
-}
-_TENSORS = ("ggx", "beckmann")  # models whose coordinates are their stored channels
-_LEAST_STRENGTH = 1e-3  # strength enters shading squared: from 0 itself no gradient leads away
 _LEAST_ALPHA = 0.02
-_NORMALS = {"gltf": slice(5, 7), "gltf-anisotropic": slice(5, 7), "ggx": slice(6, 8), "beckmann": slice(6, 8)}
-_FREE = (-math.inf, math.inf)
-_ROUGHNESS = (parameters.MIN_LOG_ALPHA2, 0.0)
-_LIMITS = {
-    "gltf": ((0.0, 1.0),) * 4 + (_ROUGHNESS,) + (_FREE,) * 2,
-    "gltf-anisotropic": ((0.0, 1.0),) * 4 + (_ROUGHNESS,) + (_FREE,) * 4 + ((_LEAST_STRENGTH**2, 1.0),),
-    "ggx": ((0.0, 1.0),) * 6 + (_FREE,) * 5,
-    "beckmann": ((0.0, 1.0),) * 6 + (_FREE,) * 5 + ((-MAX_LOG_GAMMA, MAX_LOG_GAMMA),),
-}
 _RING = 4  # texels around a block that its pixels read: one of their own level, two or three of the finer one, a half
 
 
 def to_coordinates(stored: Tensor, model: str) -> Tensor:
     """(..., C) valid stored channels to (..., P) coordinates."""
-    if model != "gltf-anisotropic":
-        return parameters.to_parameters(stored, model)
-    strength = stored[..., 10:11].clamp(_LEAST_STRENGTH, 1)
-    return torch.cat([parameters.to_parameters(stored[..., :8], "gltf"), stored[..., 8:10], strength.square()], -1)
+    layout = model_named(model)
+    if all(FACTS[part.kind].as_stored for part in layout.parts):
+        return stored
+    return torch.cat([parameters.to_coordinates(stored[..., p.channels], p.kind) for p in layout.parts], -1)
 
 
 def to_stored(coordinates: Tensor, model: str) -> Tensor:
     """(..., P) coordinates, any numbers, to (..., C) valid stored channels, differentiable."""
-    if model != "gltf-anisotropic":
-        return parameters.to_stored(coordinates, model)
-    direction = coordinates[..., 7:9]
-    direction = direction / direction.square().sum(-1, keepdim=True).sqrt().clamp(min=1e-6)
-    strength = parameters.clamp(coordinates[..., 9:10], _LEAST_STRENGTH**2, 1).sqrt()
-    return torch.cat([parameters.to_stored(coordinates[..., :7], "gltf"), direction, strength], -1)
+    layout = model_named(model)
+    parts = [(coordinates[..., part.coordinates], part.kind) for part in layout.parts]
+    return torch.cat([parameters.of_coordinates(*part, layout.least_alpha2) for part in parts], -1)
 
 
 def units(coordinates: Tensor, model: str) -> Tensor:
     """(..., P): how far a coordinate moves in one step at most."""
-    out = coordinates.new_tensor(_UNITS[model]).expand_as(coordinates).clone()
-    half = coordinates[..., 4:5] / 2 if model not in _TENSORS else (coordinates[..., 8:9] + coordinates[..., 9:10]) / 4
-    out[..., _NORMALS[model]] *= half.clamp(math.log(_LEAST_ALPHA), 0).exp()
+    layout = model_named(model)
+    out = coordinates.new_tensor([facts.step for facts in _facts(layout)]).expand_as(coordinates).clone()
+    width = _log_alpha(coordinates, layout).clamp(math.log(_LEAST_ALPHA), 0).exp()
+    for part in layout.parts:
+        if part.kind in (Kind.NORMAL, Kind.NORMAL_XY):
+            out[..., part.coordinates] *= width
     return out
+
+
+def _facts(layout: MaterialModel) -> list[Facts]:
+    """Of each coordinate."""
+    return [each.facts for each in layout.stored for _ in range(each.facts.coordinates)]
+
+
+def _log_alpha(coordinates: Tensor, layout: MaterialModel) -> Tensor:
+    """(..., 1) the logarithm of a lobe's width, the mean over its axes; of the narrower one where a model has lines."""
+    for part in layout.parts:
+        own = coordinates[..., part.coordinates]
+        if part.kind is Kind.ROUGHNESS:
+            return own / 2
+        if part.kind is Kind.LOG_TENSOR:
+            return (own[..., 0:1] + own[..., 1:2]) / 4
+    raise AssertionError(f"the width of a lobe of {layout.name} is not known")
 
 
 def at_limits(coordinates: Tensor, gradient: Tensor, model: str) -> Tensor:
     """(..., P) whether descent would lead a coordinate out of its range."""
-    low, high = coordinates.new_tensor(_LIMITS[model]).T
+    low, high = coordinates.new_tensor([facts.range for facts in _facts(model_named(model))]).T
     out: Tensor = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
     return out
 
@@ -81,20 +80,30 @@ def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:
 
     texels: (..., C) stored channels that the gradients were taken at.
     """
-    if model in _TENSORS:
+    layout = model_named(model)
+    if not layout.of(Kind.NORMAL):
         return gradient
-    slopes = texels[..., 5:7] / texels[..., 7:8].clamp(min=parameters.MIN_HEIGHT)
-    xy = gradient[..., 5:7] - gradient[..., 7:8] * slopes
-    return torch.cat([gradient[..., :5], xy, gradient[..., 8:]], -1)
+    out = []
+    for part in layout.parts:
+        own = gradient[..., part.channels]
+        if part.kind is Kind.NORMAL:
+            normal = texels[..., part.channels]
+            own = own[..., 0:2] - own[..., 2:3] * (normal[..., 0:2] / normal[..., 2:3].clamp(min=parameters.MIN_HEIGHT))
+        out.append(own)
+    return torch.cat(out, -1)
 
 
 def per_coordinate(coordinates: Tensor, model: str) -> Tensor:
     """(..., P) derivative of each channel of `without_heights` by its coordinate."""
     out = torch.ones_like(coordinates)
-    if model not in _TENSORS:
-        out[..., 4] = (coordinates[..., 4] / 4).exp() / 4
-    if model == "gltf-anisotropic":
-        out[..., 9] = 0.5 * coordinates[..., 9].clamp(min=_LEAST_STRENGTH**2).rsqrt()
+    for part in model_named(model).parts:
+        own = coordinates[..., part.coordinates]
+        if part.kind is Kind.ROUGHNESS:
+            out[..., part.coordinates] = (own / 4).exp() / 4
+        elif part.kind is Kind.STRENGTH:
+            out[..., part.coordinates] = 0.5 * own.clamp(min=LEAST_STRENGTH**2).rsqrt()
+        elif part.kind is not Kind.NORMAL and not FACTS[part.kind].as_stored:
+            raise AssertionError(f"the derivative of {part.kind} is not known")
     return out
 
 

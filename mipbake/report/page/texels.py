@@ -15,7 +15,7 @@ from mipbake.pixel_filter import level_sizes
 from mipbake.report.page.markup import TIMES, Html, element
 from mipbake.report.page.pictures import Album, bytes_of
 from mipbake.report.page.verdict import LINEAR
-from mipbake.report.viewer import Source, viewer_fragment
+from mipbake.report.viewer import Source, texel_bytes, viewer_fragment
 from mipbake.stack import MipStack
 
 WINDOW = 1024
@@ -26,8 +26,6 @@ TEXEL_BYTES = 48 << 20
 
 THUMBNAIL = 128
 THUMBNAIL_LEVELS = 6
-
-_BYTES = {"gltf": 8, "gltf-anisotropic": 12, "ggx": 24, "beckmann": 24}  # a texel in the view's textures
 
 
 def view_names(comparison: Comparison, stacks: Mapping[str, MipStack]) -> list[str]:
@@ -61,7 +59,7 @@ def view(comparison: Comparison, stacks: Mapping[str, MipStack], source: Source 
 
 def window_side(stacks: Sequence[MipStack], source: Source | None) -> int:
     """The largest power of two, up to WINDOW, whose window of all stacks and the source fits into TEXEL_BYTES."""
-    texel = sum(_BYTES[stack.model] * 4 / 3 for stack in stacks) + (_BYTES[source.model] if source else 0)
+    texel = sum(texel_bytes(stack.model) * 4 / 3 for stack in stacks) + (texel_bytes(source.model) if source else 0)
     side = WINDOW
     while side * side * texel > TEXEL_BYTES:
         side //= 2

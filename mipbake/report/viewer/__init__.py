@@ -23,25 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from mipbake.errors import UsageError
 from mipbake.io.layout import LAYOUTS, to_file
-from mipbake.material import model_named
+from mipbake.material import MODELS, Kind, model_named
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.stack import MipStack
 
-__all__ = ["DEFAULT_LIGHTS", "MAX_LIGHTS", "LightSet", "Source", "viewer_fragment", "viewer_page"]
+__all__ = ["DEFAULT_LIGHTS", "MAX_LIGHTS", "LightSet", "Source", "texel_bytes", "viewer_fragment", "viewer_page"]
 
 MAX_LIGHTS = 64
 """Directional lights in a set, at most: what every device with WebGL 2 has uniforms for."""
 
 _SCRIPTS = ("shaders.js", "shapes.js", "renderer.js", "viewer.js")
-
-# Stored channels in the four channels of each texture, as the shaders expect them, and whether red, green and blue are
-# a colour. Colours share a texture with a number from 0 to 1, because sRGB textures keep alpha linear.
-_PACKED: Mapping[str, tuple[tuple[tuple[int, ...], bool], ...]] = {
-    "gltf": (((0, 1, 2, 3), True), ((5, 6, 7, 4), False)),
-    "gltf-anisotropic": (((0, 1, 2, 3), True), ((5, 6, 7, 4), False), ((8, 9, 10), False)),
-    "ggx": (((0, 1, 2, 6), True), ((3, 4, 5, 7), True), ((8, 9, 10), False)),
-    "beckmann": (((0, 1, 2, 6), True), ((3, 4, 5, 7), True), ((8, 9, 10, 11), False)),
-}
 
 _FILTER_BINS = 1024
 
@@ -131,7 +122,7 @@ def viewer_page(
         lights: the light sets to choose from, the first one at first; up to 64 lights each.
         pixel_filter: a name in `mipbake.pixel_filter.FILTERS`, the reference's.
         half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
-            them. Stacks of `ggx` and `beckmann` are in half floats always.
+            them. Stacks of models that store logarithms are in half floats always.
 
     Raises:
         UsageError: no stack, an unknown filter or model, a source or lights that do not have the shape described.
@@ -153,13 +144,18 @@ def viewer_fragment(
     """
     scene = json.dumps(_scene(stacks, source, lights, pixel_filter, half), separators=(",", ":"))
     scene = scene.replace("</", "<\\/")  # would end the script element
-    script = "\n".join(_text(name) for name in _SCRIPTS)
+    script = "\n".join([_surfaces(), *(_text(name) for name in _SCRIPTS)])
     return (
         f"<style>\n{_text('viewer.css')}</style>\n"
         '<div class="mipbake-viewer"><noscript>The interactive view needs JavaScript.</noscript>\n'
         f'<script type="application/json">{scene}</script></div>\n'
         f"<script>\n(() => {{\n'use strict';\n{script}}})();\n</script>"
     )
+
+
+def _surfaces() -> str:
+    """What each material model makes of its stored channels, in GLSL, for `shaders.js`."""
+    return f"const SURFACE_OF_MODEL = {json.dumps({name: model.view.surface for name, model in MODELS.items()})};"
 
 
 def _text(name: str) -> str:
@@ -206,16 +202,24 @@ def _light_set(light: LightSet) -> dict[str, Any]:
     }
 
 
+def texel_bytes(model: str, half: bool = False) -> int:
+    """Bytes of a texel in the view's textures; `half` as in `viewer_page`."""
+    layout = model_named(model)
+    return len(layout.view.textures) * 4 * (2 if half or layout.logarithms else 1)
+
+
 def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: Wrap, half: bool) -> dict[str, Any]:
     """One stack as textures of four channels: `maps`, each every level in one string of base64.
 
     A level is taken apart into planes, byte k of every texel, whose bytes are differences to the left neighbour's: that
     deflates better than the texels themselves. 8-bit texels have 4 planes, half floats 8.
     """
-    half = half or any("log" in layout.encodings for layout in LAYOUTS[model])
+    layout = model_named(model)
+    half = half or layout.logarithms
     stored = [np.asarray(level, np.float32) if half else _as_in_files(level, model) for level in levels]
+    colours = [group.start for group in layout.of(Kind.REFLECTANCE)]
     maps = []
-    for channels, is_colour in _PACKED[model]:
+    for channels in layout.view.textures:
         planes = []
         for level in stored:
             texels = np.zeros((*level.shape[:2], 4), np.float16 if half else np.uint8)
@@ -223,7 +227,7 @@ def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: 
             parts = np.ascontiguousarray(texels).view(np.uint8).reshape(*level.shape[:2], -1).transpose(2, 0, 1)
             planes.append(np.diff(parts, axis=2, prepend=np.uint8(0)).tobytes())
         data = base64.b64encode(zlib.compress(b"".join(planes), 6)).decode("ascii")
-        maps.append({"srgb": is_colour, "data": data})
+        maps.append({"srgb": channels[0] in colours, "data": data})
     sizes = [level.shape[:2] for level in levels]
     return {"name": name, "model": model, "wrap": list(wrap), "half": half, "sizes": sizes, "maps": maps}
 

@@ -21,33 +21,8 @@ void main() {
     gl_Position = uClip * vec4(position, 1.0);
 }`;
 
-// What each material model makes of its stored channels, as the maps are packed by the page's author.
-const SURFACE_OF_MODEL = {
-    'gltf': `
-    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod);
-    return metallicRoughness(first, second);`,
-    'gltf-anisotropic': `
-    vec4 first = textureLod(uMap0, uv, lod), second = textureLod(uMap1, uv, lod), third = textureLod(uMap2, uv, lod);
-    Surface s = metallicRoughness(first, second);
-    vec2 d = third.xy * uSigned.x + uSigned.y;
-    float len = length(d), alpha = pow2(max(second.w, 0.045));
-    d = len > 1e-6 ? d / len : vec2(1, 0);
-    float along = pow2(mix(alpha, 1.0, pow2(third.z))), across = pow2(alpha);
-    s.tensor = vec3(along * d.x * d.x + across * d.y * d.y, along * d.y * d.y + across * d.x * d.x,
-                    (along - across) * d.x * d.y);
-    return s;`,
-    'ggx': `
-    return tensorModel(textureLod(uMap0, uv, lod), textureLod(uMap1, uv, lod), textureLod(uMap2, uv, lod));`,
-    'beckmann': `
-    vec4 third = textureLod(uMap2, uv, lod);
-    Surface s = tensorModel(textureLod(uMap0, uv, lod), textureLod(uMap1, uv, lod), third);
-    float g = clamp(third.w, -1.5, 1.5);
-    s.gamma = exp(g);
-    s.norm = inverseGamma(1.0 + exp(-g));
-    return s;`,
-};
-
-// One program per model. uSamples = 0 looks up once per pixel, as a game would; otherwise the pixel filter is
+// One program per model. SURFACE_OF_MODEL, which the page's author puts before this script, has what each makes of its
+// maps: the body of surfaceAt. uSamples = 0 looks up once per pixel, as a game would; otherwise the pixel filter is
 // integrated over that many bilinear lookups of level 0, and blended with the passes before.
 const fragmentShader = (model) => `#version 300 es
 precision highp float;

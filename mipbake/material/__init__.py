@@ -1,0 +1,99 @@
+"""Material models: their records, and the conversions between them.
+
+A texel of a model is a vector of *stored channels*: what an engine samples, bilinearly and trilinearly, before it
+shades. Arrays are `(..., C)` of float32 or float64; every function is pure and keeps dtype and leading shape.
+
+| model | channels |
+|---|---|
+| `gltf` | base colour r, g, b (linear Rec.709); metallic; perceptual roughness; normal x, y, z |
+| `gltf-anisotropic` | the channels of `gltf`; anisotropy direction x, y; anisotropy strength |
+| `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
+| `beckmann` | the channels of `ggx`; g = ln(gamma) |
+
+`model.py` says what a record holds, and `kinds.py` what a channel can be. Each model, or each pair of models that share
+their formulas, has a file of its own; `models.py` lists them.
+"""
+
+from mipbake.material.beckmann import beckmann_to_ggx, ggx_to_beckmann
+from mipbake.material.gltf import (
+    DIELECTRIC_F0,
+    base_and_metallic,
+    ggx_to_gltf,
+    ggx_to_gltf_anisotropic,
+    gltf_to_ggx,
+)
+from mipbake.material.kinds import (
+    COLOUR,
+    FACTS,
+    LEAST_STRENGTH,
+    LOG,
+    MAX_LOG_GAMMA,
+    MIN_LOG_ALPHA2,
+    MIN_ROUGHNESS,
+    SIGNED,
+    UNIT,
+    Facts,
+    Kind,
+    unknown,
+)
+from mipbake.material.model import GGX_LOBE, Lines, Lobe, MaterialModel, ModelMap, Part, View, rgb, with_unit_length
+from mipbake.material.models import GLTF_MODELS, MODELS, Losses, convert, least_alpha2, losses, model_named, regularise
+from mipbake.material.tensors import (
+    MIN_NORMAL_Z,
+    Array,
+    axes_to_tensor,
+    lift_normal,
+    mean_eigenvalue,
+    positive_definite,
+    tensor_exp,
+    tensor_log,
+    tensor_to_axes,
+)
+
+__all__ = [
+    "COLOUR",
+    "DIELECTRIC_F0",
+    "FACTS",
+    "GGX_LOBE",
+    "GLTF_MODELS",
+    "LEAST_STRENGTH",
+    "LOG",
+    "MAX_LOG_GAMMA",
+    "MIN_LOG_ALPHA2",
+    "MIN_NORMAL_Z",
+    "MIN_ROUGHNESS",
+    "MODELS",
+    "SIGNED",
+    "UNIT",
+    "Array",
+    "Facts",
+    "Kind",
+    "Lines",
+    "Lobe",
+    "Losses",
+    "MaterialModel",
+    "ModelMap",
+    "Part",
+    "View",
+    "axes_to_tensor",
+    "base_and_metallic",
+    "beckmann_to_ggx",
+    "convert",
+    "ggx_to_beckmann",
+    "ggx_to_gltf",
+    "ggx_to_gltf_anisotropic",
+    "gltf_to_ggx",
+    "least_alpha2",
+    "lift_normal",
+    "losses",
+    "mean_eigenvalue",
+    "model_named",
+    "positive_definite",
+    "regularise",
+    "rgb",
+    "tensor_exp",
+    "tensor_log",
+    "tensor_to_axes",
+    "unknown",
+    "with_unit_length",
+]
