@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native
-from mipbake.material import MAX_LOG_GAMMA
+from mipbake.material import FACTS, Kind
+from mipbake.material import MODELS as RECORDS
 
 Array = NDArray[np.float64]
 
 MODELS = dict(_native.models())
-TENSOR_MODELS = ("ggx", "beckmann")
-"""Models with albedo, F0, the normal's x and y and a log-roughness tensor, in this order."""
+TENSOR_MODELS = tuple(name for name in MODELS if RECORDS[name].of(Kind.LOG_TENSOR))
+"""Models with a log-roughness tensor."""
 SMALLEST_ALPHA = 0.002
 
 
@@ -33,34 +34,35 @@ def pairs(rng: np.random.Generator, *shape: int) -> tuple[Array, Array]:
 
 def material(rng: np.random.Generator, model: str, *shape: int) -> Array:
     """Stored channels (..., C) over the whole range that float32 is held to: alpha from 0.002 to 1, any tilt."""
-    u = rng.random
-    if model in TENSOR_MODELS:
-        tilt = rng.uniform(-1.1, 1.1, (*shape, 2))  # some outside the unit disc
+    return np.concatenate([_channels(rng, each.kind, *shape) for each in RECORDS[model].stored], -1)
+
+
+def _channels(rng: np.random.Generator, kind: Kind, *shape: int) -> Array:
+    if kind is Kind.LOG_TENSOR:
         low = 2 * np.log(SMALLEST_ALPHA)
         e1, e2, angle = rng.uniform(low, 0, shape), rng.uniform(low, 0, shape), rng.uniform(0, np.pi, shape)
         c, s = np.cos(angle), np.sin(angle)
-        log_tensor = np.stack([e1 * c * c + e2 * s * s, e1 * s * s + e2 * c * c, (e1 - e2) * c * s], -1)
-        log_tensor[..., ::7, 1] = log_tensor[..., ::7, 0]  # some isotropic
-        log_tensor[..., ::7, 2] = 0
-        ggx = np.concatenate([u((*shape, 6)), tilt, log_tensor], -1)
-        if model == "ggx":
-            return ggx
-        return np.concatenate([ggx, rng.uniform(-MAX_LOG_GAMMA, MAX_LOG_GAMMA, (*shape, 1))], -1)
-    stored = np.concatenate([u((*shape, 5)), directions(rng, *shape)], -1)
-    stored[..., 5:8] *= rng.uniform(0.3, 1.2, (*shape, 1))  # normals come filtered, so shorter than 1
-    if model == "gltf-anisotropic":
-        stored = np.concatenate([stored, rng.uniform(-1, 1, (*shape, 2)), u((*shape, 1))], -1)
-    return stored
+        tensor = np.stack([e1 * c * c + e2 * s * s, e1 * s * s + e2 * c * c, (e1 - e2) * c * s], -1)
+        tensor[..., ::7, 1] = tensor[..., ::7, 0]  # some isotropic
+        tensor[..., ::7, 2] = 0
+        return tensor
+    if kind is Kind.NORMAL:
+        return directions(rng, *shape) * rng.uniform(0.3, 1.2, (*shape, 1))  # filtered, so shorter than 1
+    low, high = (-1.1, 1.1) if kind is Kind.NORMAL_XY else FACTS[kind].limits  # some outside the unit disc
+    return rng.uniform(low, high, (*shape, FACTS[kind].channels))
 
 
 def smooth_material(rng: np.random.Generator, model: str, *shape: int) -> Array:
     """Stored channels away from every kink and from the narrowest lobes, for finite differences."""
     stored = material(rng, model, *shape)
-    if model in TENSOR_MODELS:
-        stored[..., 6:8] *= 0.5
-        stored[..., 8:11] *= 0.3
-        stored[..., 11:] *= 0.5
-    else:
-        stored[..., 4] = 0.3 + 0.7 * stored[..., 4]
-        stored[..., 5:8] = stored[..., 5:8] * 0.3 + [0, 0, 1]
+    for each in RECORDS[model].stored:
+        group = RECORDS[model].maps[each.name]
+        if each.kind in (Kind.NORMAL_XY, Kind.LOG_GAMMA):
+            stored[..., group] *= 0.5
+        elif each.kind is Kind.LOG_TENSOR:
+            stored[..., group] *= 0.3
+        elif each.kind is Kind.ROUGHNESS:
+            stored[..., group] = 0.3 + 0.7 * stored[..., group]
+        elif each.kind is Kind.NORMAL:
+            stored[..., group] = stored[..., group] * 0.3 + [0, 0, 1]
     return stored

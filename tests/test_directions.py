@@ -176,7 +176,7 @@ def test_less_anisotropy_along_a_cut_keeps_the_height_of_the_lobe() -> None:
     level = gltf_level((16, 16), 3, anisotropic=True)
     level[..., 8:10] = lines("fingerprint", shape=(16, 16))[0][..., :2]
     (start,) = directions.aligned([level], "gltf-anisotropic", CLAMP)
-    (made,) = directions.eased([start], CLAMP)
+    (made,) = directions.eased([start], "gltf-anisotropic", CLAMP)
     share = directions.shares([start[..., 8:10]], CLAMP)[0]
     cut = share < 1
     assert cut.any()
@@ -196,14 +196,14 @@ def test_levels_follow_a_level_0_from_elsewhere() -> None:
     levels[0][..., 8:10] = -0.6, -0.8
     for level in levels[1:]:
         level[..., 8:10] *= np.where(level[..., 8:9] > 0, 1, -1)
-    made = directions.led(levels)
+    made = directions.led(levels, "gltf-anisotropic")
     np.testing.assert_array_equal(made[0], levels[0])
     for before, after in zip(levels[1:], made[1:], strict=True):
         np.testing.assert_array_equal(np.abs(after), np.abs(before))
         assert (after[..., 8:10] @ np.array([-0.6, -0.8]) >= 0).mean() > 0.9
 
 
-@pytest.mark.parametrize("model", [name for name in material.MODELS if name != "gltf-anisotropic"])
+@pytest.mark.parametrize("model", [name for name, each in material.MODELS.items() if each.lines is None])
 def test_other_models_stay_as_they_are(model: str) -> None:
     levels = [np.ones((2, 2, material.MODELS[model].channels), np.float32)]
     assert directions.settled(levels, model, WRAP) is levels
@@ -219,7 +219,7 @@ def test_training_settles_levels_alike() -> None:
         level[..., 8:11] = each
         levels.append(level)
     given = [torch.tensor(level[None], requires_grad=True) for level in levels]
-    found = parameters.settled(given, CLAMP)
+    found = parameters.settled(given, "gltf-anisotropic", CLAMP)
     wanted = directions.settled(levels, "gltf-anisotropic", CLAMP)
     changed = 0
     for mine, theirs, start in zip(found, wanted, levels, strict=True):

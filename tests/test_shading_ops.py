@@ -12,10 +12,12 @@ from torch import Tensor
 
 from mipbake import _native
 from mipbake.errors import UsageError
+from mipbake.material import MODELS as RECORDS
+from mipbake.material import Kind
 from mipbake.shading import ops, reference
 from mipbake.shading import shade as shade_numpy
 
-from .shading_inputs import MODELS, TENSOR_MODELS, material, pairs, smooth_material
+from .shading_inputs import MODELS, material, pairs, smooth_material
 
 NO_CUDA = "no CUDA device and CUDA kernels here: the GPU kernels of shading are not tested"
 needs_cuda = pytest.mark.skipif(not (torch.cuda.is_available() and _native.cuda_compiled()), reason=NO_CUDA)
@@ -132,14 +134,15 @@ def test_the_values_are_those_of_the_numpy_door(dtype: torch.dtype) -> None:
 def test_no_gradient_where_a_channel_has_no_effect(model: str) -> None:
     stored, light, view = tensors(model, 1, 30, 16, torch.float64)
     with torch.no_grad():
-        if model in TENSOR_MODELS:
-            stored[..., 6:8] *= 1e-3
-        else:
-            stored[..., 4] = 0.03
-            stored[..., 5:8] = 1e-8
+        for group in RECORDS[model].of(Kind.NORMAL_XY):
+            stored[..., group] *= 1e-3
+        for group in RECORDS[model].of(Kind.ROUGHNESS):
+            stored[..., group] = 0.03
+        for group in RECORDS[model].of(Kind.NORMAL):
+            stored[..., group] = 1e-8
     grad = gradient(ops.shade, model, [stored, light, view], torch.ones(1, 30, 16, 3))
-    if model not in TENSOR_MODELS:
-        assert not grad[..., 4:8].any()  # below the floor of roughness; a normal too short to be one
+    for group in RECORDS[model].of(Kind.ROUGHNESS, Kind.NORMAL):
+        assert not grad[..., group].any()  # below the floor of roughness; a normal too short to be one
     below = gradient(ops.shade, model, [stored, -light.abs(), view], torch.ones(1, 30, 16, 3))
     assert not below.any()
 

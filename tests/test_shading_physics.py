@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake.material import axes_to_tensor, tensor_log
+from mipbake.material import GGX_LOBE, Kind, axes_to_tensor, convert, tensor_log
+from mipbake.material import MODELS as RECORDS
 from mipbake.shading import shade
 
-from .shading_inputs import MODELS, TENSOR_MODELS, directions, material
+from .shading_inputs import MODELS, directions, material
 
 
 def angles(cosines: Any, azimuths: Any) -> Any:
@@ -43,13 +44,13 @@ def half_vectors(tensor: Any, rings: int = 160, spokes: int = 96) -> tuple[Any, 
 
 def stored(model: str, alpha: float, strength: float, angle: float, base: float, g: float = 0.0) -> Any:
     """(1, C) stored channels of an upright metal: F0 = base, no diffuse term. g = ln(gamma), for `beckmann`."""
-    direction = np.array([np.cos(angle), np.sin(angle)])
-    if model in TENSOR_MODELS:
-        tensor = tensor_log(axes_to_tensor(np.array(alpha), np.array(strength), direction))
-        ggx = [np.zeros(3), np.full(3, base), [0, 0], tensor]
-        return np.concatenate(ggx if model == "ggx" else [*ggx, [g]])[None]
-    gltf = np.concatenate([np.full(3, base), [1, np.sqrt(alpha), 0, 0, 1]])
-    return (gltf if model == "gltf" else np.concatenate([gltf, direction, [strength]]))[None]
+    tensor = tensor_log(tensor_of(alpha, strength, angle))
+    texel = convert(np.concatenate([np.zeros(3), np.full(3, base), [0, 0], tensor])[None], "ggx", model)
+    for group in RECORDS[model].of(Kind.LOG_TENSOR):
+        texel[..., group] = tensor
+    for group in RECORDS[model].of(Kind.LOG_GAMMA):
+        texel[..., group] = g
+    return texel
 
 
 def tensor_of(alpha: float, strength: float, angle: float) -> Any:
@@ -60,7 +61,7 @@ SHAPES = [(1.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.01, 0.0, 0.0), (0.1, 0.6, 0.0), (
 
 
 def shapes(model: str) -> list[tuple[float, float, float]]:
-    return [shape for shape in SHAPES if model != "gltf" or shape[1] == 0]
+    return [shape for shape in SHAPES if RECORDS[model].anisotropic or shape[1] == 0]
 
 
 CASES = [(model, shape) for model in MODELS for shape in shapes(model)]
@@ -76,9 +77,9 @@ def test_the_distribution_is_normalised(model: str, shape: tuple[float, float, f
     x, y, z = half.T
     s = np.sqrt(s11 * x * x + 2 * s12 * x * y + s22 * y * y)
     smith = np.hypot(z, s)
-    if model == "beckmann":
+    if RECORDS[model].of(Kind.LOG_GAMMA):
         smith = z * torch.erf(torch.from_numpy(z / s)).numpy() + s / np.sqrt(np.pi) * np.exp(-np.square(z / s))
-    for g in EXPONENTS if model == "beckmann" else (0.0,):
+    for g in EXPONENTS if RECORDS[model].of(Kind.LOG_GAMMA) else (0.0,):
         f = shade(model, stored(model, *shape, base=1.0, g=g), half, half)[:, 0, 0]
         assert np.sum(f * 4 * smith * z * solid) == pytest.approx(1, abs=2e-4)
 
@@ -114,7 +115,7 @@ def test_white_furnace(model: str, shape: tuple[float, float, float], elevation:
     assert reflected <= 1 + 2e-3
     if shape == (0.01, 0.0, 0.0):
         assert reflected > 0.99
-    if shape == (1.0, 0.0, 0.0) and model != "beckmann":
+    if shape == (1.0, 0.0, 0.0) and RECORDS[model].lobe is GGX_LOBE:
         # S = I, so G = 1 and D = 1 / pi: f = l_n / (2 pi (l_n + v_n)), with a known integral.
         assert reflected == pytest.approx(1 - elevation * np.log(1 + 1 / elevation), rel=1e-4)
 
@@ -124,16 +125,23 @@ def test_white_furnace(model: str, shape: tuple[float, float, float], elevation:
 def test_no_material_reflects_more_than_it_receives(model: str, metallic: float) -> None:
     rng = np.random.default_rng(6)
     texels = material(rng, model, 200)
-    if model in TENSOR_MODELS:
-        # These do not scale their diffuse term by what the specular one leaves, so energy is the material's business.
-        texels[:, 0:3] = (1 - metallic) * 0.5
-        texels[:, 3:6] = 0.04 + (0.5 - 0.04) * metallic
-        texels[:, 6:8] = 0
-        texels[:, 8:11] = np.stack([*rng.uniform(-3, 0, (2, 200)), rng.uniform(-0.5, 0.5, 200)], -1)
-        texels[:, 11:] = 0  # of beckmann: the exponent that its masking is for
-    else:
-        texels[:, 0:3], texels[:, 3], texels[:, 5:8] = 1, metallic, [0, 0, 1]
-        texels[:, 4] = rng.uniform(0.5, 1, 200)
+    layout = RECORDS[model]
+    for group in layout.of(Kind.LOG_TENSOR):
+        texels[:, group] = np.stack([*rng.uniform(-3, 0, (2, 200)), rng.uniform(-0.5, 0.5, 200)], -1)
+    for group in layout.of(Kind.ROUGHNESS):
+        texels[:, group] = rng.uniform(0.5, 1, (200, 1))
+    for group in layout.of(Kind.LOG_GAMMA):
+        texels[:, group] = 0  # the exponent that its masking is for
+    texels[:, layout.normal] = [0, 0, 1][: layout.normal.stop - layout.normal.start]
+    # Models that are not coated do not scale their diffuse term by what the specular one leaves, so that energy is the
+    # material's business.
+    base = 1.0 if layout.coated else 0.5
+    white = np.concatenate(
+        [np.full(3, (1 - metallic) * base), np.full(3, 0.04 + (base - 0.04) * metallic), np.zeros(5)]
+    )
+    converted = convert(white, "ggx", model)
+    for group in layout.of(Kind.REFLECTANCE, Kind.SHARE):
+        texels[:, group] = converted[group]
     nodes, weights = np.polynomial.legendre.leggauss(96)
     light = angles((nodes + 1) / 2, np.arange(96) * 2 * np.pi / 96)
     solid = np.repeat(weights / 2 * 2 * np.pi / 96, 96)
@@ -141,14 +149,14 @@ def test_no_material_reflects_more_than_it_receives(model: str, metallic: float)
         f = shade(model, texels, light.reshape(-1, 3), np.broadcast_to(view, (96 * 96, 3)))
         # glTF leaves 1 - F(l.h) of the light to the diffuse term, which is not quite what the specular one lets
         # through: white plastic gains a twentieth at the lowest of these elevations.
-        assert np.einsum("knc,k->nc", f, solid).max() <= (1.001 if model in TENSOR_MODELS or metallic == 1 else 1.05)
+        assert np.einsum("knc,k->nc", f, solid).max() <= (1.05 if layout.coated and metallic < 1 else 1.001)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_reciprocity(model: str) -> None:
     rng = np.random.default_rng(7)
     texels = material(rng, model, 100)
-    texels[:, slice(6, 8) if model in TENSOR_MODELS else slice(5, 7)] = 0
+    texels[:, RECORDS[model].normal][:, :2] = 0
     light, view = (np.abs(directions(rng, 50)) for _ in range(2))
     forth = shade(model, texels, light, view) / light[:, 2, None, None]
     back = shade(model, texels, view, light) / view[:, 2, None, None]
@@ -162,13 +170,12 @@ def test_turning_the_surface_turns_the_reflection(model: str) -> None:
     rng = np.random.default_rng(8)
     texels = material(rng, model, 60)
     light, view = directions(rng, 40), directions(rng, 40)
-    texels[:, slice(6, 8) if model in TENSOR_MODELS else slice(5, 7)] = 0
+    texels[:, RECORDS[model].normal][:, :2] = 0
     turned = texels.copy()
-    if model in TENSOR_MODELS:
-        turned[:, [8, 9]] = texels[:, [9, 8]]
-        turned[:, 10] = -texels[:, 10]
-    elif model == "gltf-anisotropic":
-        turned[:, 8], turned[:, 9] = -texels[:, 9], texels[:, 8]
+    for group in RECORDS[model].of(Kind.LOG_TENSOR):
+        turned[:, group] = texels[:, group][:, [1, 0, 2]] * [1, 1, -1]
+    for group in RECORDS[model].of(Kind.DIRECTION):
+        turned[:, group] = texels[:, group][:, [1, 0]] * [-1, 1]
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(
         shade(model, turned, light @ turn.T, view @ turn.T), shade(model, texels, light, view), rtol=1e-9

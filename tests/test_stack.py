@@ -23,7 +23,7 @@ SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]
 EXACT = [name for name in NAMES if format_named(name).exact]
 FLOATING = [name for name in EXACT if "log" in format_named(name).encodings]
-HOLDS = [(m, fmt) for m in material.MODELS for fmt in (EXACT if m.startswith("gltf") else FLOATING)]
+HOLDS = [(m, fmt) for m in material.MODELS for fmt in (FLOATING if material.MODELS[m].logarithms else EXACT)]
 BITS = {"float": 24, "half": 11, "rgba16f": 11, "16": 16, "8": 8, "rgba8": 8}
 
 

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from mipbake.errors import InputError, UsageError
-from mipbake.material import MIN_ROUGHNESS, MODELS, convert, tensor_exp
+from mipbake.material import GGX_LOBE, MIN_ROUGHNESS, MODELS, Kind, convert, tensor_exp
 from mipbake.metrics import pair_set
 from mipbake.models.latent_config import LatentConfig
 from mipbake.render import reference
@@ -49,16 +49,19 @@ def assert_valid(stored: np.ndarray[Any, Any], model: str) -> None:
     assert np.isfinite(stored).all()
     assert (stored >= low - 1e-6).all()
     assert (stored <= high + 1e-6).all()
-    if model == "gltf":
-        np.testing.assert_allclose(np.linalg.norm(stored[..., 5:8], axis=-1), 1, atol=2e-3)
-        assert (stored[..., 7] > 0).all()
-        assert (stored[..., 4] >= MIN_ROUGHNESS - 1e-6).all()
-    else:
-        assert (np.linalg.norm(stored[..., 6:8], axis=-1) < 1).all()
-        tensor = tensor_exp(stored[..., 8:11].astype(np.float64))
+    layout = MODELS[model]
+    for group in layout.of(Kind.NORMAL):
+        np.testing.assert_allclose(np.linalg.norm(stored[..., group], axis=-1), 1, atol=2e-3)
+        assert (stored[..., group][..., 2] > 0).all()
+    for group in layout.of(Kind.NORMAL_XY):
+        assert (np.linalg.norm(stored[..., group], axis=-1) < 1).all()
+    for group in layout.of(Kind.ROUGHNESS):
+        assert (stored[..., group] >= MIN_ROUGHNESS - 1e-6).all()
+    for group in layout.of(Kind.LOG_TENSOR):
+        tensor = tensor_exp(stored[..., group].astype(np.float64))
         determinant = tensor[..., 0] * tensor[..., 1] - tensor[..., 2] ** 2
         assert (determinant > 0).all()
-        assert (tensor[..., :2].sum(-1) <= (2.6 if model == "beckmann" else 2 + 1e-4)).all()
+        assert (tensor[..., :2].sum(-1) <= (2 + 1e-4 if layout.lobe is GGX_LOBE else 2.6)).all()
 
 
 # Configurations
@@ -216,9 +219,9 @@ def test_turned_patches_look_the_same_under_turned_light(model: str, quarter_tur
 
     size = 8
     patch = patches_of(model, 1, size)[0]
-    if model != "gltf":
-        patch[..., 8:11] = augmentation.change_roughness(patch[None], model, np.random.default_rng(3))[0, ..., 8:11]
-        patch[..., 8] += 1.0
+    for group in MODELS[model].of(Kind.LOG_TENSOR):
+        patch[..., group] = augmentation.change_roughness(patch[None], model, np.random.default_rng(3))[0, ..., group]
+        patch[..., group.start] += 1.0
     pairs = pair_set("near-mirror", 0, 8)
     turned = augmentation.turn(patch, quarter_turns, mirror, model)
     angle = quarter_turns * np.pi / 2

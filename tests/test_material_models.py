@@ -1,0 +1,307 @@
+"""The records of material models: every field of every model is filled, and every reader of records takes every model.
+
+What is computed with them is tested beside what computes it.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from mipbake import directions
+from mipbake.compare.comparing import limits
+from mipbake.io.layout import ENCODINGS, LAYOUTS
+from mipbake.material import FACTS, MODELS, Kind, MaterialModel, ModelMap, convert, losses, regularise, unknown
+from mipbake.models import parameters
+from mipbake.models.latent_config import PARAMETERS, LatentConfig
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.search import texel_coordinates
+from mipbake.report.viewer import texel_bytes, viewer_fragment
+from mipbake.shading import models, reference
+from mipbake.training import augmentation
+from mipbake.training.config import AUGMENTED
+
+from .stacks import gltf_level
+from .viewer_scenes import scene_of, stack_of
+
+PAIRS = list(itertools.product(MODELS, MODELS))
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def texels(model: str) -> np.ndarray:
+    """(16, 16, C) float32: a bumpy anisotropic material, as the model holds it."""
+    given = convert(gltf_level((16, 16), anisotropic=True), "gltf-anisotropic", model)
+    return regularise(given, model).astype(np.float32)
+
+
+# ---- kinds
+
+
+def test_every_kind_has_its_facts() -> None:
+    assert set(FACTS) == set(Kind)
+    for facts in FACTS.values():
+        assert facts.channels >= facts.coordinates >= 1 and facts.step > 0
+        assert facts.limits[0] < facts.limits[1] and facts.range[0] < facts.range[1]
+        assert facts.encoding in ENCODINGS
+        assert facts.unit_axis is None or 0 <= facts.unit_axis < facts.channels
+        assert not facts.as_stored or facts.channels == facts.coordinates
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_every_kind_has_coordinates(kind: Kind) -> None:
+    facts = FACTS[kind]
+    stored = torch.full((4, facts.channels), 0.3)
+    if facts.unit_axis is not None:
+        stored = torch.nn.functional.normalize(stored, dim=-1)
+    coordinates = parameters.to_coordinates(stored, kind)
+    assert coordinates.shape == (4, facts.coordinates)
+    assert (coordinates is stored) == facts.as_stored
+    back = parameters.of_coordinates(coordinates, kind, 1e-6)
+    assert torch.allclose(back, stored, atol=1e-6)
+    low, high = facts.range
+    assert ((coordinates >= low) & (coordinates <= high)).all()
+
+
+def test_what_no_fork_knows_is_an_error_and_not_another_kind() -> None:
+    odd: Any = "phong"
+    with pytest.raises(AssertionError, match="phong is not known"):
+        unknown(odd)
+    for function in (parameters.to_coordinates, lambda values, kind: parameters.of_coordinates(values, kind, 1e-6)):
+        with pytest.raises(AssertionError, match="phong is not known"):
+            function(torch.zeros(1, 3), odd)
+
+
+# ---- records
+
+
+def test_every_model_is_known_to_the_core_and_has_its_plain_twin() -> None:
+    assert list(MODELS) == [model.name for model in MODELS.values()]
+    assert models() == {name: model.channels for name, model in MODELS.items()}
+    assert set(reference.MODELS) == set(MODELS)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_every_field_of_every_record_is_filled(model: MaterialModel) -> None:
+    optional = {"exact", "decoded_from"}
+    for field in fields(MaterialModel):
+        value = getattr(model, field.name)
+        if field.name in optional:
+            continue
+        assert value is not None and value not in ("", ()), field.name
+    assert all(each.name and all(each.meanings) for each in model.stored)
+    assert model.lobe.tails and model.view.surface.strip() and 0 < model.least_alpha2 < 1e-3
+    assert set(model.exact) <= set(MODELS) and (model.decoded_from is None or model.decoded_from in MODELS)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_lengths_agree(model: MaterialModel) -> None:
+    channels = list(range(model.channels))
+
+    def held(slices: Any) -> list[int]:
+        return [i for group in slices for i in range(group.start, group.stop)]
+
+    assert held(model.maps.values()) == channels
+    assert held(part.channels for part in model.parts) == channels
+    assert held(part.coordinates for part in model.parts) == list(range(model.coordinates))
+    assert held(part.parameters for part in model.parts) == list(range(model.parameters))
+    assert len(model.limits) == model.channels
+    assert model.normal.stop - model.normal.start in (2, 3)
+    assert [each for maps in model.files.values() for each in maps] == list(model.stored)
+    assert held(layout.channels for layout in LAYOUTS[model.name]) == channels
+    for layout in LAYOUTS[model.name]:
+        assert len(layout.encodings) == len(layout.meanings) == layout.channels.stop - layout.channels.start
+        assert len(layout.alone.channels) <= 4
+
+
+GLTF = MODELS["gltf"]
+
+
+@pytest.mark.parametrize(
+    ("stored", "sentence"),
+    [
+        (GLTF.stored[:-1], "a normal"),
+        (GLTF.stored[:2] + GLTF.stored[3:], "a roughness or a tensor"),
+        ((*GLTF.stored, GLTF.stored[3]), "a normal"),
+        ((*GLTF.stored, ModelMap("bend", Kind.STRENGTH, ("bend",))), "a strength behind a direction"),
+        ((*GLTF.stored, ModelMap("metal", Kind.SHARE, ("metal", "shine"))), "a meaning for each channel"),
+        ((*GLTF.stored, ModelMap("coat", Kind.SHARE, ("coat",))), "each channel in the view"),
+    ],
+)
+def test_a_record_that_does_not_fit_together_is_refused(stored: tuple[ModelMap, ...], sentence: str) -> None:
+    with pytest.raises(AssertionError, match=sentence):
+        replace(GLTF, name="phong", stored=stored)
+
+
+# ---- readers of records
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
+def test_every_pair_converts(source: str, target: str) -> None:
+    stored = texels(source)
+    found = convert(stored, source, target)
+    assert found.shape == (16, 16, MODELS[target].channels) and found.dtype == np.float32
+    assert found == pytest.approx(regularise(found, target), abs=1e-4)
+    back = convert(found, target, source)
+    if not losses(source, target).blind and not any(losses(target, source)[:4]):
+        assert back == pytest.approx(stored, abs=2e-3)
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
+def test_losses_are_said_and_steer_networks(source: str, target: str) -> None:
+    lost = losses(source, target)
+    assert len(limits(source, target, True)) == 1 + lost.anisotropy + lost.lobe + (
+        lost.diffuse and MODELS[source].coated
+    )
+    one = LatentConfig(encoders=(target,), decoders=(target,))
+    assert one.read_as(source) == target
+    assert one.reads(source) == (not lost.blind)
+    assert all(one.made_from(each) == target for each in one.targets)
+
+
+def test_networks_read_a_model_through_the_encoder_that_loses_least() -> None:
+    nearest = {"gltf": "gltf-anisotropic", "gltf-anisotropic": "ggx", "ggx": "gltf-anisotropic", "beckmann": "ggx"}
+    for source, wanted in nearest.items():
+        others = tuple(model for model in nearest if model != source)
+        assert LatentConfig(encoders=others, decoders=("ggx",)).read_as(source) == wanted
+        assert LatentConfig(encoders=others[::-1], decoders=("ggx",)).read_as(source) == wanted
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_a_model_stores_of_a_tensor_gives_the_tensor(name: str) -> None:
+    model, stored = MODELS[name], texels(name).astype(np.float64)
+    tensor = model.roughness_tensor(stored)
+    assert tensor.shape[-1] == (3 if model.anisotropic else 1)
+    again = stored.copy()
+    for kind, channels in model.of_tensor(tensor).items():
+        (group,) = model.of(kind)
+        again[..., group] = channels
+    assert model.roughness_tensor(again) == pytest.approx(tensor, rel=1e-5, abs=1e-9)
+    round_lobe = {kind: channels.shape[-1] for kind, channels in model.of_tensor(np.full((4, 1), 0.01)).items()}
+    assert round_lobe == {kind: FACTS[kind].channels for kind in round_lobe}
+    assert np.linalg.norm(model.unit_normals(stored), axis=-1) == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_parameters_of_every_model(name: str) -> None:
+    stored = torch.from_numpy(texels(name))
+    found = parameters.to_parameters(stored, name)
+    assert found.shape[-1] == PARAMETERS[name] == MODELS[name].parameters
+    given, back = (MODELS[name].roughness_tensor(t.numpy()) for t in (stored, parameters.to_stored(found, name)))
+    assert back == pytest.approx(given, rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_coordinates_of_every_model(name: str) -> None:
+    """Their units, limits and derivatives, these against differences."""
+    stored = torch.from_numpy(texels(name)).double()
+    coordinates = texel_coordinates.to_coordinates(stored, name)
+    assert coordinates.shape[-1] == MODELS[name].coordinates
+    assert torch.allclose(texel_coordinates.to_stored(coordinates, name), stored, atol=1e-3)
+    assert (texel_coordinates.units(coordinates, name) > 0).all()
+    assert not texel_coordinates.at_limits(coordinates, torch.zeros_like(coordinates), name).any()
+    by_channel = torch.randn(stored.shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    for group in MODELS[name].of(Kind.DIRECTION):
+        by_channel[..., group] = 0  # vectors that are made unit have other derivatives
+    leaf = coordinates.clone().requires_grad_()
+    (texel_coordinates.to_stored(leaf, name) * by_channel).sum().backward()
+    at = texel_coordinates.to_stored(coordinates, name)
+    found = texel_coordinates.without_heights(by_channel, at, name) * texel_coordinates.per_coordinate(
+        coordinates, name
+    )
+    inside = [i for part in MODELS[name].parts if part.kind is not Kind.LOG_TENSOR for i in _range(part.coordinates)]
+    assert leaf.grad is not None
+    assert torch.allclose(found[..., inside], leaf.grad[..., inside], rtol=1e-6, atol=1e-9)
+
+
+def _range(part: slice) -> range:
+    return range(part.start, part.stop)
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
+def test_every_closed_form_takes_every_pair(source: str, target: str) -> None:
+    for method in ("lean", "toksvig", "linear"):
+        levels = METHODS[method](texels(source), source, target, "box", ("wrap", "clamp"), lambda _: None).levels
+        assert [level.shape for level in levels] == [(1 << n, 1 << n, MODELS[target].channels) for n in (4, 3, 2, 1, 0)]
+        low, high = np.array(MODELS[target].limits).T
+        assert all(((level >= low) & (level <= high)).all() for level in levels)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_signs_are_settled_where_a_model_has_lines(name: str) -> None:
+    levels = stack_of(texels(name), name).levels
+    given, wrap = [torch.from_numpy(level[None]) for level in levels], ("wrap", "wrap")
+    assert (directions.settled(levels, name, wrap) is levels) == (MODELS[name].lines is None)
+    assert (parameters.settled(given, name, wrap) is given) == (MODELS[name].lines is None)
+    assert directions.led(levels, name)[0] is levels[0]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_view_shows_every_model(name: str) -> None:
+    fragment = viewer_fragment({"a": stack_of(texels(name), name)})
+    packed = scene_of(fragment)["stacks"][0]
+    assert len(packed["maps"]) == len(MODELS[name].view.textures)
+    assert texel_bytes(name) == len(packed["maps"]) * (8 if packed["half"] else 4)
+    for textures, made in zip(MODELS[name].view.textures, packed["maps"], strict=True):
+        assert made["srgb"] == any(group.start == textures[0] for group in MODELS[name].of(Kind.REFLECTANCE))
+    assert f'"{name}": ' in fragment and "const SURFACE_OF_MODEL" in fragment
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_augmentation_takes_a_model_or_refuses_it(name: str) -> None:
+    patches = np.stack([texels(name)] * 3)
+    rng = np.random.default_rng(0)
+    if name not in AUGMENTED:
+        with pytest.raises(AssertionError, match="cannot be turned"):
+            augmentation.augment(patches, name, rng)
+        return
+    found = augmentation.augment(patches, name, rng)
+    low, high = np.array(MODELS[name].limits).T
+    assert ((found >= low - 1e-6) & (found <= high + 1e-6)).all()
+    for group in MODELS[name].of(*(kind for kind in Kind if kind is not Kind.SHARE)):
+        assert not np.array_equal(found[..., group], patches[..., group])
+
+
+# ---- nobody asks for the name of a model
+
+BY_NAME = {
+    "mipbake/intake.py": "kinds of inputs, of which one is a glTF document",
+    "mipbake/shading/reference.py": "the list of plain twins",
+    "models/moment_config.py": "networks that correct averages of glTF's models, and of no others",
+}
+
+
+def asked_by_name(path: Path) -> list[int]:
+    """Lines where code compares with names of models, or has a table with names of models as its keys."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        parts: list[Any] = []
+        if isinstance(node, ast.Compare):
+            parts = [node.left, *node.comparators]
+        elif isinstance(node, ast.Dict):
+            parts = list(node.keys)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "startswith":
+            parts = node.args
+        elif isinstance(node, ast.match_case):
+            parts = [node.pattern]
+        names = {leaf.value for part in parts if part for leaf in ast.walk(part) if isinstance(leaf, ast.Constant)}
+        if names & set(MODELS):
+            found.append(node.lineno if hasattr(node, "lineno") else 0)
+    return found
+
+
+def test_no_code_asks_for_a_model_by_its_name() -> None:
+    """A fork by name, or a table by names, treats the next model as another one. Records know what to ask for."""
+    asked = {}
+    for room in ("mipbake", "models", "training", "cli"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            name = path.relative_to(ROOT).as_posix()
+            if not name.startswith("mipbake/material/") and (lines := asked_by_name(path)):
+                asked[name] = lines
+    assert set(asked) <= set(BY_NAME), {name: lines for name, lines in asked.items() if name not in BY_NAME}
