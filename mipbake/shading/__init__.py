@@ -39,7 +39,7 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
     Beckmann (gamma = 1) whatever gamma is: an approximation.
 
     Args:
-        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
+        model: a name in `mipbake.material.MODELS`.
         material: (N, C) or (B, N, C) stored channels of the model, float32 or float64, any strides. Normals and
             anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
             channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, of ggx's log-roughness tensor the
@@ -81,7 +81,7 @@ def shade_lit(
     is ever stored. For NumPy arrays, on the CPU, without gradients.
 
     Args:
-        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
+        model: a name in `mipbake.material.MODELS`.
         material: (N, C) stored channels of the model, float32 or float64, any strides; limits as in `shade`.
         frame: (N, 3, 3), of each point the axes of its tangent space as rows t, b, n: orthonormal vectors in the world.
             This and what follows may have any strides, and is converted to the dtype of the material.

@@ -20,7 +20,7 @@ def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, 
     The same kernel as the gradient of `mipbake.shading.ops.shade`, with the same limits and the same bits.
 
     Args:
-        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
+        model: a name in `mipbake.material.MODELS`.
         material: (B, N, C) stored channels, float32, as are all arrays here.
         light: (B, K, 3) unit vectors, or (B, K, N, 3) for vectors of each texel; strides of 0 repeat. view: the same
             shape.

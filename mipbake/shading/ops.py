@@ -21,7 +21,7 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """Radiance of every texel under every light-view pair; `mipbake.shading.shade` with a gradient to the material.
 
     Args:
-        model: "gltf", "gltf-anisotropic", "ggx" or "beckmann".
+        model: a name in `mipbake.material.MODELS`.
         material: (N, C) or (B, N, C) stored channels, float32 or float64 (CUDA: float32), any strides, read without a
             copy.
         light: (K, 3) or (B, K, 3) unit vectors, or (B, K, N, 3) for vectors of each texel; an axis of size 1 or stride
