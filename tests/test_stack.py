@@ -167,7 +167,7 @@ def test_manifest_declares_every_convention(tmp_path, model, fmt):
     assert output["normal_convention"] == "OpenGL"
     assert manifest["provenance"]["sources"] == {"normal.png": "ab"}
     maps = output["maps"]
-    colour = maps["diffuse" if model in ("ggx", "beckmann") else "base_color"]
+    colour = maps[material.MODELS[model].stored[0].name]
     assert colour["colour_space"] == ("linear Rec.709" if fmt in FLOATING else "sRGB")
     assert [c["encoding"] for c in maps["normal"]["channels"]][:2] == ["(x + 1) / 2"] * 2
     assert maps["normal"]["levels"][1] == {"width": 5, "height": 3}
