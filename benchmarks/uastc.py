@@ -32,7 +32,7 @@ from mipbake.glb import encoded, output
 from mipbake.io import uastc
 from mipbake.io.containers import Container
 from mipbake.io.gltf.ranges import Ranges, usual_ranges
-from mipbake.io.gpu_files import GpuFile
+from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.output import GLB_TEXELS
 
@@ -209,7 +209,7 @@ def parts(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], 
     del texture_set
     names = [file.layout.name for file in stack.files(output()) if file.layout.shades]
     return {
-        f"{name}, {texels}": _decoded(stack, GpuFile("ktx2", texels), Ranges(), (name,))
+        f"{name}, {texels}": _decoded(stack, GpuFile(KTX2, texels), Ranges(), (name,))
         for texels in ("rgba8", "uastc")
         for name in names
     }, {}
@@ -223,7 +223,7 @@ def encoder(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels]
     for effort in EFFORTS:
         uastc._EFFORT = effort
         start = time.perf_counter()
-        variants[f"{effort}"] = _decoded(stack, GpuFile("ktx2", "uastc"), ranges, ("normal",))
+        variants[f"{effort}"] = _decoded(stack, GpuFile(KTX2, "uastc"), ranges, ("normal",))
         seconds[f"seconds of {effort}"] = f"{time.perf_counter() - start:.1f}"
     uastc._EFFORT = usual
     return variants, seconds

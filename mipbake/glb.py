@@ -25,7 +25,7 @@ from mipbake.io.gltf.quad import QuadOptions, standalone
 from mipbake.io.gltf.ranges import Ranges, usual_ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
 from mipbake.io.gltf.write import GltfResult, rewritten
-from mipbake.io.gpu_files import GpuFile
+from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
@@ -100,7 +100,7 @@ def encoded(
         ranges = usual_ranges(stack.levels, stack.model)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
-        container = GpuFile("ktx2", (texels or {}).get(file.layout.name, "uastc"))
+        container = GpuFile(KTX2, (texels or {}).get(file.layout.name, "uastc"))
         texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
         found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]

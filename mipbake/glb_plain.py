@@ -21,7 +21,7 @@ from mipbake.io.gltf.extracted import Extracted
 from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.slots import COLOUR
 from mipbake.io.gltf.write import SIDE
-from mipbake.io.gpu_files import GpuFile
+from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.layout import COLOUR as COLOUR_ENCODING
 from mipbake.io.layout import UNIT, FileChannel, FileLayout
 from mipbake.io.map_files import Levels, MapFile, quantised_levels
@@ -46,7 +46,7 @@ def averaged_files(
     Raises:
         InputError: an image cannot be read any more.
     """
-    container = GpuFile("ktx2", "uastc")
+    container = GpuFile(KTX2, "uastc")
     about = json.dumps({"method": "linear", "pixel_filter": "box", "version": __version__})
 
     def encode(given: tuple[PlainTexture, Image]) -> tuple[PlainTexture, bytes]:

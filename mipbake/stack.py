@@ -229,7 +229,7 @@ class MipStack:
             if not (format is None or isinstance(format, str)):
                 raise UsageError("outputs and a preset were both given: expected one of the two")
             outputs, glb, finer = wanted_outputs(engine, format)
-            blocks = any(output.container.texels in ("bc", "bc1", "uastc") for output in outputs)
+            blocks = any(not output.container.exact for output in outputs)
             for sentence in engine.check(width, height, blocks):
                 warnings.warn(sentence, stacklevel=3)
         elif format is None or isinstance(format, str):

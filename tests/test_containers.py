@@ -67,6 +67,21 @@ def texels_in(folder: Path, map: str, fmt: str, count: int, levels: int) -> list
     return openimageio_levels(folder / f"{map}.{name}", count, types.get(kind, "uint8"))
 
 
+@every_format
+def test_advice_leads_from_every_format_to_the_most_precise(fmt: str) -> None:
+    """Each format is advised where the one before costs too much: none twice, and floats are the last."""
+    said: list[str] = []
+    better: str | None = fmt
+    while better is not None:
+        container = format_named(better)
+        better = container.finer
+        said.append(f"{container.name}:{container.texels}")
+    assert len(set(said)) == len(said)
+    assert said[-1] in ("exr:float", "tx:float")
+    exact = [format_named(each).exact for each in said]
+    assert exact == sorted(exact)  # blocks are left and never come back
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("fmt", EXACT)
 def test_exact_texels_come_back_bit_for_bit(tmp_path, fmt: str, size: tuple[int, int]) -> None:

@@ -17,9 +17,9 @@ from mipbake.compare.costs import LIMIT, Cost, Coverage
 from mipbake.compare.texture_space import measure
 from mipbake.compare.written import measure_written
 from mipbake.errors import InputError
+from mipbake.io.containers import FORMATS, Container
 from mipbake.io.gltf.ranges import Ranges
-from mipbake.io.gpu_files import GpuFile
-from mipbake.io.layout import LAYOUTS, to_file
+from mipbake.io.layout import ENCODINGS, LAYOUTS, to_file
 from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
 from mipbake.metrics import PAIR_SETS
 from mipbake.opacity import coverage
@@ -41,9 +41,6 @@ _POINTS, _SAMPLES, _SEED = 8192, 16, 11
 """Losses hang on the few points that shine. From 1,024 points, the order of variants changed from draw to draw on
 polished tiles; from 8,192 it stays, for little more time."""
 
-_LADDER = ("bc", "rgba8", "rgba16f")
-"""Texels of ktx2 and dds from the smallest to the most precise."""
-
 
 def part_of(progress: Progress, index: int, count: int) -> Progress:
     """Progress of one of several pieces of work that are as long as each other."""
@@ -59,7 +56,9 @@ def chosen_all(
         alike = [
             (given, choice)
             for given, choice in zip(outputs, made, strict=False)
-            if {given.format, output.format} == {"ktx2", "dds"} and replace(given, format=output.format) == output
+            if len(_ladder(output)) > 1
+            and _ladder(given) == _ladder(output)
+            and replace(given, format=output.format) == output
         ]
         here = part_of(progress, index, len(outputs))
         choice = replace(alike[0][1], format=output.format) if alike else chosen(texture_set, stack, output, here)
@@ -87,19 +86,19 @@ def chosen(
         progress: moved by every file and kind of texels, then by every level of detail that is measured.
         ranges: what a material multiplies the values in the files by.
     """
-    plain = output.format in ("ktx2", "dds")
-    ladder = _LADDER if plain else (output.container.texels, *output.finer)
-    if len(ladder) == 1:
+    ladder = _ladder(output)
+    if len(ladder) < 2:
         return output
-    name = output.container.name
+    kinds = FORMATS[output.container.name]
     files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == ladder[0]]
     variants = {}
     for index, file in enumerate(files):
         for step, texels in enumerate(ladder):
-            variants[f"{texels} {index}"] = Decoded(file, GpuFile(name, texels), stack, ranges)
+            variants[f"{texels} {index}"] = Decoded(file, kinds[texels], stack, ranges)
             progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
-    steps = [len(ladder) - (not plain and file.layout.is_colour and ladder[-1] == "rgba16f") for file in files]
+    srgb = output.format != output.container.name and kinds[ladder[-1]].encodings == ENCODINGS
+    steps = [len(ladder) - (srgb and file.layout.is_colour) for file in files]
     found = losses(texture_set, opened(stack), variants, part_of(progress, 1, 2))
     added = {name: _added(loss) for name, loss in found.items()}
     choice = dict.fromkeys(range(len(files)), 0)
@@ -116,6 +115,13 @@ def chosen(
         choice[max(gains, key=gains.__getitem__)] += 1
     names = _plain_names(stack, output)
     return replace(output, texels={names[files[i].layout.name]: ladder[step] for i, step in choice.items() if step})
+
+
+def _ladder(output: Output) -> tuple[str, ...]:
+    """Texels that files of an output may have, from the smallest to the most precise."""
+    container = output.container
+    plain = output.format == container.name  # without texels
+    return container.ladder if plain else (container.texels, *output.finer)
 
 
 def cost(
@@ -199,7 +205,7 @@ class Decoded(Sequence[NDArray[np.float32]]):
     a copy of the stack for every file and kind of texels would take more memory than the bake did.
     """
 
-    def __init__(self, file: MapFile, container: GpuFile, stack: MipStack, ranges: Ranges) -> None:
+    def __init__(self, file: MapFile, container: Container, stack: MipStack, ranges: Ranges) -> None:
         self._file, self._stack, self._ranges = file, stack, ranges
         self._container = container
         stored = ranges.stored(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mipbake.compare.written import SPOKEN, Written
+from mipbake.io.containers import Container, format_named
+from mipbake.output import GLB
 from mipbake.presets import Preset
 
 LIMIT = 0.3
@@ -91,18 +93,21 @@ class Cost:
         return [said for said in (self._of_loss(preset), self._of_coverage(preset)) if said]
 
     def _of_loss(self, preset: Preset | None) -> str | None:
-        container, _, texels = self.format.partition(":")
-        if self.worst <= LIMIT or texels == "float":  # nothing is more precise
+        format, _, texels = self.format.partition(":")
+        if self.worst <= LIMIT:
             return None
-        if container == "glb" and texels:
+        if format == GLB and texels:
             advice = "plain --format ktx2 beside it chooses more precise texels"
-        elif container == "glb":
+        elif format == GLB:
             advice = "--format glb:rgba8 writes texels that three.js and Babylon.js load"
             advice = (
                 preset.no_finer if preset and preset.no_finer else f"the glTF standard allows no other texels; {advice}"
             )
         else:
-            advice = _advice("ktx2" if texels == "uastc" else _better(container, texels), preset)  # plain ktx2 chooses
+            better = format_named(self.format).finer
+            if better is None:
+                return None
+            advice = _advice(better, preset)
         where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]
         return (
             f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR, which is more than "
@@ -111,15 +116,18 @@ class Cost:
 
     def _of_coverage(self, preset: Preset | None) -> str | None:
         found = self.coverage
-        if found is None or found.change <= COVERAGE_LIMIT or found.texels == "float":
+        if found is None or found.change <= COVERAGE_LIMIT:
             return None
-        container = self.format.partition(":")[0]
-        blocks = found.texels in ("bc", "bc1", "uastc")
-        if container == "glb":
+        format = self.format.partition(":")[0]
+        if format == GLB:
             advice = "a glTF file holds no other texels; files of --format ktx2:rgba8 beside it keep the coverage"
         else:
-            advice = _advice(_better(container, "bc" if blocks else found.texels), preset)
-            if blocks and not found.alone:
+            container = format_named(f"{format}:{found.texels}")
+            better = _uncompressed(container)
+            if better is None:
+                return None
+            advice = _advice(better, preset)
+            if not (container.exact or found.alone):
                 advice += "; --packing separate gives opacity a file of its own, whose coverage changes less"
         return f"{self.format} changes the {found}, by more than {100 * COVERAGE_LIMIT:g} points: {advice}"
 
@@ -128,7 +136,9 @@ def _advice(better: str, preset: Preset | None) -> str:
     return preset.no_finer if preset and preset.no_finer else f"use --format {better} where the engine takes it"
 
 
-def _better(container: str, texels: str) -> str:
-    """The format whose texels are the next more precise."""
-    own = {"bc1": "bc", "bc": "rgba8", "rgba8": "rgba16f", "8": "16", "half": "float"}.get(texels)
-    return f"{container}:{own}" if own else "exr:float" if texels == "rgba16f" else "exr"
+def _uncompressed(container: Container) -> str | None:
+    """The nearest format that is more precise and has no blocks."""
+    better = container.finer
+    while better is not None and not format_named(better).exact:
+        better = format_named(better).finer
+    return better

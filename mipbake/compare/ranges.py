@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mipbake.compare.candidates import opened
 from mipbake.compare.compression import LODS, Decoded, Progress, losses, part_of
 from mipbake.io.gltf.ranges import Ranges, roughness_factor, scale_within, usual_ranges
-from mipbake.io.gpu_files import GpuFile
+from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.map_files import Levels, MapFile
 from mipbake.io.options import SHADING_ROLES
@@ -56,7 +56,7 @@ def chosen_ranges(
     part, levels = _middle(texture_set, stack, side)
     stack = replace(stack, levels=levels)
     layout = next(each.alone for each in LAYOUTS[stack.model] if each.name == "normal")
-    place, container = channels_of(stack.model, "normal"), GpuFile("ktx2", texels)
+    place, container = channels_of(stack.model, "normal"), GpuFile(KTX2, texels)
     normals = MapFile(container, layout, [level[..., place] for level in levels])
     variants = {}
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:

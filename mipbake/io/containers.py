@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.io.gpu_files import GpuFile
+from mipbake.io.gpu_files import GPU_CONTAINERS, GpuFile
 from mipbake.io.layout import FileLayout
 from mipbake.io.mip_exr import MipExr
 from mipbake.io.mip_png import MipPng
@@ -43,6 +43,14 @@ class Container(Protocol):
         """Whether quantised texels come back as they were, or compressed."""
 
     @property
+    def finer(self) -> str | None:
+        """What users are advised to pass to `--format` where the files cost too much; None: nothing is more precise."""
+
+    @property
+    def ladder(self) -> tuple[str, ...]:
+        """Texels from the smallest to the most precise, to choose from where users name none; empty: no choice."""
+
+    @property
     def complete(self) -> bool:
         """Whether files always hold every level down to 1 x 1."""
 
@@ -60,6 +68,9 @@ class Container(Protocol):
 
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """Inverse of quantise, to file values."""
+
+    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
+        """What would be read back if quantised levels were written."""
 
     def write(
         self,
@@ -80,8 +91,7 @@ class Container(Protocol):
 _ALL: tuple[Container, ...] = (
     *(MipExr(texels) for texels in ("half", "float")),
     *(MipTx(texels) for texels in ("half", "float", "16", "8")),
-    *(GpuFile("ktx2", texels) for texels in ("bc", "uastc", "rgba8", "rgba16f")),
-    *(GpuFile("dds", texels) for texels in ("bc", "bc1", "rgba8", "rgba16f")),
+    *(GpuFile(container, texels) for container in GPU_CONTAINERS for texels in container.texels),
     *(MipPng(texels) for texels in ("8", "16")),
 )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +33,60 @@ _FORMATS = {
 """The format of a file with one, two, three and four channels, by the name that users give."""
 
 
+_LADDER = ("bc", "rgba8", "rgba16f")
+
+
+@dataclass(frozen=True)
+class GpuContainer:
+    """A kind of file that holds one texture with its levels.
+
+    Args:
+        name: what users call it, and how names of its files end.
+        summary: one line for help texts.
+        texels: what its files may have, the default first.
+        encode: the bytes of a file that holds a texture.
+        decode: the texture that the bytes of a file hold; InputError, which calls the file by the name that is given,
+            where there is none.
+        ladder: texels from the smallest to the most precise, to choose from where users name none.
+    """
+
+    name: str
+    summary: str
+    texels: tuple[str, ...]
+    encode: Callable[[GpuTexture], bytes]
+    decode: Callable[[bytes, str], GpuTexture]
+    ladder: tuple[str, ...] = _LADDER
+
+    def more_precise(self, texels: str) -> str:
+        """What is advised where some texels cost too much: the next ones of this container, or a choice among them."""
+        better = {"bc1": "bc", **dict(zip(self.ladder, self.ladder[1:], strict=False))}
+        if texels in better:
+            return f"{self.name}:{better[texels]}"
+        return "exr:float" if texels == self.ladder[-1] else self.name
+
+
+KTX2 = GpuContainer(
+    "ktx2",
+    "one KTX 2 file for each map, supercompressed with Zstandard",
+    ("bc", "uastc", "rgba8", "rgba16f"),
+    partial(ktx2.encoded, supercompress=True),
+    ktx2.decoded,
+)
+DDS = GpuContainer(
+    "dds",
+    "one DDS file for each map, with the header of Direct3D 10",
+    ("bc", "bc1", "rgba8", "rgba16f"),
+    dds.encoded,
+    dds.decoded,
+)
+GPU_CONTAINERS = (KTX2, DDS)
+
+
 class GpuFile:
     """A KTX 2 or DDS file for each map.
 
     Args:
-        name: "ktx2" or "dds".
+        container: which of the two.
         texels: "bc": BC4, BC5 and BC7 by the number of channels; "bc1": BC1 in place of BC7 where there is no alpha
             channel; "uastc"; "rgba8"; "rgba16f", half floats with colours linear Rec.709. Colours are sRGB-encoded in
             all other formats. One channel fills red, green and blue where a format has more.
@@ -43,14 +94,15 @@ class GpuFile:
 
     complete = False
 
-    def __init__(self, name: str, texels: str) -> None:
-        self.name, self.texels = name, texels
-        self.summary = {
-            "ktx2": "one KTX 2 file for each map, supercompressed with Zstandard",
-            "dds": "one DDS file for each map, with the header of Direct3D 10",
-        }[name]
-        self.exact = texels in ("rgba8", "rgba16f")
-        self.encodings = ENCODINGS if texels == "rgba16f" else ENCODINGS - {LOG}
+    def __init__(self, container: GpuContainer, texels: str) -> None:
+        self._container = container
+        self.name, self.texels = container.name, texels
+        self.summary, self.ladder = container.summary, container.ladder
+        self.finer = container.more_precise(texels)
+        stored = GPU_FORMATS[_FORMATS[texels][0]]
+        self.exact = stored.side == 1
+        self._kind = "half" if stored.is_float else "8"
+        self.encodings = ENCODINGS if stored.is_float else ENCODINGS - {LOG}
 
     def gpu_format(self, layout: FileLayout) -> GpuFormat:
         """What the texels of a file are stored as."""
@@ -65,7 +117,7 @@ class GpuFile:
 
     def srgb(self, layout: FileLayout) -> bool:
         """See Container. Formats of one and two channels have no sRGB form."""
-        return layout.is_colour and len(layout.channels) >= 3 and self.texels != "rgba16f"
+        return layout.is_colour and len(layout.channels) >= 3 and self._kind != "half"
 
     def files(self, layout: FileLayout, levels: int) -> list[str]:
         """See Container."""
@@ -74,7 +126,7 @@ class GpuFile:
 
     def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
         """See Container."""
-        return quantised(values, "half" if self.texels == "rgba16f" else "8", f"the map {layout.name}")
+        return quantised(values, self._kind, f"the map {layout.name}")
 
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """See Container."""
@@ -92,8 +144,7 @@ class GpuFile:
         del wrap  # neither container has a place for it; `about` tells
         texture = self.texture(layout, levels, about)
         path = folder / self.files(layout, len(levels))[0]
-        data = ktx2.encoded(texture, supercompress=True) if self.name == "ktx2" else dds.encoded(texture)
-        path.write_bytes(data)
+        path.write_bytes(self._container.encode(texture))
         found = self._opened(path)
         if (found.format, found.width, found.height, found.levels) != (
             *(texture.format, texture.width, texture.height, texture.levels),
@@ -128,11 +179,10 @@ class GpuFile:
         return [level[..., : len(layout.channels)] for level in from_blocks(texture)]
 
     def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
-        """What would be read back if quantised levels were written."""
+        """See Container."""
         if self.exact:
             return [widened(level, len(layout.channels)) for level in levels]
         return [level[..., : len(layout.channels)] for level in from_blocks(self.texture(layout, levels, ""))]
 
     def _opened(self, path: Path) -> GpuTexture:
-        data = disk.read_bytes(path)
-        return ktx2.decoded(data, str(path)) if self.name == "ktx2" else dds.decoded(data, str(path))
+        return self._container.decode(disk.read_bytes(path), str(path))

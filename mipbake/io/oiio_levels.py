@@ -40,9 +40,18 @@ class PlainTexels:
 
     name: str
     exact = True
+    ladder: tuple[str, ...] = ()
 
     def __init__(self, texels: str) -> None:
         self.texels = texels
+
+    @property
+    def finer(self) -> str | None:
+        """See Container."""
+        if self.texels == "float":
+            return None
+        own = {"8": "16", "half": "float"}.get(self.texels)
+        return f"{self.name}:{own}" if own else "exr"
 
     @property
     def stored(self) -> str:
@@ -66,6 +75,11 @@ class PlainTexels:
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """See Container."""
         return dequantised(texels)
+
+    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        del layout
+        return list(levels)
 
 
 def specification(
