@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.bake import bake
-from mipbake.directions import led
+from mipbake.directions import facing, led
 from mipbake.errors import UsageError
 from mipbake.io.colour import unit_range
 from mipbake.io.decode import unit_directions
@@ -154,6 +154,4 @@ def _directions(plain: Level, baked: Level, strength: float) -> Level:
     angle = np.arctan2(mixed[..., 1], mixed[..., 0]) / 2
     direction = np.stack([np.cos(angle), np.sin(angle)], -1)
     # An axis points where the baked one does, so that neighbours do not cancel each other when they are filtered.
-    turned = np.sum(direction * baked[..., :2], -1, keepdims=True) < 0
-    out: Level = np.where(turned, -direction, direction).astype(np.float32)
-    return out
+    return np.asarray(direction * facing(direction, baked[..., :2])[..., None], np.float32)

@@ -138,6 +138,11 @@ def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
     return out
 
 
+def facing(directions: NDArray[np.floating], guide: NDArray[np.floating]) -> NDArray[np.int8]:
+    """(...) signs, 1 or -1, with which (..., 2) directions make no obtuse angle with those of a guide."""
+    return np.where(np.einsum("...c,...c->...", guide, directions) < 0, -1, 1).astype(np.int8)
+
+
 def led(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float32]]:
     """Levels whose level 0 comes from elsewhere and stays: coarser levels take the signs of finer ones.
 
@@ -153,9 +158,7 @@ def led(levels: list[NDArray[np.float32]], model: str) -> list[NDArray[np.float3
         for axis in (0, 1):
             over = _mean_of_two(over, axis)
         made = level.copy()
-        made[..., lines.direction] *= np.where(np.einsum("hwc,hwc->hw", over, made[..., lines.direction]) < 0, -1, 1)[
-            ..., None
-        ]
+        made[..., lines.direction] *= facing(made[..., lines.direction], over)[..., None]
         out.append(made)
     return out
 
@@ -188,7 +191,7 @@ def _following(fine: NDArray[np.float32], coarse: NDArray[np.float32], wrap: Wra
     guide = coarse[..., :2]
     for axis in (1, 2):
         guide = _interpolated(guide, axis, fine.shape[axis], wrap[2 - axis])
-    return np.where(np.einsum("nhwc,nhwc->nhw", guide, fine[..., :2]) < 0, -1, 1).astype(np.int8)
+    return facing(fine[..., :2], guide)
 
 
 def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -253,7 +256,7 @@ def _agreement(images: NDArray[np.float32], place: Sequence[NDArray[Any]], wrap:
         )
         near[index] = images[image, y, x]
     own = near[4]
-    agreeing = near * np.where(np.einsum("imc,mc->im", near, own) < 0, -1, 1).astype(np.float32)[..., None]
+    agreeing = near * facing(near, own)[..., None]
     meant = _looked_up(_doubled(near))
 
     def agreement(vectors: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._srgb import srgb_to_linear
 from mipbake.errors import InputError
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
-from mipbake.io.colour import srgb_to_linear
 from mipbake.io.gltf.document import Document, Json, member, number, read_document
 from mipbake.io.gltf.images import KTX2, source_of, stored_image
 from mipbake.io.gltf.slots import (

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mipbake._srgb import srgb_to_linear
 from mipbake.errors import InputError
-from mipbake.io.colour import srgb_to_linear
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import read_document
 from mipbake.io.gltf.materials import GltfBake, GltfMaterials, read_materials

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mipbake._srgb import srgb_to_linear
 from mipbake.errors import InputError, UsageError
-from mipbake.io.colour import srgb_to_linear
 from mipbake.io.decode import upsample
 from mipbake.material import MODELS, convert
 from mipbake.texture_set import load

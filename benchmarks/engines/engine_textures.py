@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import MipStack
+from mipbake._srgb import linear_to_srgb
 from mipbake.io import ktx2
 from mipbake.io.blocks import to_blocks
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
-from mipbake.io.layout import srgb_encode
 from mipbake.pixel_filter import level_sizes
 
 Image = NDArray[np.float32]
@@ -95,7 +95,7 @@ def _rgba(level: Image) -> Image:
 def _eight_bit(level: Image, colour: bool) -> Bytes:
     values = level.astype(np.float64)
     if colour:
-        values[..., :3] = srgb_encode(values[..., :3])
+        values[..., :3] = linear_to_srgb(values[..., :3])
     return np.floor(values * 255 + 0.5).astype(np.uint8)
 
 

@@ -213,7 +213,7 @@ class _Pictures:
         self._box = tuple(_reach(np.asarray(self._interior.any(1 - axis))) for axis in (0, 1))
         self._inside = self._interior[self._box]
         self._linear = np.maximum(reference.image[self._box], 0)  # signed filters undershoot
-        self._display = displayed(self._linear)
+        self._display = displayed(self._linear.astype(np.float64))
         lit = self._linear[self._inside]
         self._exposures = hdr_flip_exposures(lit) if lit.any() else None
 
@@ -225,7 +225,7 @@ class _Pictures:
             return {name: math.nan for name, each in MEASURES.items() if each.needs != "frames"}, flip
         inside, reference = self._interior, self._reference
         linear = np.where(self._inside[..., None], frame.image[self._box], self._linear)
-        display = np.where(self._inside[..., None], displayed(linear), self._display)
+        display = np.where(self._inside[..., None], displayed(linear.astype(np.float64)), self._display)
         values: dict[str, float] = {}
         for name, measure in MEASURES.items():
             if measure.needs == "estimates":

@@ -33,8 +33,8 @@ from mipbake.metrics import (
     pair_set,
     snr_gain_interval,
     snr_interval,
-    srgb_encode,
 )
+from mipbake.metrics.images import displayed
 from mipbake.metrics.pairs import BLOCK, PAIRS
 from mipbake.pixel_filter import Wrap, level_sizes
 from mipbake.render import candidate as looked_up
@@ -295,12 +295,12 @@ def _at_rest(
     uv = random_points(rng, points)
     target = _Target(*(scene.estimate(uv, lod, samples, rng) for _ in range(2)))
     some = _a_block(_TONE_POINTS)
-    toned = _displayed(target.mean[:, :some]) if tones else None
+    toned = displayed(target.mean[:, :some]) if tones else None
     for each in candidates:
         shown = scene.shown(each, uv, lod)
         sums.setdefault(("snr", each.name, lod), []).append(target.snr_sums(shown))
         if toned is not None:
-            apart = np.abs(_displayed(shown[:, :some]) - toned).sum((1, 2))
+            apart = np.abs(displayed(shown[:, :some]) - toned).sum((1, 2))
             rows = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
             sums.setdefault(("tonemapped", each.name, lod), []).append(rows)
 
@@ -340,12 +340,6 @@ def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
     most = max(1, points // 2)
     count = min(most, max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
     return count, samples if count == most else max(samples, _FEW_PIXELS_WORK * most * samples // count)
-
-
-def _displayed(radiance: Radiance) -> NDArray[np.float64]:
-    """x / (1 + x), sRGB-encoded, for the tonemapped error. A filter's negative lobes may undershoot 0."""
-    lit = np.maximum(radiance, 0)
-    return srgb_encode(lit / (1 + lit))
 
 
 def _blocks(seed: int) -> list[LightViewPairs]:

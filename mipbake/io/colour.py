@@ -10,18 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake._colour_science import colour_science
+from mipbake._srgb import srgb_to_linear
 from mipbake.errors import UsageError
 
 SRGB, LINEAR = "sRGB", "linear Rec.709"
 
 _LINEAR_NAMES = {"linear rec.709", "linear srgb", "lin_rec709", "linear rec709", "linear itu-r bt.709", "linear"}
-
-
-def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
-    """IEC 61966-2-1 decoding, (...) to (...), dtype kept; odd around zero, so that values outside [0, 1] survive."""
-    size = np.abs(encoded)
-    decoded = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.copysign(decoded, encoded), encoded.dtype)
 
 
 @lru_cache(maxsize=4)

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
+from mipbake._srgb import linear_to_srgb, srgb_to_linear
 from mipbake.errors import InputError
 from mipbake.io import disk
-from mipbake.io.colour import srgb_to_linear
 from mipbake.io.options import COLOUR_ROLES
 
 MANIFEST = "stack.json"
@@ -172,7 +172,7 @@ def to_file(texels: NDArray[np.floating], encodings: Sequence[str], srgb: bool) 
         elif encoding == INVERTED:
             values[..., channel] = 1 - value
         elif encoding == COLOUR and srgb:
-            values[..., channel] = srgb_encode(value)
+            values[..., channel] = linear_to_srgb(value)
     return values
 
 
@@ -190,9 +190,3 @@ def from_file(values: NDArray[np.floating], encodings: Sequence[str], srgb: bool
         elif encoding == COLOUR and srgb:
             texels[..., channel] = srgb_to_linear(value)
     return texels.astype(np.float32)
-
-
-def srgb_encode(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IEC 61966-2-1, the inverse of srgb_to_linear from 0 up."""
-    powered = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, powered)

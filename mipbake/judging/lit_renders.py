@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.metrics.images import srgb_encode
+from mipbake.metrics import images
 from mipbake.metrics.pairs import cosine_directions
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.estimate import look_up
@@ -139,9 +139,8 @@ def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
 
 
 def displayed(radiance: Image) -> Image:
-    """Linear radiance as a display shows it: x / (1 + x), sRGB-encoded, as mipbake.metrics.tonemapped has it."""
-    lit = np.maximum(radiance, 0)
-    return np.asarray(srgb_encode(lit / (1 + lit)), np.float32)
+    """`mipbake.metrics.images.displayed` in float32."""
+    return np.asarray(images.displayed(radiance), np.float32)
 
 
 def display_slope(radiance: Image) -> Image:

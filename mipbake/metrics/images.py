@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mipbake._srgb import linear_to_srgb
 from mipbake.errors import UsageError
 
 ImageArray = NDArray[np.floating]
@@ -47,18 +48,17 @@ def srgb_encode(linear: ImageArray) -> NDArray[np.float64]:
     Values are clipped to [0, 1] first, as a display does. IEC 61966-2-1: 12.92 x up to 0.0031308, and above
     1.055 x^(1/2.4) - 0.055.
     """
-    clipped = np.clip(np.asarray(linear, np.float64), 0, 1)
-    powered = 1.055 * np.power(np.maximum(clipped, 0.0031308), 1 / 2.4) - 0.055
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, powered)
+    return linear_to_srgb(np.clip(np.asarray(linear, np.float64), 0, 1))
 
 
 def displayed(linear: ImageArray) -> NDArray[np.float64]:
     """What a display shows of linear radiance, any shape, float64 in [0, 1): srgb_encode(x / (1 + x)), x at least 0.
 
     x / (1 + x) is the global operator of Reinhard et al. 2002, equation 3, by channel. Pictures, FLIP and SSIM of
-    renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black.
+    renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black. x / (1 + x)
+    has the precision of what is given; the encoding is in float64.
     """
-    x = np.maximum(np.asarray(linear, np.float64), 0)
+    x = np.maximum(linear, 0)
     return srgb_encode(x / (1 + x))
 
 

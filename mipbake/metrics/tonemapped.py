@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics.images import ImageArray, Measured, radiance_pair, srgb_encode
+from mipbake.metrics.images import ImageArray, Measured, displayed, radiance_pair
 
 
 def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
@@ -23,5 +23,5 @@ def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
         UsageError: other shapes, or values that are negative or not finite.
     """
     p, r = radiance_pair(candidate, reference)
-    per_pixel = np.abs(srgb_encode(p / (1 + p)) - srgb_encode(r / (1 + r))).mean(-1)
+    per_pixel = np.abs(displayed(p) - displayed(r)).mean(-1)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._srgb import linear_to_srgb
 from mipbake.errors import InputError
 from mipbake.io.colour import SRGB, decode, unit_range
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import content_key, image_bytes, image_label
-from mipbake.io.layout import srgb_encode
 from mipbake.io.oiio_levels import write_png
 from mipbake.io.publish import temporary_files, temporary_folder, write_temporary
 from mipbake.io.read import Header, read_header, read_image
@@ -110,7 +110,7 @@ class Extracted:
 
     def colour(self, linear: NDArray[np.float64]) -> Path:
         """A file of one texel with a linear colour (3,) in [0, 1], sRGB-encoded in 16 bits."""
-        return self._write(("colour", *np.round(linear, 6)), srgb_encode(linear)[None, None])
+        return self._write(("colour", *np.round(linear, 6)), linear_to_srgb(linear)[None, None])
 
     def directions(self, image: int | None, strength: float, rotation: float) -> Path:
         """A file of anisotropy directions and strengths with strength and rotation of the material in it, in 16 bits.

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._srgb import linear_to_srgb
 from mipbake.errors import InputError
 from mipbake.io.colour import SRGB, decode, unit_range
 from mipbake.io.decode import upsample
@@ -35,7 +36,6 @@ from mipbake.io.gltf.slots import (
     slot_of,
     surface_mapping,
 )
-from mipbake.io.layout import srgb_encode
 from mipbake.io.messages import listed
 from mipbake.specular_glossiness import Loss, metallic_roughness
 
@@ -207,7 +207,7 @@ def _converted(given: _Given, images: Extracted) -> _Made:
     roughness = np.float32(1) - gloss * np.float32(others[3])
     base_file = packed_file = None
     if given.with_alpha or not _is_constant(base):
-        encoded = srgb_encode(base.astype(np.float64))
+        encoded = linear_to_srgb(base.astype(np.float64))
         base_file = png_of(np.concatenate([encoded, alpha], -1) if given.with_alpha else encoded)
     if not (_is_constant(metallic) and _is_constant(roughness)):
         packed_file = png_of(np.concatenate([np.ones_like(metallic), roughness, metallic], -1))

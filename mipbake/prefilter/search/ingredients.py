@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake.directions import DIRECTION, facing
 from mipbake.judging.scores import Array, Score, Scores
 from mipbake.judging.weights import VERDICT
 from mipbake.material import MODELS
@@ -166,8 +167,7 @@ class Bench:
             # Directions d and -d are one; blends must not cancel.
             for level, base in zip(levels, self.levels(self.base), strict=True):
                 own = level[..., lines.direction]
-                apart = (own * base[..., lines.direction]).sum(-1, keepdims=True) < 0
-                level[..., lines.direction] = np.where(apart, -own, own)
+                own *= facing(own, base[..., lines.direction])[..., None]
         if name in self._keep:
             self._kept[name] = levels
         return levels
