@@ -1,11 +1,10 @@
-"""docs/make_results_page.py: its tables, sentences and charts say what the records hold."""
+"""benchmarks/results_page: its tables, sentences and charts say what the records hold."""
 
 from __future__ import annotations
 
 import importlib
 import itertools
 import re
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -77,13 +76,12 @@ WHOLE = {"neural": 14.0, "auto": 16.0, "lean (box)": 9.0, "lean (gaussian)": 12.
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], str]:
     monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
     made = tmp_path / "docs" / "page.md"
     made.parent.mkdir()
 
     def make() -> str:
-        monkeypatch.setattr(sys, "argv", ["make_results_page", str(tmp_path), str(made)])
-        importlib.import_module("make_results_page").main()
-        return made.read_text(encoding="utf-8")
+        return str(importlib.import_module("results_page.page").text(tmp_path, made))
 
     return make
 
@@ -217,7 +215,7 @@ def test_no_results_is_a_sentence(page: Callable[[], str]) -> None:
 
 
 def test_labels_keep_their_distance(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
     svg = importlib.import_module("results_page.svg")
     places = svg.spread([50.0, 10.0, 11.0, 99.0, 98.0], 13, 0, 100)
     moved = sorted(places)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,6 +11,7 @@ from records.code import ROOT
 from records.missing import Missing
 from records.pages import WHOLE, filled, pages
 from records.record import FOLDER, Record, load
+from records.scripts import script
 from records.views import VIEWS
 from records.wrapping import wrapped_page
 
@@ -64,7 +63,7 @@ def block(name: str, records: Records) -> str | None:
 
 def _results(records: Records) -> Mapping[str, bytes]:
     """docs/results.md with its charts."""
-    page = _script("docs", "make_results_page")
+    page = script("benchmarks", "results_page.page")
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "results.md"
         path.write_text(page.text(records.folder, path), encoding="utf-8")
@@ -72,11 +71,11 @@ def _results(records: Records) -> Mapping[str, bytes]:
 
 
 def _figure_7(records: Records) -> Mapping[str, bytes]:
-    return {"docs/figure-7.md": _script("docs", "make_figure_7").page_of(records["figure-7"], "figure-7").encode()}
+    return {"docs/figure-7.md": script("docs", "make_figure_7").page_of(records["figure-7"], "figure-7").encode()}
 
 
-def _from(folder: str, script: str, name: str, page: str) -> Callable[[Records], Mapping[str, bytes]]:
-    return lambda records: {page: wrapped_page(_script(folder, script).page_of(records[name])).encode()}
+def _from(folder: str, file: str, name: str, page: str) -> Callable[[Records], Mapping[str, bytes]]:
+    return lambda records: {page: wrapped_page(script(folder, file).page_of(records[name])).encode()}
 
 
 _PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
@@ -91,12 +90,3 @@ _PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
         "benchmarks/engines", "cycles_proof", "engines-cycles", "benchmarks/engines/RESULTS-cycles.md"
     ),
 }
-
-
-def _script(folder: str, name: str) -> Any:
-    """A script as a module; it finds those beside it."""
-    sys.path.insert(0, str(ROOT / folder))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(ROOT / folder))

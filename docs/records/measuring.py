@@ -18,6 +18,7 @@ from records import results
 from records.code import ROOT, hashes, together
 from records.known import MATERIALS, OUT, WORK, Known
 from records.record import Confirmed, Difference, Measured, Record, confirmed, drawn, rounded
+from records.scripts import script
 
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
@@ -117,11 +118,7 @@ def _share(about: Confirmed | None) -> str:
 
 
 def _machine() -> str:
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    try:
-        return str(importlib.import_module("timing").cpu_name())
-    finally:
-        sys.path.pop(0)
+    return str(script("benchmarks", "timing").cpu_name())
 
 
 def _processor_seconds() -> float:

@@ -7,15 +7,16 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from results_page.files import FOUR, LINEAR, SUBJECT, Results, read
-from results_page.standing import won
-from results_page.tables import average
 
 from mipbake.metrics import PAIR_SETS
 from records.missing import Missing
+from records.scripts import script
 
 if TYPE_CHECKING:
     from records.making import Records
+
+_files, _standing, _tables = (script("benchmarks", f"results_page.{name}") for name in ("files", "standing", "tables"))
+FOUR, LINEAR, SUBJECT = _files.FOUR, _files.LINEAR, _files.SUBJECT
 
 SHOWN = {
     LINEAR: "plain MIP maps (`linear (box)`)",
@@ -68,15 +69,15 @@ def results_words(records: Records) -> str:
     )
 
 
-def _seen(results: Results, name: str) -> str:
-    return f"{np.mean([*won(results, name).values()]):.0%}"
+def _seen(results: Any, name: str) -> str:
+    return f"{np.mean([*_standing.won(results, name).values()]):.0%}"
 
 
-def _flicker(results: Results, name: str) -> str:
-    return f"{average('flicker', results.figures[name, 'flicker', _OVER, 'near'])[0]:.1f}"
+def _flicker(results: Any, name: str) -> str:
+    return f"{_tables.average('flicker', results.figures[name, 'flicker', _OVER, 'near'])[0]:.1f}"
 
 
-def _row(results: Results, figures: Callable[[str, float], np.ndarray]) -> list[float]:
+def _row(results: Any, figures: Callable[[str, float], np.ndarray]) -> list[float]:
     """One row of the table, rounded as it is shown; `figures` gives the figures of all sets for a pair set and lod."""
     near = [figures(_NEAR, lod).mean() for lod in _LODS]
     means = [fmean(figures(pairs, lod).mean() for lod in results.lods) for pairs in PAIR_SETS]
@@ -113,8 +114,8 @@ def _beside_linear(cells: list[dict[str, Any]], name: str) -> list[tuple[float, 
     return [(a["snr"] - b["snr"], round(a["flip"], 4) - round(b["flip"], 4), a["scale"]) for a, b in pairs]
 
 
-def _of(records: Records, kind: str) -> Results:
-    found = read(records.folder, kind)
+def _of(records: Records, kind: str) -> Any:
+    found = _files.read(records.folder, kind)
     if found is None:
         raise Missing(f"results-{kind}")
     return found

@@ -1,23 +1,19 @@
-"""Makes docs/results.md, and its charts beside it, from the records of benchmarks/results.py.
+"""The text of docs/results.md, and its charts, from the records of benchmarks/results.py.
 
-`python docs/remake.py` writes it. Every sentence with a figure in it is made from the records too. Kinds of
+`python docs/remake.py` writes both. Every sentence with a figure in it is made from the records too. Kinds of
 measurements that are not there have no section.
 """
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
-from records.record import FOLDER
 from records.wrapping import wrapped_page
+
+from mipbake.metrics import MEASURES, PAIR_SETS
 from results_page import charts, models, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary
-
-from mipbake.metrics import MEASURES, PAIR_SETS
-
-PAGE = Path(__file__).resolve().parent / "results.md"
 
 _INTRODUCTION = """\
 Every method was measured on {sets} real texture sets that training never saw, with the target `gltf` and the Gaussian
@@ -170,15 +166,3 @@ def text(folder: Path, page: Path) -> str:
         *_per_set(whole),
     ]
     return wrapped_page("\n".join(parts))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description="the page of results")
-    parser.add_argument("records", type=Path, nargs="?", default=FOLDER)
-    parser.add_argument("page", type=Path, nargs="?", default=PAGE)
-    options = parser.parse_args()
-    options.page.write_text(text(options.records, options.page), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
