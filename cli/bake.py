@@ -9,29 +9,22 @@ from typing import Annotated, Optional
 import typer
 
 import mipbake
-from mipbake import UsageError
-from mipbake.adjust import Adjustments
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
+from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
-from mipbake.cli.bake_sets import Asked, bake_all, wants_glb, writes_maps
+from mipbake.cli.bake_output import Printer, told
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
 from mipbake.compare.costs import LIMIT
-from mipbake.glb import output
-from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
-from mipbake.io.publish import temporary_folder
-from mipbake.io.uastc import check_encoder
-from mipbake.jobs import Job
-from mipbake.material import GLTF_MODELS
-from mipbake.output import GLB, GLB_TEXELS, check_outputs
-from mipbake.packing import PACKINGS, SOURCE, Normals
-from mipbake.pixel_filter import FILTERS, filter_named
-from mipbake.prefilter import METHODS, OPTIONS, method_named
+from mipbake.output import GLB, GLB_TEXELS
+from mipbake.packing import PACKINGS, SOURCE
+from mipbake.pixel_filter import FILTERS
+from mipbake.prefilter import METHODS, OPTIONS
 from mipbake.prefilter.search.time_budget import BEST
-from mipbake.presets import PRESETS, Preset, preset_named, wanted_outputs
+from mipbake.presets import PRESETS
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(
@@ -160,65 +153,24 @@ def bake(
     A set that cannot be baked is reported, and the other sets are baked all the same.
     """
     session.in_files = True
-    # Everything that is wrong for every set is said before the first is read.
-    load = replace(load, alpha_cutoff=alpha_cutoff)
-    method_named(method, weights, budget)
-    filter_named(pixel_filter)
-    chosen_preset = preset_named(preset) if preset else None
-    if target is None:
-        target = chosen_preset.target if chosen_preset else AUTO_TARGET
-    if target not in TARGETS:
-        raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    outputs, glb, finer = wanted_outputs(chosen_preset, format, packing, write_normals)
-    # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
-    as_maps = format or packing or write_normals or target not in (AUTO_TARGET, *GLTF_MODELS)
-    asked = Asked(
-        method,
-        target,
-        pixel_filter,
-        weights,
-        budget,
-        chosen_preset,
-        outputs,
-        glb,
-        not as_maps and (chosen_preset is None or chosen_preset.documents),
-        Adjustments(keep_level0, strength, min_roughness),
-        None if max_level is None else max_level + 1,
-        finer,
+    wanted = BakeOptions(
+        method=method,
+        target=target,
+        pixel_filter=pixel_filter,
+        preset=preset,
+        format=format,
+        packing=packing,
+        write_normals=write_normals,
+        max_level=max_level,
+        keep_level0=keep_level0,
+        strength=strength,
+        min_roughness=min_roughness,
+        weights=weights,
+        budget=budget,
     )
-    check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
-    if target not in (AUTO_TARGET, *GLTF_MODELS) and (glb or asked.adjustments.any):
-        what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
-        raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
-    if glb or any(output.container.texels == "uastc" for output in outputs):
-        check_encoder()
-    with temporary_folder() as scratch:
-        found = jobs(sources, load, scratch)
-        if any(isinstance(job, Job) and wants_glb(job, asked) for job in found):
-            check_encoder()
-        if chosen_preset:
-            session.print(*_preset_lines(chosen_preset, asked, [job for job in found if isinstance(job, Job)]))
-        results = bake_all(session, found, out, asked)
+    made = bake_sources(sources, out, wanted, replace(load, alpha_cutoff=alpha_cutoff), Printer(session))
+    results = [told(each) for each in made]
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
-
-
-def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
-    """What a preset chose for these sources, and what the user has to mind."""
-    outputs = asked.outputs if any(writes_maps(job, asked) for job in found) else ()
-    files = [
-        f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
-        for o in outputs
-    ]
-    files += [f"{GLB} with {output().format} in it"] if any(wants_glb(job, asked) for job in found) else []
-    written = f", {'; '.join(files)}" if files else ""
-    return [
-        f"preset {preset.name} for {preset.engine}: target {asked.target}{written}",
-        *(f"in the engine: {note}" for note in preset.notes),
-    ]
-
-
-def _normals(normals: Normals) -> str:
-    return normals.convention + (" of two channels" if normals.channels == 2 else "")

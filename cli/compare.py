@@ -11,12 +11,13 @@ import typer
 
 import mipbake
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
+from mipbake.baking import Stages
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, Stages, plain, stages
+from mipbake.cli.session import Session, plain, stages
 from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import set_report, table
+from mipbake.cli.tables import table
 from mipbake.compare.comparing import Settings
 from mipbake.compare.comparing import compare as compare_methods
 from mipbake.compare.conditions import GRAMMAR, parse
@@ -24,6 +25,7 @@ from mipbake.compare.pictures import MAX_PASSES
 from mipbake.compare.result import SCALES, Comparison
 from mipbake.compare.scenes import SPHERE_RESOLUTION
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.found import set_report
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Job

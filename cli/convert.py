@@ -13,12 +13,13 @@ import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
+from mipbake.baking import Stages
 from mipbake.cli import options
-from mipbake.cli.folders import check_names, file_hashes
+from mipbake.cli.folders import check_names
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, Stages, stages
+from mipbake.cli.session import Session, stages
 from mipbake.cli.sources import Sources
-from mipbake.cli.tables import map_table, remarks, set_report, sources_of
+from mipbake.cli.tables import map_table, remarks
 from mipbake.convert import (
     LEARNED,
     TARGETS,
@@ -28,6 +29,7 @@ from mipbake.convert import (
     is_material_folder,
     open_material,
 )
+from mipbake.found import file_hashes, set_report, sources_of
 from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.io.inputs import expand

@@ -6,9 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mipbake import InputError, UsageError
-from mipbake.cli.tables import sources_of
 from mipbake.io.layout import manifests
-from mipbake.io.sources import Discovery
 from mipbake.io.tiles import name_without
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
@@ -28,11 +26,6 @@ def check_names(named: Iterable[tuple[str, Path]], what: str) -> None:
                 f"{names[name]} and {source} are both called {name}: {what} them into different folders, one at a time"
             )
         names[name] = source
-
-
-def file_hashes(found: Discovery | TextureSet) -> dict[str, str]:
-    """Source file name to SHA-256, which is empty before the file is read."""
-    return {source.path.name: source.sha256 for source in sources_of(found).values() if source.path}
 
 
 def stack_of(given: Path, job: Job, texture_set: TextureSet, alone: bool) -> Path:

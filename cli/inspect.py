@@ -9,7 +9,8 @@ import mipbake
 from mipbake.cli import options
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import map_table, remarks, set_report, sources_of
+from mipbake.cli.tables import map_table, remarks
+from mipbake.found import set_report, sources_of
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
@@ -30,7 +31,7 @@ def inspect(session: Session, sources: Sources, load: LoadOptions) -> None:
             *(f"note: {note}" for note in job.notes),
             *(f"warning: {warning}" for warning in job.warnings),
         )
-        return set_report(found, job)
+        return vars(set_report(found, job))
 
     results = over_sets(session, sources, load, show)
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from mipbake.baking.results import Stages
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -84,28 +85,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
-
-
-@dataclass
-class Stages:
-    """Stages of a piece of work as they finish: how long each took, a bar for the one at work, the last note."""
-
-    show: Callable[[str, float], None] = lambda _stage, _share: None
-    note: Callable[[str], None] = lambda _text: None
-    seconds: dict[str, float] = field(default_factory=dict)
-    _last: float = field(default_factory=time.perf_counter)
-
-    def __call__(self, stage: str, share: float) -> None:
-        """Progress as the library reports it: the name of the stage and its finished share, from 0 to 1."""
-        self.show(stage, share)
-        if share >= 1:
-            now = time.perf_counter()
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-            self._last = now
-
-    def summary(self) -> str:
-        """`read 0.1 s, prefilter 2.3 s, ...`."""
-        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.seconds.items())
 
 
 @contextmanager

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mipbake.io.sources import DECISIONS, Discovery, MapSource
-from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-
-def sources_of(found: Discovery | TextureSet) -> dict[str, MapSource]:
-    """Role to source."""
-    if isinstance(found, TextureSet):
-        return {role: texture.source for role, texture in found.maps.items()}
-    return dict(found.sources)
 
 
 def table(*columns: str) -> Table:
@@ -53,25 +44,6 @@ def remarks(found: Discovery | TextureSet) -> list[str]:
     lines += [f"warning: {warning}" for warning in found.warnings]
     lines += [f"ignored: {_name(item.path)}, {item.reason}" for item in found.ignored]
     return lines
-
-
-def set_report(found: Discovery | TextureSet, job: Job | None = None) -> dict[str, Any]:
-    """The same facts for machines. The path of a file in an archive begins with the path of the archive."""
-    archive = job.archive if job else None
-    sources = sources_of(found)
-    if archive is not None:
-        sources = {r: replace(s, path=Path(archive.told(str(s.path)))) if s.path else s for r, s in sources.items()}
-    return {
-        "name": found.name,
-        "width": found.width,
-        "height": found.height,
-        "model": "gltf-anisotropic" if found.anisotropic else "gltf",
-        "maps": sources,
-        "normal_convention": found.convention,
-        "notes": found.notes,
-        "warnings": found.warnings,
-        "ignored": found.ignored,
-    }
 
 
 def _name(path: Path | None) -> str:

@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 # These modules import NumPy and nothing heavier: readers, colour science and torch are imported where they are used.
 from mipbake.bake import bake
+from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
 from mipbake.compare.checking import Check
 from mipbake.convert import Material, convert, open_material
 from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
@@ -21,8 +22,12 @@ from mipbake.texture_set import TextureSet
 from mipbake.validate import Validation, validate
 
 __all__ = [
+    "BakeOptions",
+    "BakedDocument",
+    "BakedSet",
     "Check",
     "InputError",
+    "Listener",
     "Material",
     "MipStack",
     "MipbakeError",
@@ -31,6 +36,7 @@ __all__ = [
     "UsageError",
     "Validation",
     "bake",
+    "bake_all",
     "convert",
     "load",
     "load_all",

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,11 @@ from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalCo
 from mipbake.io.specular import as_metallic
 from mipbake.io.steep import held, warning
 from mipbake.material import convert
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Options = TypeVar("_Options", bound="DataclassInstance")
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
 
@@ -228,9 +233,9 @@ def load(
     )
 
 
-def with_overrides(options: LoadOptions, overrides: Mapping[str, Any]) -> LoadOptions:
-    """Options with single fields replaced; UsageError for a field that there is not."""
-    known = [f.name for f in fields(LoadOptions)]
+def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
+    """Options, a dataclass, with single fields replaced; UsageError for a field that there is not."""
+    known = [f.name for f in fields(options)]
     for name in overrides:
         if name not in known:
             raise UsageError(f"unknown option {name!r}: expected one of {', '.join(known)}")

@@ -31,7 +31,7 @@ from mipbake.texture_set import TextureSet
 Progress: TypeAlias = Callable[[float], None]
 """Is told the finished share, from 0 to 1."""
 
-LODS = (0.0, 1.0, 3.0)
+LODS: tuple[float, ...] = (0.0, 1.0, 3.0)
 """Levels of detail that the loss is measured at; the loss is the fall of their mean SNR."""
 
 _COVERAGE_SIDE = 8

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
-from mipbake.directions import DIRECTION, facing
+from mipbake.directions import facing
 from mipbake.judging.scores import Array, Score, Scores
 from mipbake.judging.weights import VERDICT
 from mipbake.material import MODELS

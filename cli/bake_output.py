@@ -1,0 +1,162 @@
+"""What `mipbake bake` says of what is baked: lines as it happens, and JSON in the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked, Stages
+from mipbake.baking.options import Asked
+from mipbake.baking.results import DEFECT, Result
+from mipbake.cli.session import Session, stages
+from mipbake.cli.tables import map_table, remarks
+from mipbake.compare.costs import Cost
+from mipbake.found import sources_of
+from mipbake.glb import output
+from mipbake.jobs import Failure, Job
+from mipbake.output import GLB
+from mipbake.packing import Normals
+from mipbake.presets import Preset
+from mipbake.stack import MipStack, Provenance
+from mipbake.texture_set import TextureSet
+
+
+@dataclass(frozen=True)
+class Printer(Listener):
+    """Prints what happens: for a person on stdout, failures on stderr."""
+
+    session: Session
+
+    @contextmanager
+    def stages(self, label: str) -> Iterator[Stages]:
+        """See Listener: with a progress bar."""
+        with stages(self.session, label) as made:
+            yield made
+
+    def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
+        """See Listener."""
+        if asked.preset:
+            self.session.print(*_preset_lines(asked.preset, asked, [job for job in jobs if isinstance(job, Job)]))
+
+    def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
+        """See Listener."""
+        for texture_set in sets:
+            self.session.print(
+                f"{job.source}: {texture_set.name}, {texture_set.width} x {texture_set.height}",
+                map_table(sources_of(texture_set)),
+                *remarks(texture_set),
+            )
+        self.session.print(*(f"note: {note}" for note in job.notes), *(f"warning: {text}" for text in job.warnings))
+
+    def note(self, sentence: str) -> None:
+        """See Listener."""
+        self.session.print(f"note: {sentence}")
+
+    def baked(self, job: Job, stack: MipStack, result: BakedSet, stages: Stages) -> None:
+        """See Listener."""
+        made = result.provenance
+        learned = f" with {made.weights}" if made.weights else ""
+        wrote = f"wrote {result.out}: {len(result.files)} files, {result.bytes / 1e6:.2f} MB"
+        self.session.print(
+            f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}, "
+            f"{len(stack.levels)} levels",
+            *(f"adjusted: {line}" for line in made.adjustments),
+            *_promise(made),
+            *(line for each in result.costs for line in _cost_lines(each)),
+            *(f"warning: {line}" for line in result.warnings),
+            f"time: {stages.summary()}",
+            *([wrote] if result.files and not job.tiled else []),
+        )
+        for line in result.defects:
+            self.session.fail(f"{result.out}: {line}", DEFECT)
+
+    def gathered(self, folder: Path, tiles: Sequence[BakedSet]) -> None:
+        """See Listener."""
+        size, count = sum(tile.bytes for tile in tiles), sum(len(tile.files) for tile in tiles)
+        self.session.print(f"wrote {folder}: {len(tiles)} tiles, {count} files, {size / 1e6:.2f} MB")
+
+    def document(self, result: BakedDocument, bytes_before: int) -> None:
+        """See Listener."""
+        sizes = f"{bytes_before / 1e6:.2f} MB in, {result.out.bytes / 1e6:.2f} MB out"
+        self.session.print(f"wrote {result.out.path}: {sizes}")
+
+    def failed(self, failure: NotBaked) -> None:
+        """See Listener."""
+        self.session.fail(str(failure.error), failure.error.exit_code)
+
+
+def told(result: Result) -> dict[str, Any]:
+    """What was done with a source, for JSON."""
+    if isinstance(result, NotBaked):
+        error = result.error
+        return {"source": result.source, "ok": False, "exit_code": error.exit_code, "error": str(error)}
+    if isinstance(result, BakedDocument):
+        about = {"document": True, "files": [result.out], "measured": result.measured}
+        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out.path, **about}
+    return {
+        "source": result.source,
+        "ok": not result.defects,
+        "exit_code": result.exit_code,
+        **({"error": " ".join(result.defects)} if result.defects else {}),
+        "out": result.out,
+        "files": result.files,
+        "bytes": result.bytes,
+        "costs": result.costs,
+        "warnings": result.warnings,
+        "stack": {"model": result.model, "levels": result.levels, "provenance": result.provenance},
+        "seconds": result.seconds,
+        "set": result.set,
+    }
+
+
+def _cost_lines(cost: Cost) -> list[str]:
+    """What files cost, in plain lines."""
+    losses = (f"{view} {'0.00' if abs(loss) < 0.005 else f'{loss:+.2f}'} dB" for view, loss in cost.loss.items())
+    width = max(map(len, cost.psnr), default=0)
+    files = (
+        f"  {name:{width}}  {'exact' if psnr == float('inf') else f'{psnr:.1f} dB':>8}  {cost.texels[name]}"
+        for name, psnr in cost.psnr.items()
+    )
+    covered = [f"  {cost.coverage}"] if cost.coverage else []
+    return [
+        f"{cost.format} costs in SNR of the shaded result: {', '.join(losses)}; PSNR of the files:",
+        *files,
+        *covered,
+    ]
+
+
+def _promise(provenance: Provenance) -> list[str]:
+    """What was measured, in plain lines: one for each pair set."""
+    promise = provenance.promise
+    if promise is None:
+        return []
+    lines = [
+        f"measured at levels and between levels, compared with the best closed form there, {name}: "
+        f"{promise.summary(name)}"
+        for name in promise.levels[0].snr
+    ]
+    if promise.left_out:
+        lines.append(f"not measured, because the time ran out: {', '.join(promise.left_out)}")
+    return lines
+
+
+def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
+    """What a preset chose for these sources, and what the user has to mind."""
+    outputs = asked.outputs if any(asked.writes_maps(job) for job in found) else ()
+    files = [
+        f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
+        for o in outputs
+    ]
+    files += [f"{GLB} with {output().format} in it"] if any(asked.wants_glb(job) for job in found) else []
+    written = f", {'; '.join(files)}" if files else ""
+    return [
+        f"preset {preset.name} for {preset.engine}: target {asked.target}{written}",
+        *(f"in the engine: {note}" for note in preset.notes),
+    ]
+
+
+def _normals(normals: Normals) -> str:
+    return normals.convention + (" of two channels" if normals.channels == 2 else "")

@@ -1,0 +1,112 @@
+"""How sources are baked and written: what a user asks for, and what that means for every source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from mipbake.adjust import Adjustments
+from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
+from mipbake.errors import UsageError
+from mipbake.io.uastc import check_encoder
+from mipbake.jobs import Failure, Job
+from mipbake.material import GLTF_MODELS
+from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
+from mipbake.pixel_filter import filter_named
+from mipbake.prefilter import method_named
+from mipbake.presets import Preset, preset_named, wanted_outputs
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """How sources are baked and written, the same for all, as `mipbake bake` takes it.
+
+    Args:
+        method, pixel_filter, weights, budget: as `mipbake.bake` takes them.
+        target: a material model, or "auto"; None: what the preset chooses, else "auto".
+        preset: a name in `mipbake.presets.PRESETS`: an engine, which chooses what is None here.
+        format: formats separated by commas, each with texels where they are not the default: "exr,ktx2:uastc,glb".
+            None: a GLB for glTF sources, "exr" for others. `ktx2` and `dds` without texels get the smallest that cost
+            little.
+        packing: a name in `mipbake.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
+        max_level: the last level that is written; None for all.
+        keep_level0, strength, min_roughness: see `mipbake.adjust.Adjustments`.
+    """
+
+    method: str = DEFAULT_METHOD
+    target: str | None = None
+    pixel_filter: str = DEFAULT_FILTER
+    preset: str | None = None
+    format: str | None = None
+    packing: str | None = None
+    write_normals: str | None = None
+    max_level: int | None = None
+    keep_level0: bool = False
+    strength: float = 1.0
+    min_roughness: float = 0.0
+    weights: str | None = None
+    budget: str | None = None
+
+    def asked(self) -> Asked:
+        """What that means for every source. UsageError for what no source can be baked with."""
+        method_named(self.method, self.weights, self.budget)
+        filter_named(self.pixel_filter)
+        preset = preset_named(self.preset) if self.preset else None
+        target = self.target
+        if target is None:
+            target = preset.target if preset else AUTO_TARGET
+        if target not in TARGETS:
+            raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
+        outputs, glb, finer = wanted_outputs(preset, self.format, self.packing, self.write_normals)
+        if self.max_level is not None and self.max_level < 0:
+            raise UsageError(f"max_level is {self.max_level}: expected 0 or more")
+        adjustments = Adjustments(self.keep_level0, self.strength, self.min_roughness)
+        for_gltf = target in (AUTO_TARGET, *GLTF_MODELS)
+        # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
+        as_maps = self.format or self.packing or self.write_normals or not for_gltf
+        documents = not as_maps and (preset is None or preset.documents)
+        check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
+        if not for_gltf and (glb or adjustments.any):
+            what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
+            raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
+        if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
+            check_encoder()
+        return Asked(replace(self, target=target), target, preset, outputs, glb, documents, adjustments, finer)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be baked and written, the same for every set.
+
+    Args:
+        options: what it comes from. target, preset, outputs, adjustments: what they mean.
+        glb: whether a GLB is written. documents: whether glTF sources become a GLB, and get no files of maps.
+        finer: texels that the textures of a GLB may have in place of blocks.
+    """
+
+    options: BakeOptions
+    target: str
+    preset: Preset | None
+    outputs: tuple[Output, ...]
+    glb: bool
+    documents: bool
+    adjustments: Adjustments
+    finer: tuple[str, ...]
+
+    @property
+    def levels(self) -> int | None:
+        """How many levels are written; None for all."""
+        return None if self.options.max_level is None else self.options.max_level + 1
+
+    def wants_glb(self, job: Job) -> bool:
+        """Whether a GLB is written of a source."""
+        return self.glb or (self.documents and job.document is not None)
+
+    def writes_maps(self, job: Job) -> bool:
+        """Whether files of maps are written of a source, not a document alone."""
+        return bool(self.outputs) and not (self.documents and job.document is not None)
+
+    def check_encoder(self, found: Iterable[Job | Failure]) -> None:
+        """UsageError where a source becomes a GLB and the encoder of its textures is not installed."""
+        if any(isinstance(job, Job) and self.wants_glb(job) for job in found):
+            check_encoder()

@@ -1,0 +1,147 @@
+"""What was baked, written and measured, and who hears of it meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mipbake.compare.costs import Cost
+from mipbake.errors import MipbakeError
+from mipbake.found import SetReport
+from mipbake.jobs import Failure, Job
+from mipbake.stack import MipStack, Provenance
+from mipbake.texture_set import TextureSet
+
+if TYPE_CHECKING:
+    from mipbake.baking.options import Asked
+
+DEFECT = 1
+"""Exit code where what was written shows a defect of mipbake; any other defect has the same code."""
+
+
+@dataclass(frozen=True)
+class WrittenFile:
+    """A file that was written, and its size."""
+
+    path: Path
+    bytes: int
+
+
+@dataclass(frozen=True)
+class BakedSet:
+    """A texture set that was baked.
+
+    Args:
+        source: what it comes from, as the user named it.
+        out: its folder; of a tile, which shares one with other tiles, the file that declares its stack.
+        files: what was written; empty where all is in the GLB of a document.
+        costs: what every output costs and gives back. defects: a sentence for each that shows a defect of mipbake.
+        warnings: what a user should know, in sentences.
+        model: the material model. levels: how many were written. provenance: how they were made.
+        seconds: stage to its time.
+        set: the facts about the texture set.
+    """
+
+    source: Path
+    out: Path
+    files: tuple[WrittenFile, ...]
+    costs: tuple[Cost, ...]
+    defects: tuple[str, ...]
+    warnings: tuple[str, ...]
+    model: str
+    levels: int
+    provenance: Provenance
+    seconds: Mapping[str, float]
+    set: SetReport
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files."""
+        return sum(file.bytes for file in self.files)
+
+    @property
+    def exit_code(self) -> int:
+        """That of `mipbake bake` for the set."""
+        return DEFECT if self.defects else 0
+
+
+@dataclass(frozen=True)
+class BakedDocument:
+    """A GLB that was written of a glTF document, all of whose materials were baked.
+
+    Args:
+        source: the document. out: the GLB, and its size.
+        measured: material to what its textures give back, as `mipbake.Check.glb` tells it.
+    """
+
+    source: Path
+    out: WrittenFile
+    measured: Mapping[str, Mapping[str, Any] | None]
+
+
+@dataclass(frozen=True)
+class NotBaked:
+    """A source, or a part of one, that could not be read, baked or written, and why."""
+
+    source: Path
+    error: MipbakeError
+
+
+Result = BakedSet | BakedDocument | NotBaked
+
+
+@dataclass
+class Stages:
+    """Stages of a piece of work as they finish: how long each took, a bar for the one at work, the last note."""
+
+    show: Callable[[str, float], None] = lambda _stage, _share: None
+    note: Callable[[str], None] = lambda _text: None
+    seconds: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Progress as the library reports it: the name of the stage and its finished share, from 0 to 1."""
+        self.show(stage, share)
+        if share >= 1:
+            now = time.perf_counter()
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+            self._last = now
+
+    def summary(self) -> str:
+        """`read 0.1 s, prefilter 2.3 s, ...`."""
+        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.seconds.items())
+
+
+class Listener:
+    """Hears what happens while sources are baked. This one does nothing with it: overwrite what you want to hear."""
+
+    @contextmanager
+    def stages(self, label: str) -> Iterator[Stages]:
+        """Progress of one piece of work; `label`: what it is about."""
+        del label
+        yield Stages()
+
+    def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
+        """What is going to be baked is known; nothing is read."""
+
+    def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
+        """A texture set, or tiles that touch, has been read."""
+
+    def note(self, sentence: str) -> None:
+        """Something that a user should know, about what was read last."""
+
+    def baked(self, job: Job, stack: MipStack, result: BakedSet, stages: Stages) -> None:
+        """A set has been baked, and its files have been written. Tiles are moved into their folder after that."""
+
+    def gathered(self, folder: Path, tiles: Sequence[BakedSet]) -> None:
+        """All tiles of a set have been written into their folder."""
+
+    def document(self, result: BakedDocument, bytes_before: int) -> None:
+        """A GLB has been written; `bytes_before`: size of its source."""
+
+    def failed(self, failure: NotBaked) -> None:
+        """Something could not be baked. The rest is baked all the same."""

@@ -1,0 +1,129 @@
+"""One texture set, or tiles that touch: read, baked, written and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from mipbake.adjust import adjusted
+from mipbake.bake import bake, resolve_target
+from mipbake.baking.options import Asked
+from mipbake.baking.results import BakedSet, Listener, Stages, WrittenFile
+from mipbake.compare.checking import Check
+from mipbake.compare.compression import chosen, chosen_all, part_of
+from mipbake.compare.costs import Cost
+from mipbake.compare.ranges import chosen_ranges
+from mipbake.found import file_hashes, set_report
+from mipbake.glb import Encoded, encoded, multiple_of_side, output
+from mipbake.io.gltf.slots import BASE
+from mipbake.jobs import Job
+from mipbake.manifest import check_output
+from mipbake.material import MODELS
+from mipbake.output import GLB_TEXELS, check_outputs
+from mipbake.presets import Preset
+from mipbake.stack import MipStack
+from mipbake.texture_set import TextureSet
+
+
+@dataclass(frozen=True, eq=False)
+class DocumentPart:
+    """A material of a document that was baked, with its textures."""
+
+    job: Job
+    stack: MipStack
+    textures: Encoded
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run over all sources.
+
+    Args:
+        asked: what is to be made of them.
+        listener: who hears of it.
+        documents: document to its materials that have been baked so far, which its GLB is written of in the end.
+    """
+
+    asked: Asked
+    listener: Listener
+    documents: dict[Path, list[DocumentPart]] = field(default_factory=dict)
+
+
+def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
+    """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`."""
+    asked, listener = run.asked, run.listener
+    for found in [] if job.tiled else job.found().values():
+        check_output(place / found.name, file_hashes(found))
+    with listener.stages(job.source.name) as reading:
+        reading("read", 0.0)
+        read = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
+        reading("read", 1.0)
+    for texture_set in read.sets.values():
+        check_output(place / texture_set.name, file_hashes(texture_set))
+    listener.read(job, list(read.sets.values()))
+    whole = read.texture_set
+    model = resolve_target(whole, asked.target)
+    check_outputs(asked.outputs, model)
+    if whole.anisotropic and not MODELS[model].anisotropic:
+        listener.note(f"the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
+    options = asked.options
+    with listener.stages(whole.name) as baking:
+        baking.seconds.update(reading.seconds)
+        baked = bake(whole, options.method, model, options.pixel_filter, baking, options.weights, options.budget)
+        baked = adjusted(baked, whole, asked.adjustments)
+        return [
+            _write(run, job, texture_set, stack, place / texture_set.name, baking)
+            for texture_set, stack in read.stacks(baked)
+        ]
+
+
+def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: Path, baking: Stages) -> BakedSet:
+    """Writes the stack of one set, and measures what was written."""
+    asked = run.asked
+    asked_for = asked.outputs if asked.writes_maps(job) else ()
+    with_glb = asked.wants_glb(job)
+    check = Check(texture_set, stack, partial(baking, "check"), len(asked_for) + with_glb)
+    outputs = chosen_all(check.seen, stack, asked_for, partial(baking, "texels"))
+    textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if with_glb else None
+    if textures is not None and job.document is not None:
+        textures = replace(textures, measured=check.glb(textures))
+        run.documents.setdefault(job.source, []).append(DocumentPart(job, stack, textures))
+    beside = textures if job.document is None else None
+    files: list[Path] = []
+    if outputs or beside:
+        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside, measured=check)
+    costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
+    blocks = any(not each.container.exact for each in asked.outputs)
+    sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
+    result = BakedSet(
+        source=job.source,
+        out=place,
+        files=tuple(WrittenFile(file, file.stat().st_size) for file in files),
+        costs=tuple(costs),
+        defects=tuple(check.defects),
+        warnings=(*sizes, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))),
+        model=stack.model,
+        levels=len(stack.levels[: asked.levels]),
+        provenance=stack.provenance,
+        seconds=dict(baking.seconds),
+        set=set_report(texture_set, job),
+    )
+    run.listener.baked(job, stack, result, baking)
+    return result
+
+
+def _textures(job: Job, seen: TextureSet, stack: MipStack, asked: Asked, progress: Callable[[float], None]) -> Encoded:
+    """The textures of a GLB, with the ranges and the texels that cost the least."""
+    inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
+    slots, lobe = (job.bake.slots, job.bake.lobe) if job.bake else (None, BASE)
+    best = (GLB_TEXELS[0], *asked.finer)[-1]
+    ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), best)
+    texels = chosen(seen, inside, output(asked.finer), part_of(progress, 1, 3), ranges).texels
+    return encoded(inside, slots, asked.levels, part_of(progress, 2, 3), lobe, ranges, texels)
+
+
+def _chose(preset: Preset | None, cost: Cost) -> Preset | None:
+    """The preset, where it chose the output, not the user."""
+    return preset if preset and any(cost.format == output.format for output in preset.outputs) else None

@@ -1,0 +1,207 @@
+"""All that a user names: texture sets, tiles and documents, baked and written into one folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from mipbake.baking.options import Asked, BakeOptions
+from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
+from mipbake.baking.sets import DocumentPart, Run, bake_job
+from mipbake.errors import InputError, MipbakeError, OutputError
+from mipbake.found import file_hashes
+from mipbake.glb import check_file, save_document
+from mipbake.intake import jobs
+from mipbake.io.gltf.write import check_images
+from mipbake.io.options import LoadOptions
+from mipbake.io.publish import published, temporary_folder
+from mipbake.jobs import Failure, Job
+from mipbake.loading import PathLike
+from mipbake.manifest import check_output, is_stack_folder
+from mipbake.output import GLB
+from mipbake.texture_set import with_overrides
+
+
+def bake_all(
+    sources: PathLike | Sequence[PathLike],
+    out: PathLike,
+    options: BakeOptions | None = None,
+    load: LoadOptions | None = None,
+    listener: Listener = Listener(),  # noqa: B008
+    **overrides: Any,
+) -> list[BakedSet | BakedDocument]:
+    """Bakes all that sources hold into a folder, as `mipbake bake` does: texture sets, tiles, and glTF documents, whose
+    materials all become one GLB.
+
+        for each in mipbake.bake_all("scene.glb", "baked", method="linear"):
+            print(each.out)
+
+    Every file is measured as it was read back, and gets texels that cost little where the format leaves that open.
+
+    Args:
+        sources: one or more of what `mipbake.load_all` takes.
+        out: the folder of all results: OUT/<set>/ for each set, OUT/<file>.glb for each document.
+        options: how they are baked and written. load: how they are read. None for the defaults.
+        listener: hears what happens meanwhile, and has progress.
+        overrides: single fields of `BakeOptions`, on top of `options`.
+
+    Returns:
+        What was baked, in the order of the sources; the GLBs of documents come after their materials.
+
+    Raises:
+        UsageError: an option does not exist or has a value that it cannot have; nothing is baked then.
+        InputError, OutputError: a source cannot be read, or its result cannot be written. What can be baked is baked
+            all the same before the first of these is raised; `bake_sources` returns all of them.
+    """
+    made = bake_sources(sources, out, with_overrides(options or BakeOptions(), overrides), load, listener)
+    for each in made:
+        if isinstance(each, NotBaked):
+            raise each.error
+    return [each for each in made if not isinstance(each, NotBaked)]
+
+
+def bake_sources(
+    sources: PathLike | Sequence[PathLike],
+    out: PathLike,
+    options: BakeOptions | None = None,
+    load: LoadOptions | None = None,
+    listener: Listener = Listener(),  # noqa: B008
+) -> list[Result]:
+    """The same, with what could not be baked among the results.
+
+    Raises:
+        UsageError: as `bake_all`. InputError: none of the sources is there. OutputError: a GLB cannot lie where it is
+            to be written, or there is no room for temporary files.
+    """
+    asked = (options or BakeOptions()).asked()
+    given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
+    with temporary_folder() as scratch:
+        found = jobs([os.fspath(each) for each in given], load or LoadOptions(), scratch)
+        asked.check_encoder(found)
+        listener.found(asked, found)
+        return _bake_jobs(Run(asked, listener), found, Path(out))
+
+
+def _bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Result]:
+    """Bakes every job; one that fails does not keep others from it."""
+    _check_places(found, out, run.asked)
+    results: list[Result] = []
+    found = [*_lost_images(found, run.asked), *found]
+    broken = {job.source for job in found if isinstance(job, Failure)}
+    for together in _together(found):
+        job = together[0]
+        if isinstance(job, Job) and job.document and job.source in broken and not run.asked.writes_maps(job):
+            run.documents[job.source] = []  # its GLB, all that it is baked for, will not be written
+            continue
+        try:
+            if isinstance(job, Failure):
+                raise job.error
+            if job.tiled:
+                results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
+            else:
+                results += bake_job(run, job, out / job.place)
+        except MipbakeError as error:
+            results.append(_not_baked(run, job.source, error))
+    for source, parts in run.documents.items():
+        try:
+            results.append(_write_document(run, found, source, parts, out))
+        except MipbakeError as error:
+            results.append(_not_baked(run, source, error))
+    return results
+
+
+def _not_baked(run: Run, source: Path, error: MipbakeError) -> NotBaked:
+    failure = NotBaked(source, error)
+    run.listener.failed(failure)
+    return failure
+
+
+def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
+    """What is written together: the groups of tiles of one set; everything else is alone."""
+    for (_, tiled), several in groupby(found, lambda job: (_set_of_tiles(job), isinstance(job, Job) and job.tiled)):
+        together = list(several)
+        yield from [together] if tiled else ([job] for job in together)
+
+
+def _set_of_tiles(job: Job | Failure) -> tuple[Path, str]:
+    """Source and name of a set of tiles, the same for all its groups."""
+    if isinstance(job, Failure) or not job.tiled:
+        return job.source, ""
+    return job.source, next(iter(job.parts.values())).name
+
+
+def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
+    """OutputError where a GLB cannot lie where it is to be written."""
+    documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
+    if asked.glb or asked.documents:
+        for source, job in documents.items():
+            check_file(out / f"{job.place}.{GLB}", source)
+
+
+def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
+    """Documents whose GLB would lack an image that is not baked, found before anything is."""
+    baked = [job for job in found if isinstance(job, Job) and job.document and asked.wants_glb(job)]
+    broken = {job.source for job in found if isinstance(job, Failure)}
+    lost = []
+    for source in dict.fromkeys(job.source for job in baked if job.source not in broken):
+        materials = [job for job in baked if job.source == source]
+        document, bakes = materials[0].document, [job.bake for job in materials if job.bake is not None]
+        try:
+            if document is not None:
+                materials[0].using(partial(check_images, document, bakes))
+        except InputError as error:
+            lost.append(Failure(source, error))
+    return lost
+
+
+def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
+    """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
+    target = out / _set_of_tiles(groups[0])[1]
+    found = [each for job in groups for each in job.found().values()]
+    check_output(target, {name: told for each in found for name, told in file_hashes(each).items()})
+    with published(target, is_stack_folder) as folder:
+        made = [tile for job in groups for tile in bake_job(run, job, folder)]
+        check_output(target, {name: told for tile in made for name, told in tile.provenance.sources.items()})
+        tiles = [_gathered(tile, folder, target) for tile in made]
+    run.listener.gathered(target, tiles)
+    return tiles
+
+
+def _gathered(tile: BakedSet, folder: Path, target: Path) -> BakedSet:
+    """Moves the files of a tile out of its own folder, into the folder of all tiles, which will be called `target`."""
+    files = []
+    for each in tile.files:
+        moved = folder / each.path.name
+        if moved.exists():
+            raise OutputError(f"cannot write {target}: two of its tiles have a file {moved.name}, rename the maps")
+        each.path.rename(moved)
+        files.append(WrittenFile(target / moved.name, each.bytes))
+    tile.out.rmdir()
+    return replace(tile, out=files[0].path, files=tuple(files))
+
+
+def _write_document(
+    run: Run, found: Sequence[Job | Failure], source: Path, parts: Sequence[DocumentPart], out: Path
+) -> BakedDocument:
+    """Writes the GLB of a document, all of whose materials were baked."""
+    first = next(job for job in found if isinstance(job, Job) and job.source == source)
+    path = out / f"{first.place}.{GLB}"
+    if len(parts) < sum(job.source == source for job in found):
+        raise InputError(
+            f"{path} is not written, because some of its materials could not be read or baked: see the errors about "
+            "them"
+        )
+    if first.document is None:
+        raise AssertionError("only documents are collected")
+    results = [(part.job.bake, part.stack, part.textures) for part in parts if part.job.bake is not None]
+    first.using(partial(save_document, path, first.document, results, first.plain, run.asked.levels))
+    before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
+    measured = {bake.name: textures.measured for bake, _, textures in results}
+    made = BakedDocument(source, WrittenFile(path, size), measured)
+    run.listener.document(made, before)
+    return made
