@@ -1,4 +1,8 @@
-"""mypy, strict, over the rooms under their import names: the build maps models/, training/, cli/ into the package."""
+"""mypy, strict, over the rooms under their import names: the build maps models/, training/, cli/ into the package.
+
+An editable install does not serve: it finds these rooms by a hook at run time (tried with scikit-build-core 1.1), which
+mypy and editors do not follow. So links lay the rooms out here as the build does.
+"""
 
 from __future__ import annotations
 

@@ -122,9 +122,8 @@ def measured(
         if any(network.target == "gltf-anisotropic" for network in networks):
             others = stack.enter_context(bake_all(texture_set, "gltf-anisotropic", DEFAULT_FILTER, ANISOTROPIC))
             candidates += [replace(c, method=replace(c.method, name=f"{c.name}, anisotropic")) for c in others]
-        found = texture_space.measure(
-            texture_set, candidates, DEFAULT_FILTER, DEFAULT_LODS, scales=(), points=points, samples=samples
-        )
+        effort = texture_space.Effort(points=points, samples=samples)
+        found = texture_space.measure(texture_set, candidates, DEFAULT_FILTER, DEFAULT_LODS, (), effort)
         made = tuple(candidate.method for candidate in candidates)
     return Comparison(
         texture_set.name, made[0].name, "gltf", DEFAULT_FILTER, made, found.curve, found.figures, notes=found.notes

@@ -28,9 +28,9 @@ def main() -> None:
 
     from mipbake import _native, raster, sampling, shading
     from mipbake.pixel_filter import filtered_levels
+    from mipbake.reference.source import FilteredSource
     from mipbake.render import environment, mesh_render, shapes
     from mipbake.render.camera import orbit
-    from mipbake.render.visible import Surface
 
     _native.set_num_threads(options.threads)
     rng = np.random.default_rng(0)
@@ -40,23 +40,20 @@ def main() -> None:
     wrap = ("wrap", "wrap")
     levels = filtered_levels(level, "gaussian", wrap)
     lighting = environment.studio()
-    view = (shapes.material_ball(), orbit(3.6, 25, 18), lighting)
     resolution = (options.size, options.size)
-    frame = mesh_render.candidate(*view, levels, "gltf", wrap, resolution)
+    shot = mesh_render.Shot(shapes.material_ball(), orbit(3.6, 25, 18), lighting, resolution)
+    source = FilteredSource(level, "gltf", wrap, "gaussian")
+    frame = mesh_render.candidate(shot, levels, "gltf", wrap)
     covered, lights = int(frame.coverage.sum()), len(lighting.direction)
     passes = 8
 
     def candidate() -> None:
-        mesh_render.candidate(*view, levels, "gltf", wrap, resolution)
+        mesh_render.candidate(shot, levels, "gltf", wrap)
 
     def reference() -> None:
-        mesh_render.reference(
-            *view, level, "gltf", wrap, resolution, "gaussian", 0, [frame],
-            min_passes=passes, max_passes=passes,
-        )  # fmt: skip
+        mesh_render.reference(shot, source, 0, [frame], mesh_render.Passes(least=passes, most=passes))
 
-    mesh, camera, _ = view
-    surface = Surface(mesh, camera, resolution)
+    mesh, camera, surface = shot.mesh, shot.camera, shot.surface
     clip = camera.to_clip(mesh.positions, resolution)[None]
     points = surface.seen()
     texels = sampling.texture(level[None], points.uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]

@@ -18,10 +18,11 @@ from mipbake import TextureSet
 from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare import texture_space
 from mipbake.compare.candidates import closed_forms, label
-from mipbake.compare.pictures import render_view
+from mipbake.compare.pictures import RenderSettings, render_view
 from mipbake.compare.result import SCALES
 from mipbake.compare.scenes import standard_views
 from mipbake.prefilter.search.refine import REFINE_SECONDS
+from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.validate import DEFAULT_LODS
 
@@ -90,7 +91,7 @@ def measured(plan: Plan, effort: Effort) -> dict[str, Any]:
         candidates = [each.candidate for each in baked]
         found = texture_space.measure(
             source, candidates, DEFAULT_FILTER, DEFAULT_LODS, plan.in_texture_space,
-            points=effort.points, samples=effort.samples,
+            texture_space.Effort(points=effort.points, samples=effort.samples),
         )  # fmt: skip
         figures, scenes = _spheres(source, baked, plan.scales, effort)
     return {
@@ -114,14 +115,14 @@ def _spheres(
     last = int(texture_space.last_lod(source))
     square = (effort.side, effort.side)
     views = standard_views((source.height, source.width), environment.studio(), last, square)
-    stored = source.material(source.source_model)
+    model = source.source_model
+    filtered = FilteredSource(source.material(model), model, source.wrap, DEFAULT_FILTER)
     figures, scenes = [], []
     for view in views:
         if view.view != "sphere" or view.scale not in scales:
             continue
         made = render_view(
-            view, stored, source.source_model, source.wrap, [each.candidate for each in baked], DEFAULT_FILTER, 0,
-            effort.passes, flicker=False,
+            view, filtered, [each.candidate for each in baked], RenderSettings(max_passes=effort.passes), flicker=False,
         )  # fmt: skip
         figures += [dataclasses.asdict(figure) for figure in made.figures]
         scenes.append(dataclasses.asdict(made.rendered.scene))

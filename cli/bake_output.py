@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked, Stages
+from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
 from mipbake.baking.options import Asked
 from mipbake.baking.results import DEFECT, Result
-from mipbake.cli.session import Session, stages
-from mipbake.cli.tables import map_table, remarks
+from mipbake.cli.session import Session, failed, stages
+from mipbake.cli.tables import description, remarks_of
 from mipbake.compare.costs import Cost
-from mipbake.found import sources_of
 from mipbake.glb import output
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
 from mipbake.packing import Normals
 from mipbake.presets import Preset
 from mipbake.stack import MipStack, Provenance
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 
@@ -44,12 +44,8 @@ class Printer(Listener):
     def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
         """See Listener."""
         for texture_set in sets:
-            self.session.print(
-                f"{job.source}: {texture_set.name}, {texture_set.width} x {texture_set.height}",
-                map_table(sources_of(texture_set)),
-                *remarks(texture_set),
-            )
-        self.session.print(*(f"note: {note}" for note in job.notes), *(f"warning: {text}" for text in job.warnings))
+            self.session.print(*description(job, texture_set))
+        self.session.print(*remarks_of(job))
 
     def note(self, sentence: str) -> None:
         """See Listener."""
@@ -91,8 +87,7 @@ class Printer(Listener):
 def told(result: Result) -> dict[str, Any]:
     """What was done with a source, for JSON."""
     if isinstance(result, NotBaked):
-        error = result.error
-        return {"source": result.source, "ok": False, "exit_code": error.exit_code, "error": str(error)}
+        return failed(result.source, result.error)
     if isinstance(result, BakedDocument):
         about = {"document": True, "files": [result.out], "measured": result.measured}
         return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out.path, **about}

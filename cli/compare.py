@@ -11,14 +11,13 @@ import typer
 
 import mipbake
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
-from mipbake.baking import Stages
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, plain, stages
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
-from mipbake.compare.comparing import Settings
+from mipbake.compare.comparing import Settings, Subjects
 from mipbake.compare.comparing import compare as compare_methods
 from mipbake.compare.conditions import GRAMMAR, parse
 from mipbake.compare.pictures import MAX_PASSES
@@ -39,6 +38,7 @@ from mipbake.report.page import check_report, write_report
 from mipbake.report.page.verdict import verdict
 from mipbake.report.page.writing import PAGE
 from mipbake.report.viewer import Source
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
@@ -172,9 +172,8 @@ def compare(
         stack = mipbake.open_stack(known) if known else None
         with stages(session, texture_set.name) as progress, temporary_folder() as kept:
             renders = kept if keep_renders else None
-            found = compare_methods(
-                texture_set, stack, known, names, target, pixel_filter, settings, conditions, renders, progress
-            )
+            compared = Subjects(stack, known, names, target, pixel_filter)
+            found = compare_methods(texture_set, compared, settings, conditions, renders, progress)
             comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
             source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
             files = write_report(comparison, found.stacks, source, place, progress, renders)

@@ -13,13 +13,12 @@ import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
-from mipbake.baking import Stages
 from mipbake.cli import options
 from mipbake.cli.folders import check_names
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, stages
 from mipbake.cli.sources import Sources
-from mipbake.cli.tables import map_table, remarks
+from mipbake.cli.tables import description, remarks_of
 from mipbake.convert import (
     LEARNED,
     TARGETS,
@@ -29,7 +28,7 @@ from mipbake.convert import (
     is_material_folder,
     open_material,
 )
-from mipbake.found import file_hashes, set_report, sources_of
+from mipbake.found import file_hashes, set_report
 from mipbake.intake import jobs
 from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.io.inputs import expand
@@ -38,6 +37,7 @@ from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Failure, Job, Part
 from mipbake.material import model_named
 from mipbake.prefilter import method_named
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 _Write: TypeAlias = "Callable[[TextureSet | Material, Path, Stages], dict[str, Any]]"
@@ -88,8 +88,7 @@ def convert(
         try:
             results.append({"source": source, "ok": True, "exit_code": 0, **convert_one()})
         except MipbakeError as error:
-            session.fail(str(error), error.exit_code)
-            results.append({"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+            results.append(session.failed(source, error))
 
     def write(given: TextureSet | Material, place: Path, reading: Stages) -> dict[str, Any]:
         return _write(session, given, place, to, format, weights, reading)
@@ -158,13 +157,7 @@ def _convert_set(session: Session, job: Job, tile: int, part: Part, out: Path, w
         given = job.read_tile(tile)
         reading("read", 1.0)
     check_material_output(place, file_hashes(given))
-    session.print(
-        f"{job.source}: {given.name}, {given.width} x {given.height}",
-        map_table(sources_of(given)),
-        *remarks(given),
-        *(f"note: {note}" for note in job.notes),
-        *(f"warning: {warning}" for warning in job.warnings),
-    )
+    session.print(*description(job, given), *remarks_of(job))
     return {**write(given, place, reading), "set": set_report(given, job)}
 
 

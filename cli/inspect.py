@@ -9,8 +9,8 @@ import mipbake
 from mipbake.cli import options
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import map_table, remarks
-from mipbake.found import set_report, sources_of
+from mipbake.cli.tables import description, remarks_of
+from mipbake.found import set_report
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
@@ -24,13 +24,7 @@ def inspect(session: Session, sources: Sources, load: LoadOptions) -> None:
     """
 
     def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:
-        session.print(
-            f"{job.source}: {found.name}, {found.width} x {found.height}",
-            map_table(sources_of(found)),
-            *remarks(found),
-            *(f"note: {note}" for note in job.notes),
-            *(f"warning: {warning}" for warning in job.warnings),
-        )
+        session.print(*description(job, found), *remarks_of(job))
         return vars(set_report(found, job))
 
     results = over_sets(session, sources, load, show)

@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.baking.results import Stages
+from mipbake import MipbakeError
+from mipbake.stages import Stages
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,6 +64,16 @@ class Session:
         sys.stderr.write(f"mipbake: {one_line}\n")
         self.exit_code = max(self.exit_code, exit_code)
         return self.exit_code
+
+    def failed(self, source: Path, error: MipbakeError) -> dict[str, Any]:
+        """`fail` for what was to be done with a source, which does not keep others from it; returns it for JSON."""
+        self.fail(str(error), error.exit_code)
+        return failed(source, error)
+
+
+def failed(source: Path, error: MipbakeError) -> dict[str, Any]:
+    """What went wrong with a source, for JSON."""
+    return {"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)}
 
 
 def console(file: Any) -> Console:

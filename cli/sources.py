@@ -51,6 +51,5 @@ def over_sets(
                 for texture_set in job.sets():
                     results.append({"source": job.source, "ok": True, "exit_code": 0, **act(job, texture_set, alone)})
             except MipbakeError as error:
-                session.fail(str(error), error.exit_code)
-                results.append({"source": job.source, "ok": False, "exit_code": error.exit_code, "error": str(error)})
+                results.append(session.failed(job.source, error))
     return results

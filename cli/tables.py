@@ -1,4 +1,4 @@
-"""What was found in a texture set, for people and for machines."""
+"""What was found in a texture set, for people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mipbake.found import sources_of
 from mipbake.io.sources import DECISIONS, Discovery, MapSource
+from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
@@ -33,6 +35,20 @@ def map_table(sources: Mapping[str, MapSource]) -> Table:
         read = source.encoding + (", inverted" if source.inverted else "")
         made.add_row(role, _origin(source), size, stored, read if source.path else "", source.reason)
     return made
+
+
+def description(job: Job, found: TextureSet) -> list[str | Table]:
+    """What a texture set is and what was found in it, to be printed."""
+    return [
+        f"{job.source}: {found.name}, {found.width} x {found.height}",
+        map_table(sources_of(found)),
+        *remarks(found),
+    ]
+
+
+def remarks_of(job: Job) -> list[str]:
+    """The same about what it comes from, one line each."""
+    return [*(f"note: {note}" for note in job.notes), *(f"warning: {warning}" for warning in job.warnings)]
 
 
 def remarks(found: Discovery | TextureSet) -> list[str]:

@@ -28,13 +28,14 @@ from PIL import Image
 import mipbake
 from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import render_view
+from mipbake.compare.pictures import RenderSettings, render_view
 from mipbake.compare.result import Method
 from mipbake.compare.scenes import standard_views
 from mipbake.errors import UsageError
 from mipbake.models.registry import default_weights, list_weights, load_network
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS
+from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.texture_set import TextureSet
 
@@ -114,6 +115,7 @@ def spheres(
 ) -> tuple[Shown, Mapping[str, pictures.Picture]]:
     """Every stack of a material given in the model `source`, and the reference by scale."""
     stored = texture_set.material(source)
+    filtered = FilteredSource(stored, source, texture_set.wrap, DEFAULT_FILTER)
     size = (texture_set.height, texture_set.width)
     candidates = []
     for output in MODELS:
@@ -124,7 +126,7 @@ def spheres(
     for view in standard_views(size, environment.studio(), len(level_sizes(*size)) - 1, (side, side)):
         if view.view != "sphere" or view.scale not in SCALES:
             continue
-        made = render_view(view, stored, source, texture_set.wrap, candidates, DEFAULT_FILTER, 0, passes, flicker=False)
+        made = render_view(view, filtered, candidates, RenderSettings(max_passes=passes), flicker=False)
         references[view.scale] = pictures.shown(made.reference.image)
         values = {(figure.method, figure.measure): figure.value for figure in made.figures}
         for name, frame in made.frames.items():

@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw, ImageFont
 import mipbake
 from mipbake.compare.scenes import View, standard_views
 from mipbake.metrics.images import displayed
+from mipbake.reference.source import FilteredSource
 from mipbake.render import environment, mesh_render
-from mipbake.render.mesh_render import Frame, Reference
+from mipbake.render.mesh_render import Frame, Passes, Reference
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -67,25 +68,15 @@ def turned(view: View, repeats: int, turns: float) -> View:
 def render(folder: Path, view: View, passes: int, target: float = 0.1) -> tuple[dict[str, Frame], Reference]:
     """The candidates of a view, and the reference: at most `passes` samples a pixel, until it resolves both."""
     texture_set, stacks = load(folder)
-    scene = (view.mesh, view.camera, view.lighting)
     frames = {
-        name: mesh_render.candidate(*scene, stack.levels, stack.model, texture_set.wrap, view.resolution)
+        name: mesh_render.candidate(view.shot, stack.levels, stack.model, texture_set.wrap)
         for name, stack in stacks.items()
     }
     model = texture_set.source_model
-    reference = mesh_render.reference(
-        *scene,
-        texture_set.material(model),
-        model,
-        texture_set.wrap,
-        view.resolution,
-        stacks[BAKED].provenance.pixel_filter,
-        0,
-        list(frames.values()),
-        target=target,
-        min_passes=min(32, passes),
-        max_passes=passes,
-    )
+    kernel = stacks[BAKED].provenance.pixel_filter
+    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, kernel)
+    wanted = Passes(target, min(32, passes), passes)
+    reference = mesh_render.reference(view.shot, source, 0, list(frames.values()), wanted)
     return frames, reference
 
 
@@ -94,7 +85,7 @@ def shown(radiance: NDArray[np.float32]) -> Picture:
     side = len(radiance)
     y, x = np.mgrid[:side, :side] + 0.5 - side / 2
     cover = np.clip(_FILLED * side / 2 - _RIM - np.hypot(x, y) + 0.5, 0, 1)[..., None]
-    mixed = cover * displayed(radiance) * 255 + (1 - cover) * np.array(GROUND)
+    mixed = cover * displayed(radiance.astype(np.float64)) * 255 + (1 - cover) * np.array(GROUND)
     return np.round(mixed).astype(np.uint8)
 
 

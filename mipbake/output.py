@@ -88,36 +88,42 @@ def check_outputs(outputs: Sequence[Output], model: str) -> None:
         raise UsageError(f"{', '.join(formats)}: expected every format once, files would have the same names")
 
 
-def planned(
-    output: Output,
-    set_name: str,
-    maps: Sequence[tuple[MapLayout, Levels]],
-    source: Sequence[PackedFile],
-    wrap: Wrap,
-    levels: int | None = None,
-    beside: bool = False,
-    tile: int = 0,
-) -> list[MapFile]:
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What the files of a stack hold.
+
+    Args:
+        name: of the set, for names of files.
+        maps: of the stack, with their levels.
+        source: files of the source, where they are known.
+        wrap: addressing.
+        tile: of UDIM, which every name carries: where the names of the source have it, else at the end; 0 for none.
+    """
+
+    name: str
+    maps: Sequence[tuple[MapLayout, Levels]]
+    source: Sequence[PackedFile]
+    wrap: Wrap
+    tile: int = 0
+
+
+def planned(output: Output, content: Content, levels: int | None = None, beside: bool = False) -> list[MapFile]:
     """The files of an output.
 
     Args:
         output: what is asked for.
-        set_name: for names of files.
-        maps: of the stack, with their levels.
-        source: files of the source, where they are known.
-        wrap: addressing.
+        content: what the files are to hold.
         levels: so many of each file; None for all. Containers whose files always hold every level get all.
         beside: whether there are other outputs: then files whose values no texels of the container hold are left to
             them.
-        tile: of UDIM, which every name carries: where the names of the source have it, else at the end; 0 for none.
 
     A file with values outside 0 to 1 (emission, heights) takes half floats where its texels would be integers and the
     container has them.
     """
     files = []
-    packing = SEPARATE if output.packing == SOURCE and not source else output.packing
-    for packed, chain in pack(maps, packing, source, output.normals, wrap):
-        named = replace(packed, name=_name(output, set_name, packed, tile))
+    packing = SEPARATE if output.packing == SOURCE and not content.source else output.packing
+    for packed, chain in pack(content.maps, packing, content.source, output.normals, content.wrap):
+        named = replace(packed, name=_name(output, content.name, packed, content.tile))
         container = output.container
         if packed.name in output.texels:
             container = FORMATS[container.name][output.texels[packed.name]]

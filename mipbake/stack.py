@@ -29,7 +29,7 @@ from mipbake.manifest import (
     read_manifest,
 )
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.output import GLB, Output, check_outputs, planned
+from mipbake.output import GLB, Content, Output, check_outputs, planned
 from mipbake.packing import PackedFile, unpacked
 from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.prefilter.promise import Promise, promise_from
@@ -248,7 +248,8 @@ class MipStack:
 
         `beside` other outputs, files that this one's texels cannot hold are left to them.
         """
-        return planned(output, self.name, self.maps(), self.source_files, self.wrap, levels, beside, self.tile)
+        content = Content(self.name, self.maps(), self.source_files, self.wrap, self.tile)
+        return planned(output, content, levels, beside)
 
     def about(self) -> str:
         """How the stack was made, as JSON for the files themselves."""

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from mipbake.compare.candidates import BAKED, bake_all, label, mismatch, opened
-from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, check_settings, measure
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, Effort, check_settings, measure
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -129,7 +129,10 @@ def validate(
     wrong = mismatch(stack, texture_set)
     with bake_all(texture_set, stack.model, kernel, tuple(names)) as baked:
         candidates = [opened(stack), *baked]
-        measured = measure(texture_set, candidates, kernel, lods, (), seed, points, samples, progress, "validate")
+        effort = Effort(seed, points, samples)
+        measured = measure(
+            texture_set, candidates, kernel, lods, (), effort, lambda _stage, share: progress("validate", share)
+        )
     return Validation(
         name=texture_set.name,
         method=stack.provenance.method,

@@ -13,7 +13,7 @@ import pytest
 
 from mipbake import shading
 from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import SHIFT, RenderedView, render_view
+from mipbake.compare.pictures import SHIFT, RenderedView, RenderSettings, render_view
 from mipbake.compare.plots import apparent_brdf, half_pixel_shift, temporal_slice
 from mipbake.compare.result import Method
 from mipbake.compare.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
@@ -23,9 +23,12 @@ from mipbake.metrics import MEASURES, srgb_encode
 from mipbake.metrics.images import displayed
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS
-from mipbake.render import mesh_render, shapes
+from mipbake.reference.source import FilteredSource
+from mipbake.render import shapes
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
+
+from .mesh_renders import candidate, reference
 
 WRAP = ("wrap", "wrap")
 LIGHTS = directional("two", [[0.3, 0.8, 0.6], [-0.5, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])
@@ -58,6 +61,10 @@ def constant(height: int = 32, width: int = 32) -> tuple[Any, list[Candidate]]:
     return levels[0], [Candidate(Method("constant", "linear", "box", "gltf", 0.0), levels)]
 
 
+def filtered(stored: Any, pixel_filter: str) -> FilteredSource:
+    return FilteredSource(stored, "gltf", WRAP, pixel_filter)
+
+
 def views(size: tuple[int, int] = (64, 64), **resolutions: tuple[int, int]) -> dict[str, View]:
     given = {"resolution": (48, 48), "plane_resolution": (32, 48)} | resolutions
     last = len(level_sizes(*size)) - 1
@@ -82,7 +89,7 @@ def test_spheres_have_the_median_lod_of_their_scale_and_square_texels(size: tupl
     levels = [np.zeros((*s, 8), np.float32) for s in level_sizes(*size)]
     for view, lod in zip(found.values(), (0.0, 0.5, 3.0, 7.0), strict=False):
         assert abs(median_lod(view.mesh, view.camera, view.resolution, size) - lod) < 0.1
-        frame = mesh_render.candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
+        frame = candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
         assert abs(np.median(frame.lod[frame.coverage]) - lod) < 0.1
         # From a pixel in the middle to its neighbours: as many texels to the right as downwards.
         right, down = (frame.uv[24, 26] - frame.uv[24, 22])[0], (frame.uv[26, 24] - frame.uv[22, 24])[1]
@@ -99,7 +106,7 @@ def test_a_texture_of_few_levels_is_far_at_its_last_one() -> None:
 def test_the_plane_recedes_from_one_texel_a_pixel_to_the_last_level(size: tuple[int, int]) -> None:
     view = views(size, plane_resolution=(128, 160))["plane"]
     levels = [np.zeros((*s, 8), np.float32) for s in level_sizes(*size)]
-    frame = mesh_render.candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
+    frame = candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
     assert frame.coverage.all()
     last = len(levels) - 1
     assert frame.lod[-1].max() < 0.15 and last - 1.2 < frame.lod[0].min() <= last
@@ -135,22 +142,22 @@ def test_a_shifted_camera_shows_what_an_offset_does() -> None:
     stack = [np.random.default_rng(0).random(level.shape, np.float32) for level in one.levels]
     scene = view.mesh, LIGHTS, stack, "gltf", WRAP, view.resolution
     mesh, *rest = scene
-    moved = mesh_render.candidate(mesh, shifted(view.camera, SHIFT), *rest)
-    expected = mesh_render.candidate(mesh, view.camera, *rest, offset=SHIFT)
+    moved = candidate(mesh, shifted(view.camera, SHIFT), *rest)
+    expected = candidate(mesh, view.camera, *rest, offset=SHIFT)
     assert (moved.image == expected.image).all()
-    assert np.abs(moved.image - mesh_render.candidate(mesh, view.camera, *rest).image).max() > 0.01
+    assert np.abs(moved.image - candidate(mesh, view.camera, *rest).image).max() > 0.01
 
 
 def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> None:
     stored, candidates = constant()
-    flat = render_view(views((32, 32))["plane"], stored, "gltf", WRAP, candidates, "gaussian", 0, 64)
+    flat = render_view(views((32, 32))["plane"], filtered(stored, "gaussian"), candidates, RenderSettings(0, 64))
     found = values(flat, "constant")
     # What is left is the change of lights and view over a pixel, which the filter sees and the candidate does not.
     assert found["snr"] > 60 and found["flip"] < 1e-3 and found["hdr-flip"] < 2e-3 and found["ssim"] > 0.9999
     assert found["tonemapped"] < 1e-3 and found["delta-e-itp"] < 0.1
 
     view = views((32, 32))["sphere-near"]
-    result = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64)
+    result = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64))
     assert [figure.measure for figure in result.figures] == list(MEASURES)
     found = values(result, "constant")
     assert found["snr"] > 40 and abs(found["flicker"] - 1) < 0.1 and found["flicker-snr"] > 12
@@ -168,7 +175,7 @@ def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> Non
     ratio = plot.images["constant"] / np.maximum(plot.reference, 1e-6)
     inside = result.change.interior & (plot.reference.min(-1) > 0.2)
     assert inside.any() and np.median(np.abs(ratio[inside] - 1)) < 0.1
-    still = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, flicker=False)
+    still = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64), flicker=False)
     assert still.change is None and "flicker" not in values(still, "constant")
 
 
@@ -177,7 +184,7 @@ def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: 
     candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))
     view = views()["sphere-1-1"]
     told: list[tuple[str, float]] = []
-    result = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64,
+    result = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64),
                          progress=lambda what, share: told.append((what, share)))  # fmt: skip
     box, lean = (values(result, name) for name in ("linear (box)", "lean (gaussian)"))
     for name in ("snr", "ssim", "flicker", "flicker-snr"):  # not FLIP, which averages fine shimmer away
@@ -190,10 +197,10 @@ def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: 
     assert told[0][0] == "sphere-1-1" and shares == sorted(shares) and shares[-1] == 1
 
     for _ in range(2):  # rendered and kept, then taken from the cache: the shifted picture has another file
-        again = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, cache=tmp_path)
+        again = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, cache=tmp_path))
         assert again.figures == result.figures
         assert (again.rendered.reference == result.rendered.reference).all()
-    other = render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 1, 64)
+    other = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(1, 64))
     assert (other.rendered.reference != result.rendered.reference).any()
 
 
@@ -201,14 +208,14 @@ def test_filters_with_negative_lobes_and_views_without_interior_are_measured() -
     stored = bumpy(32)
     candidates = baked(stored, ("linear", "mitchell"))
     view = views((32, 32))["plane"]
-    result = render_view(view, stored, "gltf", WRAP, candidates, "mitchell", 0, 32)
+    result = render_view(view, filtered(stored, "mitchell"), candidates, RenderSettings(0, 32))
     found = values(result, "linear (mitchell)")
     assert result.change is None and set(found) == {name for name, m in MEASURES.items() if m.needs != "frames"}
     assert all(math.isfinite(value) for value in found.values())
 
     away = dataclasses.replace(view.camera, target=(0.0, 5.0, 0.1))
-    nothing = render_view(dataclasses.replace(view, camera=away), stored, "gltf", WRAP, candidates, "mitchell", 0, 32,
-                          flicker=True)  # fmt: skip
+    view, settings = dataclasses.replace(view, camera=away), RenderSettings(0, 32)
+    nothing = render_view(view, filtered(stored, "mitchell"), candidates, settings, flicker=True)
     assert not nothing.rendered.interior.any()
     assert [figure.measure for figure in nothing.figures] == list(MEASURES)
     assert all(math.isnan(figure.value) for figure in nothing.figures)
@@ -219,13 +226,15 @@ def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
     candidates = baked(stored, ("lean", "gaussian"))
     view = views()["plane"]
     plain, sharp = (
-        render_view(view, stored, "gltf", WRAP, candidates, "gaussian", 0, 64, anisotropic=anisotropic)
+        render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, anisotropic))
         for anisotropic in (False, True)
     )
     assert (plain.rendered.images["lean (gaussian)"] != sharp.rendered.images["lean (gaussian)"]).any()
     assert values(sharp, "lean (gaussian)")["snr"] > values(plain, "lean (gaussian)")["snr"]
     (steady, turning) = (
-        temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "gaussian", 0, 4, 16, 8, anisotropic=anisotropic).plot
+        temporal_slice(
+            filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0, anisotropic=anisotropic), (16, 4), 8
+        ).plot
         for anisotropic in (False, True)
     )
     assert (steady.images["lean (gaussian)"] != turning.images["lean (gaussian)"]).any()
@@ -245,14 +254,14 @@ def test_the_column_of_a_temporal_slice_is_that_of_a_full_render(frame: int) -> 
     uv = plane.positions[:, [0, 2]] / turning.texel / 64
     tangents = np.concatenate([plane.tangents[:, :3] @ turn.T, plane.tangents[:, 3:]], -1)
     mesh = Mesh("turned", plane.positions @ turn.T, plane.normals, uv, tangents, plane.triangles)
-    full = mesh_render.candidate(mesh, turning.camera, LIGHTS, one.levels, "gltf", WRAP, turning.resolution)
+    full = candidate(mesh, turning.camera, LIGHTS, one.levels, "gltf", WRAP, turning.resolution)
     assert np.abs(full.image[:, turning.column] - column).max() < 1e-4 * column.max()
     lod = full.lod[:, turning.column]
     assert abs(lod[-1]) < 1e-3 and 0.85 < lod[0] <= 1.01
 
-    first, second = turning.reference(stored, "gltf", WRAP, "gaussian", 128, np.random.default_rng(0))
+    first, second = turning.reference(filtered(stored, "gaussian"), 128, np.random.default_rng(0))
     noise = np.sqrt(np.mean((first - second)[:, frame] ** 2)) / 2
-    expected = mesh_render.reference(mesh, turning.camera, LIGHTS, stored, "gltf", WRAP, turning.resolution,
+    expected = reference(mesh, turning.camera, LIGHTS, stored, "gltf", WRAP, turning.resolution,
                                      "gaussian", 5, [full], max_passes=128)  # fmt: skip
     distance = np.sqrt(np.mean(((first + second)[:, frame] / 2 - expected.image[:, turning.column]) ** 2))
     assert distance < 3 * np.hypot(noise, expected.standard_error)
@@ -262,7 +271,7 @@ def test_the_column_of_a_temporal_slice_is_that_of_a_full_render(frame: int) -> 
 def test_a_temporal_slice_shows_shimmer_and_measures_it() -> None:
     stored = bumpy()
     candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))
-    plot, figures = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "gaussian", 0, 24, 32, 96)
+    plot, figures = temporal_slice(filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0), (32, 24), 96)
     assert plot.name == "temporal-slice" and plot.reference.shape == (32, 24, 3)
     found = {(figure.method, figure.measure): figure.value for figure in figures}
     assert len(found) == 4 and all(f.view == "rotation" and f.scale == "1:1" and f.lod == 0.5 for f in figures)
@@ -270,18 +279,18 @@ def test_a_temporal_slice_shows_shimmer_and_measures_it() -> None:
         loss = MEASURES[measure].loss
         assert loss(found["lean (gaussian)", measure]) < loss(found["linear (box)", measure])
     assert found["linear (box)", "flicker"] > 1.2
-    again = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "gaussian", 0, 24, 32, 96)
+    again = temporal_slice(filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0), (32, 24), 96)
     assert (again.plot.reference == plot.reference).all() and again.figures == figures
 
     stored, candidates = constant()
-    plot, figures = temporal_slice(stored, "gltf", WRAP, candidates, LIGHTS, "mitchell", 0, 6, 16, 32)
+    plot, figures = temporal_slice(filtered(stored, "mitchell"), candidates, LIGHTS, RenderSettings(0), (16, 6), 32)
     assert np.abs(plot.images["constant"] - plot.reference).max() < 2e-3 * plot.reference.max()
 
 
 @pytest.mark.parametrize("pixel_filter", ["gaussian", "mitchell"])
 def test_the_apparent_brdf_of_a_constant_material_is_its_brdf(pixel_filter: str) -> None:
     stored, candidates = constant()
-    plot = apparent_brdf(stored, "gltf", WRAP, candidates, pixel_filter, 0, size=24, samples=64)
+    plot = apparent_brdf(filtered(stored, pixel_filter), candidates, 0, size=24, samples=64)
     assert plot.reference.shape == (24, 24, 3) and (plot.reference[0, 0] == 0).all()
     assert np.abs(plot.images["constant"] - plot.reference).max() < 1e-4 * plot.reference.max()
     row, column = np.argwhere(plot.reference.max(-1) > 0.3 * plot.reference.max())[0]
@@ -302,7 +311,7 @@ def test_the_apparent_brdf_is_picked_where_the_subject_errs_most_and_shows_sever
     tilt = np.where(np.arange(16) // 4 % 2, 0.35, -0.35)
     stored[40:56, 40:56, 5], stored[40:56, 40:56, 7] = tilt, np.sqrt(1 - tilt**2)
     candidates = baked(stored, ("linear", "gaussian"))
-    plot = apparent_brdf(stored, "gltf", WRAP, candidates, "gaussian", 0, lod=3, size=33, samples=512)
+    plot = apparent_brdf(filtered(stored, "gaussian"), candidates, 0, lod=3, size=33, samples=512)
     place = re.search(r"column (\d+), row (\d+)", plot.caption)
     assert place is not None
     column, row = (int(number) for number in place.groups())
@@ -310,5 +319,5 @@ def test_the_apparent_brdf_is_picked_where_the_subject_errs_most_and_shows_sever
     middle = plot.reference[16].max(-1)
     left, right = middle[:14].max(), middle[19:].max()
     assert min(left, right) > 2 * middle[16]
-    given = apparent_brdf(stored, "gltf", WRAP, candidates, "gaussian", 0, 2, 33, 64, at=(0.1, 0.2))
+    given = apparent_brdf(filtered(stored, "gaussian"), candidates, 0, 2, 33, 64, at=(0.1, 0.2))
     assert np.argmax(given.reference[16].max(-1)) == 16 and "column 6, row 12" in given.caption

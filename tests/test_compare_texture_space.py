@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from mipbake import TextureSet, UsageError, shading
 from mipbake.compare import texture_space
 from mipbake.compare.candidates import Candidate, bake_all
 from mipbake.compare.result import Figure, Method
-from mipbake.compare.texture_space import TextureSpace, curve_lods, measure, scale_lods
+from mipbake.compare.texture_space import Effort, TextureSpace, curve_lods, measure, scale_lods
 from mipbake.metrics import (
     MEASURES,
     PAIR_SETS,
@@ -42,10 +43,11 @@ def bumpy(size: int = 64, slope: float = 0.25) -> TextureSet:
 
 
 def measured(
-    texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: object
+    texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: Any
 ) -> TextureSpace:
     with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
-        return measure(texture_set, candidates, pixel_filter, **settings)  # type: ignore[arg-type]
+        effort = Effort(**{name: settings.pop(name) for name in ("seed", "points", "samples") if name in settings})
+        return measure(texture_set, candidates, pixel_filter, effort=effort, **settings)
 
 
 def figure(found: TextureSpace, method: str, measure_name: str, view: str, scale: str) -> Figure:
@@ -60,7 +62,7 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     texture_set = bumpy(32)
     stored = texture_set.material("gltf")
     with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
-        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), seed=3, points=160, samples=8)
+        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), Effort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
             lit = {}
             for name in PAIR_SETS:
@@ -127,7 +129,7 @@ def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
             Candidate(Method("blurred", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in blurred]),
             Candidate(Method("picked", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in picked]),
         ]
-        found = measure(texture_set, more, "gaussian", (0,), ("middle",), points=2048, samples=32)
+        found = measure(texture_set, more, "gaussian", (0,), ("middle",), Effort(points=2048, samples=32))
     for view in PAIR_SETS:
         flicker = [figure(found, each.name, "flicker", view, "middle").value for each in more]
         assert flicker[1] < 1e-3 < flicker[0] < flicker[2]
@@ -148,7 +150,7 @@ def test_nothing_flickers_on_a_constant_material() -> None:
 def test_the_tonemapped_error_is_that_of_the_metrics() -> None:
     source, other = flat(4, 4, 0.5), flat(4, 4, 0.2)
     wrong = Candidate(Method("wrong", "linear", "box", "gltf"), [other.material("gltf")])
-    found = measure(source, [wrong], "gaussian", (0,), ("near",), points=8, samples=16)
+    found = measure(source, [wrong], "gaussian", (0,), ("near",), Effort(points=8, samples=16))
     for view in PAIR_SETS:
         pairs = pair_set(view, 0)
         p, r = (
@@ -221,9 +223,9 @@ def test_gains_are_over_the_same_pairs() -> None:
 
 def test_progress_runs_from_0_to_1() -> None:
     told: list[tuple[str, float]] = []
-    measured(bumpy(8), ["linear (box)"], points=16, samples=4, progress=lambda *args: told.append(args), stage="s")
+    measured(bumpy(8), ["linear (box)"], points=16, samples=4, progress=lambda *args: told.append(args))
     shares = [share for _, share in told]
-    assert {stage for stage, _ in told} == {"s"}
+    assert {stage for stage, _ in told} == {"texture space"}
     assert shares == sorted(shares)
     assert 0 < shares[0] < shares[-1] == pytest.approx(1.0)
     assert shares.count(shares[-1]) == 1

@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from mipbake.render.mesh_render import candidate, reference
-
 from . import independent_scenes as scenes
+from .mesh_renders import candidate, reference
 
 pytestmark = pytest.mark.independent
 

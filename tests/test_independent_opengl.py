@@ -12,9 +12,9 @@ from mipbake.pixel_filter import level_sizes
 from mipbake.render import shapes
 from mipbake.render.camera import Camera
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import candidate
 
 from . import independent_scenes as scenes
+from .mesh_renders import candidate
 from .viewer_scenes import material, stack_of
 
 pytestmark = pytest.mark.independent

@@ -14,7 +14,9 @@ import mipbake
 from mipbake.render import cache, mesh_render, shapes
 from mipbake.render.camera import orbit
 from mipbake.render.environment import directional
-from mipbake.render.mesh_render import Reference, candidate, reference
+from mipbake.render.mesh_render import Reference
+
+from .mesh_renders import candidate, reference
 
 ARRAYS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(3)}
 

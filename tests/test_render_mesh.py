@@ -15,9 +15,11 @@ from mipbake.render import environment, mesh_render, shapes, texture_space, visi
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Frame, candidate, level_of_detail, reference
+from mipbake.render.mesh_render import Frame, level_of_detail
 from mipbake.render.tangents import with_tangents
 from mipbake.shading import reference as shading_reference
+
+from .mesh_renders import candidate, reference
 
 WRAP = ("wrap", "wrap")
 LIGHTS = directional("two", [[0.3, 1, 0.2], [-0.5, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])

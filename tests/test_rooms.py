@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {"mipbake": ROOT / "mipbake", "mipbake.models": ROOT / "models", "mipbake.training": ROOT / "training"}
 ROOMS["mipbake.cli"] = ROOT / "cli"
+"""Where the modules of a package lie in a checkout: no editable install tells, as .ci/typecheck.py says."""
 
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(

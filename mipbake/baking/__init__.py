@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mipbake.baking.options import BakeOptions
-from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Stages, WrittenFile
+from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, WrittenFile
 from mipbake.baking.sources import bake_all, bake_sources
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "BakedSet",
     "Listener",
     "NotBaked",
-    "Stages",
     "WrittenFile",
     "bake_all",
     "bake_sources",

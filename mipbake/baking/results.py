@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from mipbake.errors import MipbakeError
 from mipbake.found import SetReport
 from mipbake.jobs import Failure, Job
 from mipbake.stack import MipStack, Provenance
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
@@ -92,28 +92,6 @@ class NotBaked:
 
 
 Result = BakedSet | BakedDocument | NotBaked
-
-
-@dataclass
-class Stages:
-    """Stages of a piece of work as they finish: how long each took, a bar for the one at work, the last note."""
-
-    show: Callable[[str, float], None] = lambda _stage, _share: None
-    note: Callable[[str], None] = lambda _text: None
-    seconds: dict[str, float] = field(default_factory=dict)
-    _last: float = field(default_factory=time.perf_counter)
-
-    def __call__(self, stage: str, share: float) -> None:
-        """Progress as the library reports it: the name of the stage and its finished share, from 0 to 1."""
-        self.show(stage, share)
-        if share >= 1:
-            now = time.perf_counter()
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-            self._last = now
-
-    def summary(self) -> str:
-        """`read 0.1 s, prefilter 2.3 s, ...`."""
-        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.seconds.items())
 
 
 class Listener:

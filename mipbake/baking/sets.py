@@ -10,7 +10,7 @@ from pathlib import Path
 from mipbake.adjust import adjusted
 from mipbake.bake import bake, resolve_target
 from mipbake.baking.options import Asked
-from mipbake.baking.results import BakedSet, Listener, Stages, WrittenFile
+from mipbake.baking.results import BakedSet, Listener, WrittenFile
 from mipbake.compare.checking import Check
 from mipbake.compare.compression import chosen, chosen_all, part_of
 from mipbake.compare.costs import Cost
@@ -24,6 +24,7 @@ from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,20 +16,22 @@ from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
 from mipbake.compare.candidates import BAKED, Candidate, bake_all, chosen, default_names, mismatch, opened
 from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
-from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, render_view
+from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, RenderSettings, render_view
 from mipbake.compare.ranking import best_closed_form
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method, Plot, Rendered, Scene, file_stem
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
-from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, TextureSpace
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, Effort, TextureSpace
 from mipbake.errors import UsageError
 from mipbake.material import losses, model_named
 from mipbake.metrics import MEASURES, PAIR_SETS
 from mipbake.pixel_filter import filter_named
+from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.render_file import write_render
 from mipbake.stack import MipStack, Provenance
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 StageProgress = Callable[[str, float], None]
@@ -95,6 +96,25 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
+class Subjects:
+    """What is compared: methods that are baked, and at most one stack that is there.
+
+    Args:
+        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of `target` and
+            `pixel_filter`. path: the folder it came from, for readers.
+        methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
+            stack; None for auto (where there is no stack), neural and all closed forms.
+        target, pixel_filter: as in `mipbake.bake`.
+    """
+
+    stack: MipStack | None = None
+    path: Path | None = None
+    methods: Sequence[str] | None = None
+    target: str = AUTO_TARGET
+    pixel_filter: str = DEFAULT_FILTER
+
+
+@dataclass(frozen=True, eq=False)
 class Compared:
     """A comparison and what a report shows beside it.
 
@@ -109,11 +129,7 @@ class Compared:
 
 def compare(
     texture_set: TextureSet,
-    stack: MipStack | None = None,
-    path: Path | None = None,
-    methods: Sequence[str] | None = None,
-    target: str = AUTO_TARGET,
-    pixel_filter: str = DEFAULT_FILTER,
+    compared: Subjects | None = None,
     settings: Settings | None = None,
     conditions: Sequence[Condition] = (),
     renders: Path | None = None,
@@ -123,11 +139,7 @@ def compare(
 
     Args:
         texture_set: the source.
-        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of `target` and
-            `pixel_filter`. path: the folder it came from, for readers.
-        methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
-            stack; None for auto (where there is no stack), neural and all closed forms.
-        target, pixel_filter: as in `mipbake.bake`.
+        compared: what is compared; None for auto, neural and all closed forms.
         settings: how thoroughly, and what is rendered; None for the defaults.
         conditions: that the figures will be asked for; those that cannot be decided are found before any work.
         renders: an existing folder for every render as a multi-part EXR file, SCENE--METHOD.exr; None keeps none.
@@ -138,23 +150,23 @@ def compare(
         InputError: a mesh that cannot be seen.
         OutputError: temporary files cannot be written.
     """
-    settings = settings or Settings()
-    clock = _Clock(progress)
-    model = stack.model if stack else resolve_target(texture_set, target)
-    kernel = stack.provenance.pixel_filter if stack else filter_named(pixel_filter).name
+    settings, asked = settings or Settings(), compared or Subjects()
+    clock, stack, path = Stages(progress), asked.stack, asked.path
+    model = stack.model if stack else resolve_target(texture_set, asked.target)
+    kernel = stack.provenance.pixel_filter if stack else filter_named(asked.pixel_filter).name
     names, notes = (
         default_names(texture_set.source_model, model, kernel, stack is not None)
-        if methods is None
-        else (tuple(methods), ())
+        if asked.methods is None
+        else (tuple(asked.methods), ())
     )
     wanted = chosen(names, kernel)
     labels = tuple(wanted)
     views = _views(texture_set, settings)
-    compared = [opened(stack, path).method] if stack else []
-    compared += [Method(label, *form, model) for label, form in wanted.items()]
-    if not compared:
+    rivals = [opened(stack, path).method] if stack else []
+    rivals += [Method(label, *form, model) for label, form in wanted.items()]
+    if not rivals:
         raise UsageError("no method was named: expected at least one to compare")
-    planned = _planned(texture_set, compared, kernel, views)
+    planned = _planned(texture_set, rivals, kernel, views)
     for condition in conditions:
         condition.check(planned)
     foreign = mismatch(stack, texture_set) if stack else None
@@ -216,13 +228,11 @@ def _compared(
     settings: Settings,
     views: Sequence[View],
     renders: Path | None,
-    clock: _Clock,
+    clock: Stages,
 ) -> Comparison:
     subject = candidates[0].method
-    measured = texture_space.measure(
-        texture_set, candidates, pixel_filter, None, seed=settings.seed, points=settings.points,
-        samples=settings.samples, progress=clock,
-    )  # fmt: skip
+    effort = Effort(settings.seed, settings.points, settings.samples)
+    measured = texture_space.measure(texture_set, candidates, pixel_filter, effort=effort, progress=clock)
     clock("texture space", 1.0)
     comparison = Comparison(
         name=texture_set.name,
@@ -238,16 +248,14 @@ def _compared(
     best = best_closed_form(comparison)
     drawn = (subject.name, best, "linear (box)", f"linear ({pixel_filter})", "optimum")
     few = [each for each in candidates if each.name in drawn]
-    source = texture_set.source_model
-    stored = texture_set.material(source)
+    model = texture_set.source_model
+    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
+    looks = RenderSettings(settings.seed, settings.max_passes, settings.anisotropic, settings.cache)
     rendered: list[Rendered] = []
     figures: list[Figure] = []
     pictures: list[Plot] = []
     for view in views:
-        made = render_view(
-            view, stored, source, texture_set.wrap, candidates, pixel_filter, settings.seed, settings.max_passes,
-            clock, settings.anisotropic, cache=settings.cache,
-        )  # fmt: skip
+        made = render_view(view, source, candidates, looks, clock)
         clock(view.name, 1.0)
         rendered.append(made.rendered)
         figures += made.figures
@@ -259,12 +267,10 @@ def _compared(
                 )  # fmt: skip
         if made.change is not None and not pictures:  # only the nearest view, where shimmer is the worst
             pictures.append(plots.half_pixel_shift(made.change))
-    scene = (stored, source, texture_set.wrap)
     turning = plots.temporal_slice(
-        *scene, candidates, settings.lights, pixel_filter, settings.seed, progress=lambda share: clock(_SLICE, share),
-        anisotropic=settings.anisotropic,
-    )  # fmt: skip
-    lobe = plots.apparent_brdf(*scene, few, pixel_filter, settings.seed)
+        source, candidates, settings.lights, looks, progress=lambda share: clock(_SLICE, share)
+    )
+    lobe = plots.apparent_brdf(source, few, settings.seed)
     clock(_LOBE, 1.0)
     return dataclasses.replace(
         comparison,
@@ -350,18 +356,3 @@ def _stack(texture_set: TextureSet, candidate: Candidate) -> MipStack:
         wrap=texture_set.wrap,
         provenance=Provenance(made.method, made.kernel, source_hash=texture_set.source_hash),
     )
-
-
-class _Clock:
-    """Passes progress on and keeps how long each stage took: the time since the one before ended."""
-
-    def __init__(self, progress: StageProgress) -> None:
-        self._progress, self._last = progress, time.perf_counter()
-        self.seconds: dict[str, float] = {}
-
-    def __call__(self, stage: str, share: float) -> None:
-        self._progress(stage, share)
-        if share >= 1:
-            now = time.perf_counter()
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-            self._last = now

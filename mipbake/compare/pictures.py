@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,9 +22,9 @@ from mipbake.compare.result import Figure, Image, Rendered, Scene
 from mipbake.compare.scenes import View, shifted
 from mipbake.metrics import MEASURES, Measured, hdr_flip_exposures
 from mipbake.metrics.images import displayed
-from mipbake.pixel_filter import Wrap
+from mipbake.reference.source import FilteredSource
 from mipbake.render import mesh_render
-from mipbake.render.mesh_render import Frame, Reference
+from mipbake.render.mesh_render import Frame, Passes, Reference, Shot
 
 MAX_PASSES = 768
 """Most samples for each pixel of a reference, by default."""
@@ -58,6 +58,23 @@ class Change:
     interior: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class RenderSettings:
+    """How views are rendered, the same for all.
+
+    Args:
+        seed: of the reference's samples.
+        max_passes: samples a pixel of the reference at most, an even number from 32 on.
+        anisotropic: look stacks up 16x anisotropically.
+        cache: folder where references are kept for the next time; None for nowhere.
+    """
+
+    seed: int = 0
+    max_passes: int = MAX_PASSES
+    anisotropic: bool = False
+    cache: Path | None = None
+
+
 class RenderedView(NamedTuple):
     """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change, and the
     renders that all of it is made from: each candidate's, by method name, and the reference."""
@@ -71,17 +88,11 @@ class RenderedView(NamedTuple):
 
 def render_view(
     view: View,
-    stored: NDArray[np.float32],
-    model: str,
-    wrap: Wrap,
+    source: FilteredSource,
     candidates: Sequence[Candidate],
-    pixel_filter: str,
-    seed: int,
-    max_passes: int = MAX_PASSES,
+    settings: RenderSettings = RenderSettings(),
     progress: Progress = lambda _what, _share: None,
-    anisotropic: bool = False,
     flicker: bool | None = None,
-    cache: Path | None = None,
 ) -> RenderedView:
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
 
@@ -89,16 +100,11 @@ def render_view(
     mean, whose standard error the scene tells beside the error of the best candidate.
 
     Args:
-        stored: (H, W, C) stored channels of level 0 of the source, of `model`.
-        wrap: along u and v.
+        source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
-        pixel_filter: of the reference.
-        seed: of the reference's samples.
-        max_passes: samples a pixel of the reference at most, an even number from 32 on.
+        settings: how the view is rendered.
         progress: told the stage and its finished share.
-        anisotropic: look stacks up 16x anisotropically.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
-        cache: folder where references are kept for the next time; None for nowhere.
 
     Returns:
         No figures but nan where no pixel lies wholly on the mesh.
@@ -113,12 +119,11 @@ def render_view(
 
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # share of the time that a reference takes
-    still = _render(view, (0.0, 0.0), stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
-                    cache, lambda share: tell(part * share))  # fmt: skip
+    still = _render(view.shot, source, candidates, settings, lambda share: tell(part * share))
     moved = None
     if moving:
-        moved = _render(view, SHIFT, stored, model, wrap, candidates, pixel_filter, seed, max_passes, anisotropic,
-                        cache, lambda share: tell(part * (1 + share)))  # fmt: skip
+        shot = replace(view.shot, camera=shifted(view.camera, SHIFT))
+        moved = _render(shot, source, candidates, settings, lambda share: tell(part * (1 + share)))
     covered = still.frames[candidates[0].method.name]
     reference = still.reference
     scene = Scene(
@@ -159,44 +164,24 @@ class _Renders(NamedTuple):
 
 
 def _render(
-    view: View,
-    shift: tuple[float, float],
-    stored: NDArray[np.float32],
-    model: str,
-    wrap: Wrap,
+    shot: Shot,
+    source: FilteredSource,
     candidates: Sequence[Candidate],
-    pixel_filter: str,
-    seed: int,
-    max_passes: int,
-    anisotropic: bool,
-    cache: Path | None,
+    settings: RenderSettings,
     tell: Callable[[float], None],
 ) -> _Renders:
-    camera = shifted(view.camera, shift) if any(shift) else view.camera
-    scene = (view.mesh, camera, view.lighting)
     frames = {
-        each.method.name: mesh_render.candidate(
-            *scene, each.levels, each.method.model, wrap, view.resolution, anisotropic
-        )
+        each.method.name: mesh_render.candidate(shot, each.levels, each.method.model, source.wrap, settings.anisotropic)
         for each in candidates
     }
+    most = settings.max_passes
 
     def share(passes: int, ratio: float) -> None:
         # Passes still needed, were the error to fall with the root of their number.
-        tell(min(1.0, passes / min(max_passes, passes * max(1.0, ratio**2))))
+        tell(min(1.0, passes / min(most, passes * max(1.0, ratio**2))))
 
     reference = mesh_render.reference(
-        *scene,
-        stored,
-        model,
-        wrap,
-        view.resolution,
-        pixel_filter,
-        seed,
-        list(frames.values()),
-        max_passes=max_passes,
-        progress=share,
-        cache=cache,
+        shot, source, settings.seed, list(frames.values()), Passes(most=most), share, settings.cache
     )
     return _Renders(frames, reference)
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import Change
+from mipbake.compare.pictures import Change, RenderSettings
 from mipbake.compare.result import Figure, Image, Plot
 from mipbake.compare.scenes import exposed
 from mipbake.compare.turning import Turning
 from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.metrics.pairs import cosine_directions
-from mipbake.pixel_filter import Wrap
+from mipbake.reference.source import FilteredSource
 from mipbake.render import texture_space
 from mipbake.render.environment import Lighting
 
@@ -38,18 +38,13 @@ class Slice(NamedTuple):
 
 
 def temporal_slice(
-    stored: NDArray[np.float32],
-    model: str,
-    wrap: Wrap,
+    source: FilteredSource,
     candidates: Sequence[Candidate],
     lighting: Lighting,
-    pixel_filter: str,
-    seed: int,
-    frames: int = 256,
-    height: int = 192,
+    settings: RenderSettings = RenderSettings(),  # noqa: B008
+    size: tuple[int, int] = (192, 256),
     passes: int = SLICE_PASSES,
     progress: Callable[[float], None] = lambda _share: None,
-    anisotropic: bool = False,
 ) -> Slice:
     """One column of pixels of each frame of a slow rotation, side by side: time runs to the right.
 
@@ -58,19 +53,21 @@ def temporal_slice(
     them up.
 
     Args:
-        stored: (H, W, C) stored channels of level 0 of the source, of `model`.
+        source: what the reference filters.
         candidates: of any model, with different names.
         lighting: taken at the exposure of views.
-        frames, height: the picture's width and height in pixels.
+        settings: the seed, and how stacks are looked up.
+        size: height of the picture in pixels, and its width, which is the number of frames.
         passes: samples a pixel of the reference, an even number from 4 on.
         progress: told the finished share.
-        anisotropic: look stacks up 16x anisotropically.
     """
-    scene = Turning(exposed(lighting), stored.shape[:2], frames, height)
+    height, frames = size
+    scene = Turning(exposed(lighting), source.stored.shape[:2], frames, height)
     images = {
-        each.method.name: scene.candidate(each.levels, each.method.model, wrap, anisotropic) for each in candidates
+        each.method.name: scene.candidate(each.levels, each.method.model, source.wrap, settings.anisotropic)
+        for each in candidates
     }
-    first, second = scene.reference(stored, model, wrap, pixel_filter, passes, np.random.default_rng(seed), progress)
+    first, second = scene.reference(source, passes, np.random.default_rng(settings.seed), progress)
     by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}
     halves = first.swapaxes(0, 1), second.swapaxes(0, 1)
     figures = tuple(
@@ -107,11 +104,8 @@ def half_pixel_shift(change: Change) -> Plot:
 
 
 def apparent_brdf(
-    stored: NDArray[np.float32],
-    model: str,
-    wrap: Wrap,
+    source: FilteredSource,
     candidates: Sequence[Candidate],
-    pixel_filter: str,
     seed: int,
     lod: float = 3.0,
     size: int = 96,
@@ -125,7 +119,7 @@ def apparent_brdf(
     f = BRDF times cosine, scaled by one factor for all images; what lies off the disc is black.
 
     Args:
-        stored: (H, W, C) stored channels of level 0 of the source, of `model`.
+        source: what the reference filters.
         candidates: of any model, the subject first.
         lod: of the pixel, clamped to the levels of the first candidate.
         size: of the images, in directions a side.
@@ -134,7 +128,7 @@ def apparent_brdf(
             from the pixel's, by its signal-to-noise ratio.
     """
     lod = min(lod, float(len(candidates[0].levels) - 1))
-    u, v = at if at is not None else _worst(stored, model, wrap, candidates[0], pixel_filter, seed, lod)
+    u, v = at if at is not None else _worst(source, candidates[0], seed, lod)
     where = np.array([[u, v]])
     y, x = np.meshgrid(1 - (2 * np.arange(size) + 1) / size, (2 * np.arange(size) + 1) / size - 1, indexing="ij")
     on = x * x + y * y < _RIM**2
@@ -143,7 +137,7 @@ def apparent_brdf(
 
     def mean_over(some: LightViewPairs) -> NDArray[np.float32]:
         rng = np.random.default_rng(seed)  # the same samples of the pixel for every direction
-        return texture_space.reference(stored, model, wrap, where, lod, pixel_filter, some, samples, rng)[:, 0]
+        return _filtered(source, where, lod, some, samples, rng)[:, 0]
 
     chunks = [slice(start, start + _LIGHTS) for start in range(0, len(light), _LIGHTS)]
     expected = np.concatenate([mean_over(LightViewPairs(pairs.light[some], pairs.view[some])) for some in chunks])
@@ -154,11 +148,11 @@ def apparent_brdf(
         image[on] = f * np.float32(factor)
         return image
 
-    images = {
-        each.method.name: disc(texture_space.candidate(each.levels, each.method.model, wrap, where, lod, pairs)[:, 0])
-        for each in candidates
-    }
-    height, width = stored.shape[:2]
+    def shown(each: Candidate) -> NDArray[np.float32]:
+        return texture_space.candidate(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
+
+    images = {each.method.name: disc(shown(each)) for each in candidates}
+    height, width = source.stored.shape[:2]
     caption = (
         f"Light that one pixel reflects at lod {lod:g} (column {int(u % 1 * width)}, row {int(v % 1 * height)} of "
         "level 0) for every direction of the light, seen from straight above. In the middle the light comes from "
@@ -168,12 +162,23 @@ def apparent_brdf(
     return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
 
 
+def _filtered(
+    source: FilteredSource,
+    uv: NDArray[np.float64],
+    lod: float,
+    pairs: LightViewPairs,
+    samples: int,
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """(K, P, 3) as `mipbake.render.reference`."""
+    return texture_space.reference(
+        source.stored, source.model, source.wrap, uv, lod, source.pixel_filter, pairs, samples, rng
+    )
+
+
 def _worst(
-    stored: NDArray[np.float32],
-    model: str,
-    wrap: Wrap,
+    source: FilteredSource,
     subject: Candidate,
-    pixel_filter: str,
     seed: int,
     lod: float,
     side: int = 24,
@@ -189,8 +194,8 @@ def _worst(
     light[::2, :2] *= 0.4
     light[:, 2] = np.sqrt(1 - np.square(light[:, :2]).sum(-1))
     pairs = LightViewPairs(light.astype(np.float32), np.broadcast_to(_ABOVE, light.shape))
-    r = texture_space.reference(stored, model, wrap, uv, lod, pixel_filter, pairs, samples, rng).astype(np.float64)
-    p = texture_space.candidate(subject.levels, subject.method.model, wrap, uv, lod, pairs)
+    r = _filtered(source, uv, lod, pairs, samples, rng).astype(np.float64)
+    p = texture_space.candidate(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
     error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
     u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]
     return float(u), float(v)

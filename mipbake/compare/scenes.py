@@ -17,7 +17,7 @@ from mipbake.render import shapes
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import level_of_detail
+from mipbake.render.mesh_render import Shot, level_of_detail
 
 SPHERE_RESOLUTION = (256, 256)
 PLANE_RESOLUTION = (256, 448)
@@ -61,6 +61,11 @@ class View:
     title: str
     view: str
     scale: str
+
+    @property
+    def shot(self) -> Shot:
+        """What of it a renderer takes."""
+        return Shot(self.mesh, self.camera, self.lighting, self.resolution)
 
     def __post_init__(self) -> None:
         if min(self.resolution) < SMALLEST:

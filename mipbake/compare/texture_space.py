@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,17 +123,34 @@ def check_settings(lods: Sequence[float] | None, points: int, samples: int) -> N
         raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
 
 
+STAGE = "texture space"
+"""What `measure` calls its work."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """The random numbers of a measurement, and how many.
+
+    Args:
+        seed: fixes points, light-view pairs and samples.
+        points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
+            carry the tonemapped error and flicker.
+        samples: of the reference per pixel, in each of two estimates.
+    """
+
+    seed: int = DEFAULT_SEED
+    points: int = DEFAULT_POINTS
+    samples: int = DEFAULT_SAMPLES
+
+
 def measure(
     texture_set: TextureSet,
     candidates: Sequence[Candidate],
     pixel_filter: str,
     lods: Sequence[float] | None = None,
     scales: Sequence[str] = tuple(SCALES),
-    seed: int = DEFAULT_SEED,
-    points: int = DEFAULT_POINTS,
-    samples: int = DEFAULT_SAMPLES,
+    effort: Effort = Effort(),
     progress: StageProgress = lambda _stage, _share: None,
-    stage: str = "texture space",
 ) -> TextureSpace:
     """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.
 
@@ -151,17 +169,15 @@ def measure(
         lods: levels of detail of the curve; None for `curve_lods`. Those beyond the last level are measured there,
             once.
         scales: names in SCALES; none for the curve alone.
-        seed: fixes points, light-view pairs and samples.
-        points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
-            carry the tonemapped error and flicker.
-        samples: of the reference per pixel, in each estimate.
-        progress, stage: told the name of the stage and the finished share.
+        effort: the random numbers, and how many.
+        progress: told "texture space" and the finished share.
 
     Raises:
         UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
     """
     asked = curve_lods(texture_set) if lods is None else tuple(float(lod) for lod in lods)
-    check_settings(asked, points, samples)
+    check_settings(asked, effort.points, effort.samples)
+    seed, points, samples = effort.seed, effort.points, effort.samples
     last = last_lod(texture_set)
     curve = tuple(dict.fromkeys(min(lod, last) for lod in asked))
     notes = () if curve == asked else (f"lods beyond the last level were measured there, at lod {last:g}.",)
@@ -179,14 +195,14 @@ def measure(
     for index, lod in enumerate(every):
         for block, scene in enumerate(blocks):
             rng = np.random.default_rng([seed, index, block])
-            _at_rest(scene, candidates, lod, lod in shifted, _a_block(points), samples, rng, sums)
+            _at_rest(scene, candidates, lod, _Draws(_a_block(points), samples, rng), lod in shifted, sums)
             done += 1 / len(blocks)
-            progress(stage, min(1.0, done / work))
+            progress(STAGE, min(1.0, done / work))
             if lod in shifted:
                 count, most = drawn[lod]
-                _in_motion(scene, candidates, lod, _a_block(count), most, rng, sums)
+                _in_motion(scene, candidates, lod, _Draws(_a_block(count), most, rng), sums)
                 done += moving[lod] / len(blocks)
-                progress(stage, min(1.0, done / work))
+                progress(STAGE, min(1.0, done / work))
     named = [(each.name, view) for each in candidates for view in PAIR_SETS]
     pooled = {
         (measure, name, view, scale): np.sum([_of_set(sums[measure, name, lod], view) for lod in at], 0)
@@ -281,19 +297,20 @@ def _squares(radiance: Radiance) -> NDArray[np.float64]:
     return np.asarray((rows @ rows.swapaxes(1, 2))[:, 0, 0], np.float64)
 
 
+class _Draws(NamedTuple):
+    """How many pixels are drawn, how many samples of each, and by whom."""
+
+    points: int
+    samples: int
+    rng: np.random.Generator
+
+
 def _at_rest(
-    scene: _Scene,
-    candidates: Sequence[Candidate],
-    lod: float,
-    tones: bool,
-    points: int,
-    samples: int,
-    rng: np.random.Generator,
-    sums: _Collected,
+    scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, tones: bool, sums: _Collected
 ) -> None:
     """The SNR of a block at a level of detail, and the tonemapped error where it is wanted."""
-    uv = random_points(rng, points)
-    target = _Target(*(scene.estimate(uv, lod, samples, rng) for _ in range(2)))
+    uv = random_points(draws.rng, draws.points)
+    target = _Target(*(scene.estimate(uv, lod, draws.samples, draws.rng) for _ in range(2)))
     some = _a_block(_TONE_POINTS)
     toned = displayed(target.mean[:, :some]) if tones else None
     for each in candidates:
@@ -305,21 +322,14 @@ def _at_rest(
             sums.setdefault(("tonemapped", each.name, lod), []).append(rows)
 
 
-def _in_motion(
-    scene: _Scene,
-    candidates: Sequence[Candidate],
-    lod: float,
-    points: int,
-    samples: int,
-    rng: np.random.Generator,
-    sums: _Collected,
-) -> None:
+def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, sums: _Collected) -> None:
     """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
 
     Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
     them.
     """
     height, width = scene.stored.shape[:2]
+    points, samples, rng = draws
     uv = random_points(rng, points)
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
     first, second = ([scene.estimate(place, lod, samples, rng) for place in places] for _ in range(2))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake import sampling, shading
 from mipbake.pixel_filter import Wrap, filter_named
+from mipbake.reference.source import FilteredSource
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh_render import level_of_detail
@@ -77,10 +78,7 @@ class Turning:
 
     def reference(
         self,
-        stored: NDArray[np.float32],
-        model: str,
-        wrap: Wrap,
-        pixel_filter: str,
+        source: FilteredSource,
         passes: int,
         rng: np.random.Generator,
         progress: Callable[[float], None] = lambda _share: None,
@@ -90,17 +88,17 @@ class Turning:
         As `mipbake.render.mesh_render.reference`: the pixel filter's mean of level 0, interpolated bilinearly and
         shaded at each sample; one sub-pixel offset a pass, which all frames share.
         """
-        kernel = filter_named(pixel_filter)
-        level = np.asarray(stored, np.float32)[None]
+        kernel = filter_named(source.pixel_filter)
+        level = np.asarray(source.stored, np.float32)[None]
         halves = []
         for half, shift in enumerate(rng.random((2, 2))):
             total, weights = np.zeros((len(self.angles), self.resolution[0], 3)), 0.0
             for index in range(passes // 2):
                 offset, sign = kernel.offsets((shift + index * _RECURRENCE) % 1.0)
                 uv, _, view = self._see((float(offset[0]), float(offset[1])))
-                texels = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
+                looked_up = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
                 weight = float(sign.prod())
-                total += weight * self._lit(texels, view, model)
+                total += weight * self._lit(looked_up[0, 0], view, source.model)
                 weights += weight
                 progress((half + 2 * (index + 1) / passes) / 2)
             # As mesh_render divides: a constant stays constant under signed filters too.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mipbake import __version__, sampling, shading
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import PixelFilter, Wrap, filter_named
+from mipbake.reference.source import FilteredSource
 from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
@@ -38,6 +39,43 @@ _RESOLVED = 1e-4  # share of the image's root mean square: a standard error that
 # As in mipbake.render.texture_space: Roberts' additive recurrence, here of one offset a pass for the whole image.
 _PLASTIC = 1.32471795724474602596
 _RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What is rendered: a mesh under lights, as a camera sees it. resolution: (height, width) in pixels."""
+
+    mesh: Mesh
+    camera: Camera
+    lighting: Lighting
+    resolution: tuple[int, int]
+
+    @property
+    def surface(self) -> Surface:
+        """What of the mesh each pixel sees."""
+        return Surface(self.mesh, self.camera, self.resolution)
+
+
+@dataclass(frozen=True)
+class Passes:
+    """How long a reference is rendered.
+
+    Args:
+        target: standard error over the smallest error of a candidate, root mean squares over the interior.
+        least, most: passes of both halves together, even numbers from 4 on.
+
+    Raises:
+        UsageError: other numbers of passes.
+    """
+
+    target: float = 0.1
+    least: int = 32
+    most: int = 4096
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.least % 2 or self.most % 2 or not 4 <= self.least <= self.most:
+            raise UsageError(f"passes run from {self.least} to {self.most}: expected even numbers from 4 on, in order")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +131,10 @@ class Reference:
 
 
 def candidate(
-    mesh: Mesh,
-    camera: Camera,
-    lighting: Lighting,
+    shot: Shot,
     levels: Sequence[Array],
     model: str,
     wrap: Wrap,
-    resolution: tuple[int, int],
     anisotropic: bool = False,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> Frame:
@@ -108,12 +143,11 @@ def candidate(
     Args:
         levels: (H_L, W_L, C) stored channels, finest first.
         model: the material model of the channels.
-        resolution: (height, width) in pixels.
         anisotropic: average up to 16 trilinear lookups along the footprint, at the level of its minor axis (16x
             anisotropic filtering, as engines offer it). They are of the stored channels, shaded once all the same.
         offset: (columns, rows) of pixels, to the right and upwards, from the centre to the point that is shown.
     """
-    points = Surface(mesh, camera, resolution).seen(offset)
+    points = shot.surface.seen(offset)
     finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
     texels = sampling.texture(
         finest,
@@ -123,7 +157,7 @@ def candidate(
         filter_mode="anisotropic" if anisotropic else "linear-mipmap-linear",
         boundary_mode=wrap,
     )[0, 0]
-    height, width = resolution
+    height, width = shot.resolution
 
     def image(values: NDArray[Any], dtype: type) -> NDArray[Any]:
         whole = np.zeros((height * width, *values.shape[1:]), dtype)
@@ -132,7 +166,7 @@ def candidate(
 
     lod = level_of_detail(points.uv_da, finest.shape[1:3]).clip(0, len(levels) - 1)
     return Frame(
-        image(_lit(points, texels, model, lighting), np.float32),
+        image(_lit(points, texels, model, shot.lighting), np.float32),
         image(np.ones(len(texels)), np.bool_),
         image(points.uv, np.float32),
         image(lod, np.float32),
@@ -140,19 +174,11 @@ def candidate(
 
 
 def reference(
-    mesh: Mesh,
-    camera: Camera,
-    lighting: Lighting,
-    stored: Array,
-    model: str,
-    wrap: Wrap,
-    resolution: tuple[int, int],
-    pixel_filter: str,
+    shot: Shot,
+    source: FilteredSource,
     seed: int,
     candidates: Sequence[Frame],
-    target: float = 0.1,
-    min_passes: int = 32,
-    max_passes: int = 4096,
+    passes: Passes = Passes(),
     progress: Callable[[int, float], None] = lambda _passes, _ratio: None,
     cache: Path | None = None,
 ) -> Reference:
@@ -160,29 +186,26 @@ def reference(
 
     A pass renders the whole image with one sub-pixel offset, importance-sampled from the filter. Either half takes its
     offsets from a low-discrepancy sequence under a random shift of its own. Passes go on until the standard error of
-    the mean, estimated from the halves' difference, is at most `target` of the smallest error among the candidates, or
-    10^-4 of the image's root mean square.
+    the mean, estimated from the halves' difference, is at most `passes.target` of the smallest error among the
+    candidates, or 10^-4 of the image's root mean square.
 
     The result depends on the arguments, and on the passes that a cache already holds: no candidate has a say in what a
     pass renders, so a reference of a number of passes is the same bits however often it was stopped and resumed.
 
     Args:
-        stored: (H, W, C) stored channels of level 0 of the source.
         seed: of the samples, not negative.
         candidates: the renders whose errors this is to resolve, at least one, all of the same view.
-        target: standard error over the smallest of their errors, root mean squares over the interior.
-        min_passes, max_passes: passes of both halves together, even numbers from 4 on.
+        passes: how long it is rendered.
         progress: called with the passes so far and the standard error over the one wanted, after every check, and four
             times a second in between (as far as half a pass takes no longer). There the ratio is extrapolated from the
             last check with the root of the number of passes, and infinite before the first.
         cache: folder to keep passes in, by content (`mipbake.render.cache`); None keeps none. Passes found there count,
-            also beyond max_passes, and what is rendered more is saved.
+            also beyond `passes.most`, and what is rendered more is saved.
 
     Raises:
-        UsageError: no candidate or a candidate of another resolution, or numbers of passes or a seed outside their
-            ranges.
+        UsageError: no candidate or a candidate of another resolution, or a seed outside its range.
     """
-    height, width = resolution
+    height, width = shot.resolution
     if not candidates:
         raise UsageError("a reference without candidates: expected the renders whose errors it is to resolve")
     for each in candidates:
@@ -191,36 +214,33 @@ def reference(
                 f"a candidate is {each.image.shape[1]} x {each.image.shape[0]} pixels: "
                 f"expected the reference's {width} x {height}"
             )
-    if min_passes % 2 or max_passes % 2 or not 4 <= min_passes <= max_passes:
-        raise UsageError(f"passes run from {min_passes} to {max_passes}: expected even numbers from 4 on, in order")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise UsageError(f"the seed of a reference is {seed!r}: expected an integer that is not negative")
 
-    level = np.ascontiguousarray(stored, np.float32)
-    key = ""
-    if cache is not None:
-        key = _key(mesh, camera, lighting, level, model, wrap, resolution, pixel_filter, seed)
-    state = _State.restored(caches.load(cache, key) if cache is not None else None, resolution, seed)
+    level = np.ascontiguousarray(source.stored, np.float32)
+    key = "" if cache is None else _key(shot, replace(source, stored=level), seed)
+    state = _State.restored(caches.load(cache, key) if cache is not None else None, shot.resolution, seed)
     resumed, note = state.done, ""
-    render = _Pass(Surface(mesh, camera, resolution), lighting, level[None], model, wrap, filter_named(pixel_filter))
+    kernel = filter_named(source.pixel_filter)
+    render = _Pass(shot.surface, shot.lighting, level[None], source.model, source.wrap, kernel)
     images = [each.image for each in candidates]
     heard = saved = time.monotonic()
-    ratio, checked, until = np.inf, 1, max(state.done, min_passes // 2)
+    ratio, checked, until = np.inf, 1, max(state.done, passes.least // 2)
     while True:
         while state.done < until:
             for half in range(2):
                 render.add(state, half)
                 if time.monotonic() - heard >= _HEARD_EVERY:
-                    passes = 2 * state.done + half + 1
-                    progress(passes, float(ratio * np.sqrt(2 * checked / passes)))
+                    done = 2 * state.done + half + 1
+                    progress(done, float(ratio * np.sqrt(2 * checked / done)))
                     heard = time.monotonic()
             state.done += 1
         first, second, interior = state.result()
         noise, error, signal = _errors(first, second, images, interior)
-        wanted = max(target * error, _RESOLVED * signal)
+        wanted = max(passes.target * error, _RESOLVED * signal)
         converged = noise <= wanted
         ratio, checked, heard = noise / wanted if wanted > 0 else 0.0, state.done, time.monotonic()
-        finished = converged or 2 * state.done >= max_passes
+        finished = converged or 2 * state.done >= passes.most
         if cache is not None and state.done > resumed and (finished or heard - saved >= _SAVED_EVERY):
             note, saved = caches.save(cache, key, state.arrays()), time.monotonic()
         progress(2 * state.done, ratio)
@@ -228,7 +248,7 @@ def reference(
             return Reference(first, second, interior, 2 * state.done, noise, error, converged, 2 * resumed, note)
         # The error falls at least with the root of the number of passes; what seems needed, but no more than double.
         needed = int(np.ceil(state.done * min(2.0, max(1.1, ratio**2))))
-        until = min(needed, max_passes // 2)
+        until = min(needed, passes.most // 2)
 
 
 def level_of_detail(uv_da: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
@@ -343,28 +363,19 @@ def _lit(points: Points, texels: Array, model: str, lighting: Lighting) -> Array
     return lit
 
 
-def _key(
-    mesh: Mesh,
-    camera: Camera,
-    lighting: Lighting,
-    level: Array,
-    model: str,
-    wrap: Wrap,
-    resolution: tuple[int, int],
-    pixel_filter: str,
-    seed: int,
-) -> str:
+def _key(shot: Shot, source: FilteredSource, seed: int) -> str:
     """Names by content what the passes of a reference depend on."""
+    mesh, lighting = shot.mesh, shot.lighting
     return caches.content_key(
         format=_FORMAT,
         version=__version__,
         mesh=(mesh.positions, mesh.normals, mesh.uv, mesh.tangents, mesh.triangles),
-        camera=np.concatenate([np.ravel(np.asarray(field, np.float64)) for field in astuple(camera)]),
+        camera=np.concatenate([np.ravel(np.asarray(field, np.float64)) for field in astuple(shot.camera)]),
         lighting=(lighting.direction, lighting.radiance),
-        level=level,
-        model=model,
-        wrap=tuple(wrap),
-        resolution=tuple(int(size) for size in resolution),
-        pixel_filter=pixel_filter,
+        level=source.stored,
+        model=source.model,
+        wrap=tuple(source.wrap),
+        resolution=tuple(int(size) for size in shot.resolution),
+        pixel_filter=source.pixel_filter,
         seed=int(seed),
     )

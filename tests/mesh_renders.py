@@ -1,0 +1,52 @@
+"""Renders of a mesh in one call of plain arguments, for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.pixel_filter import Wrap
+from mipbake.reference.source import FilteredSource
+from mipbake.render import mesh_render
+from mipbake.render.camera import Camera
+from mipbake.render.environment import Lighting
+from mipbake.render.mesh import Mesh
+from mipbake.render.mesh_render import Frame, Passes, Reference, Shot
+
+Image = NDArray[np.float32]
+
+
+def candidate(
+    mesh: Mesh,
+    camera: Camera,
+    lighting: Lighting,
+    levels: Sequence[Image],
+    model: str,
+    wrap: Wrap,
+    resolution: tuple[int, int],
+    **more: Any,
+) -> Frame:
+    return mesh_render.candidate(Shot(mesh, camera, lighting, resolution), levels, model, wrap, **more)
+
+
+def reference(
+    mesh: Mesh,
+    camera: Camera,
+    lighting: Lighting,
+    stored: Image,
+    model: str,
+    wrap: Wrap,
+    resolution: tuple[int, int],
+    pixel_filter: str,
+    seed: int,
+    candidates: Sequence[Frame],
+    target: float = 0.1,
+    min_passes: int = 32,
+    max_passes: int = 4096,
+    **more: Any,
+) -> Reference:
+    shot, source = Shot(mesh, camera, lighting, resolution), FilteredSource(stored, model, wrap, pixel_filter)
+    return mesh_render.reference(shot, source, seed, candidates, Passes(target, min_passes, max_passes), **more)
