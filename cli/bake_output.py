@@ -76,8 +76,8 @@ class Printer(Listener):
 
     def document(self, result: BakedDocument, bytes_before: int) -> None:
         """See Listener."""
-        sizes = f"{bytes_before / 1e6:.2f} MB in, {result.out.bytes / 1e6:.2f} MB out"
-        self.session.print(f"wrote {result.out.path}: {sizes}")
+        sizes = f"{bytes_before / 1e6:.2f} MB in, {result.bytes / 1e6:.2f} MB out"
+        self.session.print(f"wrote {result.out}: {sizes}")
 
     def failed(self, failure: NotBaked) -> None:
         """See Listener."""
@@ -89,8 +89,8 @@ def told(result: Result) -> dict[str, Any]:
     if isinstance(result, NotBaked):
         return failed(result.source, result.error)
     if isinstance(result, BakedDocument):
-        about = {"document": True, "files": [result.out], "measured": result.measured}
-        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out.path, **about}
+        about = {"document": True, "files": result.files, "measured": result.measured}
+        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, **about}
     return {
         "source": result.source,
         "ok": not result.defects,

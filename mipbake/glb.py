@@ -30,7 +30,7 @@ from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
 from mipbake.material import GLTF_MODELS
-from mipbake.output import GLB, Output
+from mipbake.output import GLB, GLB_TEXELS, Output
 from mipbake.packing import Normals
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -38,7 +38,7 @@ from mipbake.texture_set import TextureSet
 SIDE = 4
 """KHR_texture_basisu takes images whose sides are multiples of it."""
 
-_OUTPUT = Output("ktx2:uastc", "orm", Normals("opengl"))
+_OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
 
 def _slots(lobe: Lobe) -> dict[str, str]:
@@ -100,7 +100,7 @@ def encoded(
         ranges = usual_ranges(stack.levels, stack.model)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
-        container = GpuFile(KTX2, (texels or {}).get(file.layout.name, "uastc"))
+        container = GpuFile(KTX2, (texels or {}).get(file.layout.name, GLB_TEXELS[0]))
         texture = container.texture(file.layout, quantised_levels(file), stack.about())
         data = ktx2.encoded(texture, supercompress=True)
         found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
@@ -112,7 +112,7 @@ def encoded(
         for file in stack.files(_OUTPUT, levels)
         if (slot := _slots(lobe).get(file.layout.name)) is not None
         and (slots is None or slot in slots)
-        and file.container.texels == "uastc"
+        and file.container.texels == GLB_TEXELS[0]
     }
     made = {}
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:

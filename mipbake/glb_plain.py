@@ -27,6 +27,7 @@ from mipbake.io.layout import UNIT, FileChannel, FileLayout
 from mipbake.io.map_files import Levels, MapFile, quantised_levels
 from mipbake.io.publish import temporary_folder
 from mipbake.opacity import keeping_coverage, premultiplied
+from mipbake.output import GLB_TEXELS
 from mipbake.pixel_filter import filtered_levels
 
 Image = NDArray[np.float32]
@@ -46,7 +47,7 @@ def averaged_files(
     Raises:
         InputError: an image cannot be read any more.
     """
-    container = GpuFile(KTX2, "uastc")
+    container = GpuFile(KTX2, GLB_TEXELS[0])
     about = json.dumps({"method": "linear", "pixel_filter": "box", "version": __version__})
 
     def encode(given: tuple[PlainTexture, Image]) -> tuple[PlainTexture, bytes]:

@@ -41,7 +41,8 @@ def test_it_writes_what_the_command_writes(sources: list[Path], tmp_path: Path) 
     material, metal, scene = made
     assert isinstance(material, mipbake.BakedSet) and isinstance(metal, mipbake.BakedSet)
     assert isinstance(scene, mipbake.BakedDocument)
-    assert scene.out == WrittenFile(tmp_path / "python" / "scene.glb", scene.out.path.stat().st_size)
+    assert scene.out == tmp_path / "python" / "scene.glb"
+    assert scene.files == (WrittenFile(scene.out, scene.out.stat().st_size),) and scene.bytes == scene.files[0].bytes
     assert material.files == () and set(scene.measured) == {material.set.name}
     assert {file.path.parent for file in metal.files} == {metal.out} == {tmp_path / "python" / "metal"}
     assert metal.bytes == sum(path.stat().st_size for path in metal.out.iterdir())

@@ -74,13 +74,19 @@ class BakedDocument:
     """A GLB that was written of a glTF document, all of whose materials were baked.
 
     Args:
-        source: the document. out: the GLB, and its size.
+        source: the document. out: the GLB. files: the same, with its size.
         measured: material to what its textures give back, as `mipbake.Check.glb` tells it.
     """
 
     source: Path
-    out: WrittenFile
+    out: Path
+    files: tuple[WrittenFile, ...]
     measured: Mapping[str, Mapping[str, Any] | None]
+
+    @property
+    def bytes(self) -> int:
+        """Size of the GLB."""
+        return sum(file.bytes for file in self.files)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def bake_all(
     materials all become one GLB.
 
         for each in mipbake.bake_all("scene.glb", "baked", method="linear"):
-            print(each.out)
+            print(each.source, [file.path for file in each.files])
 
     Every file is measured as it was read back, and gets texels that cost little where the format leaves that open.
 
@@ -202,6 +202,6 @@ def _write_document(
     first.using(partial(save_document, path, first.document, results, first.plain, run.asked.levels))
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     measured = {bake.name: textures.measured for bake, _, textures in results}
-    made = BakedDocument(source, WrittenFile(path, size), measured)
+    made = BakedDocument(source, path, (WrittenFile(path, size),), measured)
     run.listener.document(made, before)
     return made

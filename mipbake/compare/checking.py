@@ -11,7 +11,7 @@ from mipbake.compare.costs import Cost
 from mipbake.glb import Encoded, output
 from mipbake.io.map_files import MapFile
 from mipbake.opacity import shown
-from mipbake.output import GLB, Output
+from mipbake.output import GLB, GLB_TEXELS, Output
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -61,7 +61,7 @@ class Check:
 
     def glb(self, textures: Encoded) -> dict[str, Any]:
         """The same for the textures of a GLB, decoded."""
-        finer = next((file.container.texels for file in textures.files if file.container.texels != "uastc"), "")
+        finer = next((file.container.texels for file in textures.files if file.container.texels != GLB_TEXELS[0]), "")
         spoken = f"{GLB}:{finer}" if finer else GLB
         inside = replace(self.stack, tile=0)  # textures in a GLB have no file names to carry it
         found = cost(self.seen, inside, output(), textures.files, spoken, self._share(), textures.ranges)

@@ -17,6 +17,7 @@ from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.map_files import Levels, MapFile
 from mipbake.io.options import SHADING_ROLES
+from mipbake.output import GLB_TEXELS
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -32,7 +33,7 @@ def chosen_ranges(
     texture_set: TextureSet,
     stack: MipStack,
     progress: Progress = lambda _share: None,
-    texels: str = "uastc",
+    texels: str = GLB_TEXELS[0],
     side: int = 512,
 ) -> Ranges:
     """The ranges with which the normals of a stack cost the least.
