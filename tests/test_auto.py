@@ -32,7 +32,8 @@ from mipbake.prefilter.search.regions import parts
 from mipbake.prefilter.search.stages import scored
 from mipbake.prefilter.search.verdict import Held, settle
 from mipbake.reference.problem import Problem
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op

@@ -22,7 +22,8 @@ from mipbake.metrics import (
     snr_sums,
     tonemapped_error,
 )
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5) -> TextureSet:

@@ -23,7 +23,8 @@ from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.linear import Linear
 from mipbake.prefilter.rules.unreal import UNREAL
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 
 torch.set_num_threads(1)
 

@@ -27,7 +27,8 @@ from mipbake.prefilter.search.regions import parts
 from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, scored
 from mipbake.reference.estimate import estimate
 from mipbake.reference.problem import Problem, Region, whole
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 
 WRAP = ("wrap", "wrap")
 SMALL = Budget(rounds=16, points=96, held_out_pairs=256)

@@ -9,7 +9,8 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.errors import UsageError
 from mipbake.metrics import pair_set, snr_db
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 from mipbake.validate import BAKED
 
 

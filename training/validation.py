@@ -21,7 +21,8 @@ from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.rules.linear import Linear
-from mipbake.render import candidate, random_points, reference
+from mipbake.reference.sequences import random_points
+from mipbake.render import candidate, reference
 from mipbake.training.data import Materials
 
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)

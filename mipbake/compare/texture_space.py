@@ -38,8 +38,9 @@ from mipbake.metrics import (
 from mipbake.metrics.images import displayed
 from mipbake.metrics.pairs import BLOCK, PAIRS
 from mipbake.pixel_filter import Wrap, level_sizes
+from mipbake.reference.sequences import random_points
 from mipbake.render import candidate as looked_up
-from mipbake.render import random_points, reference
+from mipbake.render import reference
 from mipbake.texture_set import TextureSet
 
 DEFAULT_SEED = 0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake import sampling, shading
 from mipbake.pixel_filter import Wrap, filter_named
+from mipbake.reference.sequences import SEQUENCE
 from mipbake.reference.source import FilteredSource
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
@@ -23,10 +24,6 @@ DEGREES = 0.1
 # Rows see the plane at these angles below its horizon. Footprints grow by 1 / sin^2, twofold from bottom to top.
 _TOP = 35.0
 _BOTTOM = math.degrees(math.asin(math.sqrt(2) * math.sin(math.radians(_TOP))))
-
-# As in mipbake.render.texture_space: Roberts' additive recurrence.
-_PLASTIC = 1.32471795724474602596
-_RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
 
 
 class Turning:
@@ -94,7 +91,7 @@ class Turning:
         for half, shift in enumerate(rng.random((2, 2))):
             total, weights = np.zeros((len(self.angles), self.resolution[0], 3)), 0.0
             for index in range(passes // 2):
-                offset, sign = kernel.offsets((shift + index * _RECURRENCE) % 1.0)
+                offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
                 uv, _, view = self._see((float(offset[0]), float(offset[1])))
                 looked_up = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
                 weight = float(sign.prod())

@@ -13,7 +13,7 @@ from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs, cosine_directions
 from mipbake.metrics.snr import snr_from_sums, snr_sums
 from mipbake.reference.estimate import estimate
 from mipbake.reference.problem import Image, Problem, Region
-from mipbake.reference.sequences import random_points
+from mipbake.reference.sequences import region_points
 
 SET_SIZE = 64
 """Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set)."""
@@ -59,7 +59,7 @@ class HeldOut:
         self._renders = [
             (uv, *estimates)
             for lod in self.lods
-            for uv in [random_points(problem, region, lod, effort.points, rng)]
+            for uv in [region_points(problem, region, lod, effort.points, rng)]
             for estimates in [estimate_twice(problem, uv, lod, self.pairs, effort.samples, rng)]
         ]
         self._fixed = [snr_sums(first, first, second) / len(uv) for uv, first, second in self._renders]

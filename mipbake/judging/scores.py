@@ -30,7 +30,7 @@ from mipbake.judging.lit_renders import displayed, lit_error, lit_radiance, lit_
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.estimate import look_up
 from mipbake.reference.problem import Image, Problem, whole
-from mipbake.reference.sequences import random_points, sample_offsets
+from mipbake.reference.sequences import region_points, sample_offsets
 from mipbake.render.environment import studio
 from mipbake.shading import shade
 
@@ -183,7 +183,7 @@ class Scores:
             groups *= _MORE_GROUPS
         pooled = KINDS * max(2, math.ceil(_POOLED * groups))
         every = groups + pooled
-        spread = random_points(problem, whole(problem), 0, every * points, rng)
+        spread = region_points(problem, whole(problem), 0, every * points, rng)
         uv = rng.permutation(np.resize(spread, (every * points, 2))).reshape(every, points, 2)
         drawn = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
         weights = np.full((sets, every, SET_SIZE), 1 / SET_SIZE)
@@ -204,7 +204,7 @@ class Scores:
             samples *= 2
         signal = energies(mean, weights) - difference
         lit = min(effort.lit_points, max(16 * height * width, 64))
-        lit_uv = random_points(problem, whole(problem), 0, lit, rng)
+        lit_uv = region_points(problem, whole(problem), 0, lit, rng)
         lit_uv = np.resize(lit_uv, (lit, 2))
         frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)

@@ -20,15 +20,19 @@ QUANTILES = 1 << 14
 _PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128
 
 
-def random_points(
+def random_points(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """(count, 2) texture coordinates: a low-discrepancy sequence with a random shift, at random sub-texel offsets."""
+    return np.asarray((rng.random(2) + np.arange(count)[:, None] * SEQUENCE) % 1.0)
+
+
+def region_points(
     problem: Problem, region: Region, lod: float, most: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """(P, 2) uv inside a region, at most so many; levels of few texels need few."""
     height, width = problem.sizes[int(lod)]
     texels = math.ceil(height * width * region.extent.prod())
     count = max(1, min(most, max(_PIXELS_A_TEXEL * texels, _LEAST_POINTS)))
-    spread = (rng.random(2) + np.arange(count)[:, None] * SEQUENCE) % 1
-    return np.asarray(region.origin + spread * region.extent)
+    return np.asarray(region.origin + random_points(rng, count) * region.extent)
 
 
 @lru_cache(maxsize=8)

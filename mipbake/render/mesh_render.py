@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mipbake import __version__, sampling, shading
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import PixelFilter, Wrap, filter_named
+from mipbake.reference.sequences import SEQUENCE
 from mipbake.reference.source import FilteredSource
 from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
@@ -35,10 +36,6 @@ _HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however lon
 _SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose
 
 _RESOLVED = 1e-4  # share of the image's root mean square: a standard error that is as good as none
-
-# As in mipbake.render.texture_space: Roberts' additive recurrence, here of one offset a pass for the whole image.
-_PLASTIC = 1.32471795724474602596
-_RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +342,7 @@ class _Pass:
 
     def add(self, state: _State, half: int) -> None:
         """Adds the next pass of a half to its sums."""
-        offset, sign = self.kernel.offsets((state.shifts[half] + state.done * _RECURRENCE) % 1.0)
+        offset, sign = self.kernel.offsets((state.shifts[half] + state.done * SEQUENCE) % 1.0)
         weight = float(sign.prod())
         for points in self.surface.bands((float(offset[0]), float(offset[1]))):
             texels = sampling.texture(self.level, points.uv[None, None], filter_mode="linear", boundary_mode=self.wrap)[

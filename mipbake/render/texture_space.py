@@ -13,18 +13,9 @@ from numpy.typing import NDArray
 from mipbake import sampling, shading
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.pixel_filter import Wrap, filter_named
+from mipbake.reference.sequences import SEQUENCE
 
 _CHUNK = 1024  # pixels shaded at a time: the radiance of 128 pairs, 1.5 MiB, stays in the cache
-
-# The plastic number's generalised golden ratios: the additive recurrence of lowest known discrepancy in two dimensions
-# (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-_PLASTIC = 1.32471795724474602596
-_RECURRENCE = np.array([1 / _PLASTIC, 1 / _PLASTIC**2])
-
-
-def random_points(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """(count, 2) texture coordinates: a low-discrepancy sequence with a random shift, at random sub-texel offsets."""
-    return np.asarray((rng.random(2) + np.arange(count)[:, None] * _RECURRENCE) % 1.0)
 
 
 def reference(
@@ -53,7 +44,7 @@ def reference(
     kernel = filter_named(pixel_filter)
     height, width = stored.shape[:2]
     pixel = 2.0**lod / np.array([width, height])
-    sequence = np.arange(samples)[:, None, None] * _RECURRENCE
+    sequence = np.arange(samples)[:, None, None] * SEQUENCE
     at_once = max(1, _CHUNK // len(uv))
     total = np.zeros((len(pairs.light), len(uv), 3), np.float32)
     for start in range(0, len(uv), _CHUNK):
