@@ -31,9 +31,11 @@ from mipbake.prefilter.search.methods import Refine
 from mipbake.prefilter.search.regions import parts
 from mipbake.prefilter.search.stages import scored
 from mipbake.prefilter.search.verdict import Held, settle
+from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem
 from mipbake.reference.sequences import random_points
-from mipbake.render import candidate, reference
+from mipbake.reference.source import FilteredSource
+from mipbake.render import candidate
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
@@ -73,7 +75,9 @@ def measured(stacks: dict[str, list[np.ndarray]], stored: np.ndarray, lod: float
     for seed in range(sets):
         pairs, rng = pair_set(name, 100 + seed, 64), np.random.default_rng([seed, round(2 * lod)])
         uv = random_points(rng, 256)
-        first, second = (reference(stored, "gltf", WRAP, uv, lod, "gaussian", pairs, 64, rng) for _ in range(2))
+        first, second = (
+            reference(FilteredSource(stored, "gltf", WRAP, "gaussian"), uv, lod, pairs, 64, rng) for _ in range(2)
+        )
         for key, levels in stacks.items():
             figures[key].append(snr_db(candidate(levels, "gltf", WRAP, uv, lod, pairs), first, second))
     return {key: float(np.mean(values)) for key, values in figures.items()}

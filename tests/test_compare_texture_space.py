@@ -22,8 +22,10 @@ from mipbake.metrics import (
     snr_sums,
     tonemapped_error,
 )
+from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
-from mipbake.render import candidate, reference
+from mipbake.reference.source import FilteredSource
+from mipbake.render import candidate
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5) -> TextureSet:
@@ -61,7 +63,7 @@ def figure(found: TextureSpace, method: str, measure_name: str, view: str, scale
 def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     """Every block of 64 pairs has points of its own, and all blocks count in one figure."""
     texture_set = bumpy(32)
-    stored = texture_set.material("gltf")
+    source = FilteredSource(texture_set.material("gltf"), "gltf", texture_set.wrap, "tent")
     with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
         found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), Effort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
@@ -72,8 +74,7 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
                     rng = np.random.default_rng([3, index, block])
                     uv = random_points(rng, 10)
                     pairs = pair_set(name, 3)[64 * block : 64 * (block + 1)]
-                    arguments = (stored, "gltf", texture_set.wrap, uv, lod, "tent", pairs, 8, rng)
-                    first, second = (reference(*arguments) for _ in range(2))
+                    first, second = (reference(source, uv, lod, pairs, 8, rng) for _ in range(2))
                     for each in candidates:
                         shown = candidate(each.levels, "gltf", texture_set.wrap, uv, lod, pairs)
                         sums[each.name].append(snr_sums(shown, first, second))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mipbake.judging import scores
-from mipbake.judging.lit_renders import display_slope, displayed, lit_error, lit_reference, placed
+from mipbake.judging.lit_renders import display_slope, displayed, lit_error, lit_reference, placed, room
 from mipbake.judging.scores import Effort, Score, Scores
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.problem import Problem
@@ -58,14 +58,14 @@ def test_pixels_under_the_studio_are_slanted() -> None:
     stored[..., 4], stored[..., 7] = 1, 1
     stored[:, ::2, :3] = 1
     task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
-    room, rng = studio(), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     uv = np.stack([(np.arange(256) % 2 + 0.5 + 2 * np.arange(256) // 4) / 64 % 1, np.full(256, 0.5)], -1)
     frame = np.broadcast_to(np.eye(3, dtype=np.float32), (256, 3, 3)).copy()
     spread = {}
     for axis in (0, 1):
         view = np.zeros((256, 3), np.float32)
         view[:, axis], view[:, 2] = 0.98, np.sqrt(1 - 0.98**2)
-        shown = lit_reference(task, room, uv, 0.7, frame, view, 64, rng)
+        shown = lit_reference(task, room(studio(), frame, view), uv, 0.7, 64, rng)
         spread[axis] = float(shown.std() / shown.mean())
     assert spread[1] > 2 * spread[0]
 

@@ -9,8 +9,10 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.errors import UsageError
 from mipbake.metrics import pair_set, snr_db
+from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
-from mipbake.render import candidate, reference
+from mipbake.reference.source import FilteredSource
+from mipbake.render import candidate
 from mipbake.validate import BAKED
 
 
@@ -98,7 +100,7 @@ def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -
         texels = sampling.texture(stored[None], (centre + offset)[None])[0].reshape(-1, stored.shape[-1])
         radiance = shading.shade("gltf", texels, pairs.light, pairs.view)
         expected.append(np.einsum("knc,n->kc", radiance, weight.ravel() / weight.sum()))
-    measured = reference(stored, "gltf", ("wrap", "wrap"), uv, lod, pixel_filter, pairs, 1 << 14, rng)
+    measured = reference(FilteredSource(stored, "gltf", ("wrap", "wrap"), pixel_filter), uv, lod, pairs, 1 << 14, rng)
     exact = np.stack(expected, 1)
     assert snr_db(measured, exact, exact) > 45
 

@@ -21,8 +21,10 @@ from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.rules.linear import Linear
+from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
-from mipbake.render import candidate, reference
+from mipbake.reference.source import FilteredSource
+from mipbake.render import candidate
 from mipbake.training.data import Materials
 
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
@@ -133,7 +135,8 @@ class Validator:
         samples: int,
         rng: np.random.Generator,
     ) -> NDArray[np.float32]:
-        return reference(patch.stored, patch.model, _TORUS, uv, lod, self.pixel_filter, pairs, samples, rng)
+        source = FilteredSource(patch.stored, patch.model, _TORUS, self.pixel_filter)
+        return reference(source, uv, lod, pairs, samples, rng)
 
     def _snr(self, levels: list[NDArray[np.float32]], model: str, cases: list[_Case]) -> NDArray[np.float64]:
         figures = np.empty((len(_SETS), len(cases)))

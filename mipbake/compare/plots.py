@@ -17,8 +17,9 @@ from mipbake.compare.scenes import exposed
 from mipbake.compare.turning import Turning
 from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.metrics.pairs import cosine_directions
+from mipbake.reference.estimate import reference
 from mipbake.reference.source import FilteredSource
-from mipbake.render import texture_space
+from mipbake.render import candidate as looked_up
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
@@ -26,7 +27,6 @@ SLICE_PASSES = 384
 
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
-_LIGHTS = 512  # at a time: their radiance at the samples of a pixel stays small
 _RIM = 0.999  # radius of the disc of directions, off the horizon by a little
 
 
@@ -135,12 +135,7 @@ def apparent_brdf(
     light = np.stack([x[on], y[on], np.sqrt(1 - x[on] ** 2 - y[on] ** 2)], -1).astype(np.float32)
     pairs = LightViewPairs(light, np.broadcast_to(_ABOVE, light.shape))
 
-    def mean_over(some: LightViewPairs) -> NDArray[np.float32]:
-        rng = np.random.default_rng(seed)  # the same samples of the pixel for every direction
-        return _filtered(source, where, lod, some, samples, rng)[:, 0]
-
-    chunks = [slice(start, start + _LIGHTS) for start in range(0, len(light), _LIGHTS)]
-    expected = np.concatenate([mean_over(LightViewPairs(pairs.light[some], pairs.view[some])) for some in chunks])
+    expected = reference(source, where, lod, pairs, samples, np.random.default_rng(seed))[:, 0]
     factor = _factor(expected)
 
     def disc(f: NDArray[np.float32]) -> Image:
@@ -149,7 +144,7 @@ def apparent_brdf(
         return image
 
     def shown(each: Candidate) -> NDArray[np.float32]:
-        return texture_space.candidate(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
+        return looked_up(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
 
     images = {each.method.name: disc(shown(each)) for each in candidates}
     height, width = source.stored.shape[:2]
@@ -160,20 +155,6 @@ def apparent_brdf(
         "texel of a stack has one lobe, so no stack can show a pixel that needs several lobes."
     )
     return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
-
-
-def _filtered(
-    source: FilteredSource,
-    uv: NDArray[np.float64],
-    lod: float,
-    pairs: LightViewPairs,
-    samples: int,
-    rng: np.random.Generator,
-) -> NDArray[np.float32]:
-    """(K, P, 3) as `mipbake.render.reference`."""
-    return texture_space.reference(
-        source.stored, source.model, source.wrap, uv, lod, source.pixel_filter, pairs, samples, rng
-    )
 
 
 def _worst(
@@ -194,8 +175,8 @@ def _worst(
     light[::2, :2] *= 0.4
     light[:, 2] = np.sqrt(1 - np.square(light[:, :2]).sum(-1))
     pairs = LightViewPairs(light.astype(np.float32), np.broadcast_to(_ABOVE, light.shape))
-    r = _filtered(source, uv, lod, pairs, samples, rng).astype(np.float64)
-    p = texture_space.candidate(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
+    r = reference(source, uv, lod, pairs, samples, rng).astype(np.float64)
+    p = looked_up(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
     error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
     u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]
     return float(u), float(v)

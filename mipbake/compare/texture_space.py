@@ -37,10 +37,11 @@ from mipbake.metrics import (
 )
 from mipbake.metrics.images import displayed
 from mipbake.metrics.pairs import BLOCK, PAIRS
-from mipbake.pixel_filter import Wrap, level_sizes
+from mipbake.pixel_filter import level_sizes
+from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
+from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate as looked_up
-from mipbake.render import reference
 from mipbake.texture_set import TextureSet
 
 DEFAULT_SEED = 0
@@ -186,9 +187,9 @@ def measure(
     shifted = {lod for each in at_scale.values() for lod in each}
     every = tuple(dict.fromkeys((*curve, *sorted(shifted))))
 
-    source = texture_set.source_model
-    stored = texture_set.material(source)
-    blocks = [_Scene(stored, source, texture_set.wrap, pixel_filter, pairs) for pairs in _blocks(seed)]
+    model = texture_set.source_model
+    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
+    blocks = [_Scene(source, pairs) for pairs in _blocks(seed)]
     sums: _Collected = {}
     drawn = {lod: _draws(texture_set.width * texture_set.height / 4**lod, points, samples) for lod in shifted}
     moving = {lod: (1 + len(SHIFTS)) * math.prod(draws) / (points * samples) for lod, draws in drawn.items()}
@@ -262,17 +263,14 @@ def _unresolved(figures: Sequence[Figure]) -> list[str]:
 class _Scene:
     """The source under its pixel filter, and a block of light-view pairs of every set."""
 
-    stored: NDArray[np.float32]
-    model: str
-    wrap: Wrap
-    pixel_filter: str
+    source: FilteredSource
     pairs: LightViewPairs
 
     def estimate(self, uv: NDArray[np.float64], lod: float, samples: int, rng: np.random.Generator) -> Radiance:
-        return reference(self.stored, self.model, self.wrap, uv, lod, self.pixel_filter, self.pairs, samples, rng)
+        return reference(self.source, uv, lod, self.pairs, samples, rng)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
-        return looked_up(each.levels, each.method.model, self.wrap, uv, lod, self.pairs)
+        return looked_up(each.levels, each.method.model, self.source.wrap, uv, lod, self.pairs)
 
 
 class _Target:
@@ -329,7 +327,7 @@ def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws
     Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
     them.
     """
-    height, width = scene.stored.shape[:2]
+    height, width = scene.source.stored.shape[:2]
     points, samples, rng = draws
     uv = random_points(rng, points)
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs, cosine_directions
 from mipbake.metrics.snr import snr_from_sums, snr_sums
-from mipbake.reference.estimate import estimate
-from mipbake.reference.problem import Image, Problem, Region
-from mipbake.reference.sequences import region_points
+from mipbake.reference.estimate import reference
+from mipbake.reference.problem import Image, Problem, Region, region_points
 
 SET_SIZE = 64
 """Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set)."""
@@ -108,4 +107,5 @@ def estimate_twice(
 ) -> tuple[Image, Image]:
     """Two independent estimates of the reference, (K, P, 3) each: pixels of coarse levels cover more texels."""
     samples = int(samples * 2 ** min(round(lod), 3))
-    return estimate(problem, uv, lod, pairs, samples, rng), estimate(problem, uv, lod, pairs, samples, rng)
+    source = problem.filtered
+    return reference(source, uv, lod, pairs, samples, rng), reference(source, uv, lod, pairs, samples, rng)

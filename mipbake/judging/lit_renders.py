@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from mipbake.metrics import images
 from mipbake.metrics.pairs import cosine_directions
 from mipbake.pixel_filter import slanted_axes
-from mipbake.reference.estimate import look_up
+from mipbake.reference.estimate import estimate
+from mipbake.reference.lighting import Room
 from mipbake.reference.problem import Image, Problem
-from mipbake.reference.sequences import sample_offsets
+from mipbake.reference.samples import Pixels
 from mipbake.render.environment import Lighting
 from mipbake.shading import shade_lit
 
@@ -84,36 +85,23 @@ def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:
     return LitError(square, groups, brightness, np.maximum(np.square(_DARKER * right), _LEAST))
 
 
+def room(lighting: Lighting, frame: Image, view: Image) -> Room:
+    """All lights at EXPOSURE, on pixels with (P, 3, 3) frames and (P, 3) views."""
+    return Room(lighting.direction, lighting.radiance * EXPOSURE, frame, view)
+
+
 def lit_reference(
-    problem: Problem,
-    lighting: Lighting,
-    uv: Array,
-    lod: float | Array,
-    frame: Image,
-    view: Image,
-    samples: int,
-    rng: np.random.Generator,
+    problem: Problem, lit: Room, uv: Array, lod: float | Array, samples: int, rng: np.random.Generator
 ) -> Image:
-    """(P, 3) reference under all lights at (P, 2) uv, each pixel with a frame and a view of its own.
+    """(P, 3) reference in a room at (P, 2) uv.
 
     Pixels are square on the screen: on the surface they reach less far across the view than along it.
 
     Args:
-        lod: level of detail of all pixels, or (P, 1) of each, by their longer side.
+        lod: level of detail of all pixels, or (P,) of each, by their longer side.
     """
-
-    def shaded(where: Array, turns: int) -> Image:
-        texels = look_up(problem.stored, where.reshape(-1, 2), problem)
-        return lit_radiance(problem.source, texels, np.tile(frame, (turns, 1, 1)), np.tile(view, (turns, 1)), lighting)
-
-    offset, weight = sample_offsets(problem, (samples, len(uv)), lod, rng)
-    size = np.array(problem.stored.shape[1::-1])
-    axes = slanted_axes(np.einsum("nij,nj->ni", frame, view))
-    offset = np.einsum("spi,pij->spj", offset * size, axes) / size
-    radiance = shaded(uv + offset, samples).reshape(samples, len(uv), 3)
-    if (weight < 0).any():
-        return np.asarray((radiance * weight[..., None]).sum(0) + (1 - weight.sum(0))[:, None] * shaded(uv, 1))
-    return np.asarray(radiance.mean(0))
+    axes = slanted_axes(np.einsum("nij,nj->ni", lit.frame, lit.view))
+    return np.asarray(estimate(problem.filtered, Pixels(uv, lod, axes), lit, samples, rng)[0, 0])
 
 
 def lit_radiance(model: str, texels: Image, frame: Image, view: Image, lighting: Lighting) -> Image:

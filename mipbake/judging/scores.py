@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 
 from mipbake.judging.bright_pairs import KINDS, draw_pool
 from mipbake.judging.held_out import SET_SIZE, draw_pairs
-from mipbake.judging.lit_renders import displayed, lit_error, lit_radiance, lit_reference, placed
+from mipbake.judging.lit_renders import displayed, lit_error, lit_radiance, lit_reference, placed, room
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.reference.estimate import look_up
-from mipbake.reference.problem import Image, Problem, whole
-from mipbake.reference.sequences import region_points, sample_offsets
+from mipbake.reference.estimate import estimate, look_up
+from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.problem import Image, Problem, region_points, whole
+from mipbake.reference.samples import Pixels
 from mipbake.render.environment import studio
 from mipbake.shading import shade
 
@@ -209,15 +210,15 @@ class Scores:
         frame, lit_view = placed(rng, lit)
         many = effort.lit_samples * max(1, effort.lit_points // lit)
         # Pixels that are smaller than the texels of level 0 look level 0 up as well.
-        seen = lod - _MAGNIFIED * rng.random((lit, 1)) if lod == 0 else lod
-        shown = displayed(lit_reference(problem, self.lighting, lit_uv, seen, frame, lit_view, many, rng))
+        seen = lod - _MAGNIFIED * rng.random(lit) if lod == 0 else lod
+        shown = displayed(lit_reference(problem, room(self.lighting, frame, lit_view), lit_uv, seen, many, rng))
         return Probe(lod, groups, uv, light, view, weights, mean, difference, signal, lit_uv, frame, lit_view, shown)
 
     def looked_up(self, level: Image, index: int) -> Image:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
         probe = self.probes[index]
         where = np.concatenate([probe.uv.reshape(-1, 2), probe.lit_uv])
-        return look_up(level, where, self.problem)
+        return look_up(level, where, self.problem.wrap)
 
     def of(self, texels: Image, index: int) -> Score:
         """The score of (G * P + Q, C) stored channels of the target at a probe, as `looked_up` has them."""
@@ -235,33 +236,6 @@ class Scores:
         return Score(log, pooled_rows(sums - probe.noise, probe), float(np.abs(apart).mean()), error.logarithm)
 
 
-def _estimates(
-    problem: Problem, uv: Array, lod: float, light: Image, view: Image, samples: int, rng: np.random.Generator
-) -> Image:
-    """(G, K, P, 3): the reference at points of groups under the pairs of each group."""
-    groups, points = uv.shape[:2]
-    pairs = light.shape[1]
-    out = np.empty((groups, pairs, points, 3), np.float32)
-    offset, weight = sample_offsets(problem, (samples, groups, points), lod, rng)
-    signed = bool((weight < 0).any())
-    texels = look_up(problem.stored, (uv + offset).reshape(-1, 2), problem).reshape(samples, groups, points, -1)
-    centre = look_up(problem.stored, uv.reshape(-1, 2), problem).reshape(groups, points, -1) if signed else None
-    step = max(1, _RADIANCES // (pairs * samples))
-    for group in range(groups):
-        for start in range(0, points, step):
-            some = slice(start, start + step)
-            at = np.ascontiguousarray(texels[:, group, some]).reshape(-1, texels.shape[-1])
-            radiance = shade(problem.source, at, light[group], view[group]).reshape(pairs, samples, -1)
-            if centre is not None:
-                own = weight[:, group, some]
-                rest = (1 - own.sum(0))[:, None] * shade(problem.source, centre[group, some], light[group], view[group])
-                seen = (radiance.reshape(pairs, samples, -1, 3) * own[..., None]).sum(1) + rest
-            else:
-                seen = (np.full((1, samples), 1 / samples, np.float32) @ radiance).reshape(pairs, -1, 3)
-            out[group, :, some] = seen
-    return out
-
-
 def _estimated_twice(
     problem: Problem,
     uv: Array,
@@ -273,7 +247,8 @@ def _estimated_twice(
     weights: Array,
 ) -> tuple[Image, Array]:
     """The mean of two estimates of the reference (G, K, P, 3), and the energy (S, G) of its noise."""
-    first, second = (_estimates(problem, uv, lod, light, view, samples, rng) for _ in range(2))
+    where, lighting = Pixels(uv, lod), GroupPairs(light, view)
+    first, second = (estimate(problem.filtered, where, lighting, samples, rng) for _ in range(2))
     noise = energies((first - second) / np.float32(2), weights)
     first += second
     return np.multiply(first, np.float32(0.5), out=first), noise

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.pixel_filter import Wrap, level_sizes
+from mipbake.reference.sequences import random_points
+from mipbake.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
+
+_PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,11 @@ class Problem:
     target: str
     pixel_filter: str
     wrap: Wrap
+
+    @property
+    def filtered(self) -> FilteredSource:
+        """What the reference is estimated of."""
+        return FilteredSource(self.stored, self.source, self.wrap, self.pixel_filter)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -62,3 +72,13 @@ class Region:
 def whole(problem: Problem) -> Region:
     """All of the texture and all of its levels."""
     return Region(0, 1, 0, 1, range(problem.last + 1))
+
+
+def region_points(
+    problem: Problem, region: Region, lod: float, most: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """(P, 2) uv inside a region, at most so many; levels of few texels need few."""
+    height, width = problem.sizes[int(lod)]
+    texels = math.ceil(height * width * region.extent.prod())
+    count = max(1, min(most, max(_PIXELS_A_TEXEL * texels, _LEAST_POINTS)))
+    return np.asarray(region.origin + random_points(rng, count) * region.extent)

@@ -4,6 +4,6 @@ Texture space is here; `mipbake.render.mesh_render` renders meshes (`mesh`, `sha
 them under an `environment`.
 """
 
-from mipbake.render.texture_space import candidate, reference
+from mipbake.render.texture_space import candidate
 
-__all__ = ["candidate", "reference"]
+__all__ = ["candidate"]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.judging.lit_renders import EXPOSURE, displayed, lit_reference, placed
+from mipbake.judging.lit_renders import EXPOSURE, displayed, lit_reference, placed, room
 from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, share_of
 from mipbake.reference.problem import Image, Problem
 from mipbake.render.environment import Lighting, studio
@@ -23,7 +23,6 @@ from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
 _LIGHTS = 16  # lights of the room: it is turned at random for every pixel, so few stand for all
-_RADIANCES = 1 << 17  # at a time
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class LitBatch:
 
 
 @lru_cache(maxsize=1)
-def _room() -> Lighting:
+def _lighting() -> Lighting:
     return studio(_LIGHTS)
 
 
@@ -74,18 +73,13 @@ def lit_pixels(
     problem: Problem, level: int, uv: NDArray[np.float64], samples: int, rng: np.random.Generator
 ) -> Iterator[LitBatch]:
     """Batches of pixels (P, 2) of a level, with `samples` of the reference each."""
-    room = _room()
-    power = EXPOSURE * room.radiance
+    lighting = _lighting()
+    power = EXPOSURE * lighting.radiance
     for place, lods, lower in chunks(problem, level, len(uv), max(_LIGHTS, samples), rng):
         centres = uv[place]
         frame, view = placed(rng, len(place))
-        target = np.empty((len(place), 3), np.float32)
-        step = max(1, _RADIANCES // (samples * _LIGHTS))
-        for start in range(0, len(place), step):
-            some = slice(start, start + step)
-            seen = frame[some], view[some]
-            target[some] = displayed(lit_reference(problem, room, centres[some], lods[some, None], *seen, samples, rng))
-        light = np.einsum("nij,kj->kni", frame, room.direction.astype(np.float32), optimize=True)
+        target = displayed(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
+        light = np.einsum("nij,kj->kni", frame, lighting.direction.astype(np.float32), optimize=True)
         yield LitBatch(
             level,
             lower,

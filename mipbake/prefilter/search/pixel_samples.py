@@ -18,16 +18,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import sampling
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
 from mipbake.prefilter.rules import RULES
 from mipbake.reference import lobes as around
+from mipbake.reference.estimate import estimate
+from mipbake.reference.lighting import PixelPairs
 from mipbake.reference.problem import Image, Problem
-from mipbake.reference.sequences import QUANTILES, SEQUENCE, quantiles
-from mipbake.shading import shade
+from mipbake.reference.samples import Pixels
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
-_RADIANCES = 1 << 16  # radiances of samples that are computed at a time
 _MOST_SAMPLES = 128
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
@@ -198,38 +197,7 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
 
 
 def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Image:
-    """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level.
-
-    As `held_out.estimate`, for pixels with pairs and levels of detail of their own.
-    """
-    offsets, weights = quantiles(problem.pixel_filter)
-    signed = bool((weights < 0).any())
-    height, width = problem.stored.shape[:2]
-    pixel = 2.0 ** batch.lods[:, None] / np.array([width, height])
+    """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level."""
     samples = max(samples, min(samples << (batch.level + 1) // 2, _MOST_SAMPLES))
-    sequence = (np.arange(samples)[:, None, None] * SEQUENCE % 1 * QUANTILES).astype(np.int64)
-    light, view = batch.light.numpy(), batch.view.numpy()
-    pairs = len(light)
-    chunk = max(1, _RADIANCES // pairs // samples)
-    out = np.empty(light.shape, np.float32)
-    ones = np.full((1, samples), 1 / samples, np.float32)
-
-    def shaded(where: NDArray[np.float64], some: slice) -> Image:
-        """(n, K, P, 3) of (n, P, 2)."""
-        flat = where.reshape(1, 1, -1, 2)
-        texels = sampling.texture(problem.stored[None], flat, filter_mode="linear", boundary_mode=problem.wrap)
-        each = texels.reshape(*where.shape[:2], -1)
-        return shade(problem.source, each, light[None, :, some], view[None, :, some])
-
-    for start in range(0, len(batch.uv), chunk):
-        some = slice(start, start + chunk)
-        centres = batch.uv[some]
-        quantile = (rng.integers(QUANTILES, size=centres.shape) + sequence) & (QUANTILES - 1)
-        radiance = shaded(centres + offsets[quantile] * pixel[some], some)
-        if signed:
-            weight = weights[quantile].prod(-1) / np.float32(samples)
-            rest = (1 - weight.sum(0))[:, None]
-            out[:, some] = (radiance * weight[:, None, :, None]).sum(0) + rest * shaded(centres[None], some)[0]
-        else:
-            out[:, some] = (ones @ radiance.reshape(samples, -1)).reshape(pairs, -1, 3)
-    return out
+    lighting = PixelPairs(batch.light.numpy(), batch.view.numpy())
+    return np.asarray(estimate(problem.filtered, Pixels(batch.uv, batch.lods), lighting, samples, rng)[0])

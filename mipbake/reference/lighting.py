@@ -1,0 +1,137 @@
+"""What lights the pixels of an estimate: light-view pairs of groups or of each pixel, or a room of lights.
+
+Every record shades samples of pixels. The samples keep an axis of their own, so that one function weighs and averages
+the samples of all records (estimate.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.metrics.pairs import LightViewPairs
+from mipbake.reference.samples import Part
+from mipbake.shading import shade, shade_lit
+
+Image = NDArray[np.float32]
+
+
+class Illumination(Protocol):
+    """What an estimate asks of a record. Its renders are those of K pairs, or one."""
+
+    @property
+    def groups(self) -> int:
+        """Groups, each of which looks pixels up by itself."""
+
+    @property
+    def renders(self) -> int:
+        """K, renders of a pixel in a group."""
+
+    @property
+    def lights(self) -> int:
+        """Lights that a sample of a pixel in a group is shaded under: what it costs."""
+
+    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+        """Radiance of (R, S, n, C) texels, S samples of n pixels in R groups: (R, K, S, 1, n, 3) or (R, 1, S, K, n, 3).
+
+        With (1, S, n, C) texels, which all groups see: (1, R K, S, 1, n, 3) or (1, 1, S, K, n, 3).
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPairs:
+    """K light-view pairs of each of G groups, for all pixels of the group.
+
+    Args:
+        light, view: (G, K, 3) unit vectors.
+    """
+
+    light: Image
+    view: Image
+
+    @property
+    def groups(self) -> int:
+        return len(self.light)
+
+    @property
+    def renders(self) -> int:
+        return int(self.light.shape[1])
+
+    @property
+    def lights(self) -> int:
+        return int(self.light.shape[1])
+
+    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+        rows, samples, count, channels = texels.shape
+        light, view = (each[part.groups].reshape(rows, -1, 3) for each in (self.light, self.view))
+        seen = shade(model, texels.reshape(rows, -1, channels), light, view)
+        return seen.reshape(rows, -1, samples, 1, count, 3)
+
+
+def common_pairs(pairs: LightViewPairs) -> GroupPairs:
+    """Pairs that all pixels have: one group."""
+    return GroupPairs(pairs.light[None], pairs.view[None])
+
+
+@dataclass(frozen=True, eq=False)
+class PixelPairs:
+    """K light-view pairs of each pixel's own; one group.
+
+    Args:
+        light, view: (K, P, 3) unit vectors.
+    """
+
+    light: Image
+    view: Image
+
+    @property
+    def groups(self) -> int:
+        return 1
+
+    @property
+    def renders(self) -> int:
+        return len(self.light)
+
+    @property
+    def lights(self) -> int:
+        return len(self.light)
+
+    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+        # Samples are the batch: the pairs of a pixel repeat for each of them.
+        return shade(model, texels[0], self.light[None, :, part.pixels], self.view[None, :, part.pixels])[None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """All lights of a room together, on pixels that are turned to them in ways of their own; one group, one render.
+
+    Args:
+        direction: (L, 3) unit vectors in the world. power: (L, 3) radiance of each light, as `shade_lit` takes it.
+        frame: (P, 3, 3) tangent frames of the pixels. view: (P, 3) unit vectors in the world.
+    """
+
+    direction: NDArray[np.floating]
+    power: NDArray[np.floating]
+    frame: Image
+    view: Image
+
+    @property
+    def groups(self) -> int:
+        return 1
+
+    @property
+    def renders(self) -> int:
+        return 1
+
+    @property
+    def lights(self) -> int:
+        return len(self.direction)
+
+    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+        _, samples, count, channels = texels.shape
+        frame, view = np.tile(self.frame[part.pixels], (samples, 1, 1)), np.tile(self.view[part.pixels], (samples, 1))
+        seen = shade_lit(model, texels.reshape(-1, channels), frame, view, self.direction, self.power)
+        return seen.reshape(1, 1, samples, 1, count, 3)
