@@ -16,7 +16,7 @@ from mipbake.errors import InputError, UsageError
 from mipbake.material import GGX_LOBE, MIN_ROUGHNESS, MODELS, Kind, convert, tensor_exp
 from mipbake.metrics import pair_set
 from mipbake.models.latent_config import LatentConfig
-from mipbake.render import reference
+from mipbake.reference.estimate import FilteredSource, reference
 from mipbake.shading.ops import shade
 from mipbake.training import augmentation, data, loss
 from mipbake.training.batches import draw_batch
@@ -306,8 +306,8 @@ def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_
     expected = []
     for slot in range(2):
         uv, lod = views.uv[0, slot].double().numpy(), float(views.lod[0, slot])
-        wrap = ("wrap", "wrap")
-        expected.append(reference(patch[0], model, wrap, uv, lod, pixel_filter, pairs, 2048, np.random.default_rng(0)))
+        source = FilteredSource(patch[0], model, loss.TORUS, pixel_filter)
+        expected.append(reference(source, uv, lod, pairs, 2048, np.random.default_rng(0)))
     error = (mean - torch.from_numpy(np.stack(expected)).double()) / (spread + 1e-5)
     assert error.abs().quantile(0.99) < 4
     assert error.mean().abs() < 0.2

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -24,12 +23,14 @@ from torch import Tensor
 
 from mipbake.models.base import Network
 from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
+from mipbake.reference.estimate import FilteredSource, estimate
+from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.samples import Pixels
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
 from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
-from mipbake.training.loss import SEQUENCE, TABLE, quantiles
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
@@ -202,11 +203,11 @@ def _seen(
 
 
 class _Group(NamedTuple):
-    """G groups of k pairs, all of one pixel each: lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2)."""
+    """G groups of k pairs: lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2); None for square pixels."""
 
     light: Tensor
     view: Tensor
-    axes: Tensor
+    axes: Tensor | None = None
 
 
 def _groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
@@ -215,17 +216,9 @@ def _groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
     Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is.
     """
     batch, count = pairs.weights.shape[1:]
-    single = [d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view)]
-    several = [d[:, count:].reshape(batch, pairs.rooms, -1, 3) for d in (pairs.light, pairs.view)]
-    slanted = torch.from_numpy(slanted_axes(several[1][:, :, 0].numpy()))
-    square = torch.eye(2).expand(batch, band.groups, 2, 2)
-    return _Group(single[0], single[1], square), _Group(several[0], several[1], slanted)
-
-
-@lru_cache(maxsize=8)
-def _signed(pixel_filter: str) -> bool:
-    _, weights = quantiles(pixel_filter)
-    return bool((weights != weights[0]).any())
+    single = (d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view))
+    light, view = (d[:, count:].reshape(batch, pairs.rooms, -1, 3) for d in (pairs.light, pairs.view))
+    return _Group(*single), _Group(light, view, torch.from_numpy(slanted_axes(view[:, :, 0].numpy())))
 
 
 def _target(
@@ -239,23 +232,14 @@ def _target(
 ) -> Tensor:
     """(B, G k, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
     batch, groups, count, _ = group.light.shape
-    points = uv.shape[1]
-    offsets, weights = quantiles(pixel_filter)
-    reach = torch.exp2(lod)[:, None, :, None] / patches.shape[1]
-    light, view = (d.reshape(batch * groups, count, 3) for d in (group.light, group.view))
-    shift = torch.from_numpy(rng.integers(TABLE, size=(batch, 1, points, 2)))  # int64: an index as it is
-    total = torch.zeros(())
-    for index in range(samples):
-        place = (np.arange(groups)[:, None] * samples + index) * SEQUENCE % 1 * TABLE
-        quantile = (shift + torch.from_numpy(place.astype(np.int64))[:, None]) & (TABLE - 1)
-        offset = offsets.index_select(0, quantile.flatten()).reshape(quantile.shape) @ group.axes
-        texels = texture(patches, torch.addcmul(uv[:, None], offset, reach), filter_mode="linear", boundary_mode=TORUS)
-        radiance = shade("gltf", texels.reshape(batch * groups, points, -1), light, view)
-        if _signed(pixel_filter):
-            weight = weights.index_select(0, quantile.flatten()).reshape(quantile.shape).prod(-1)
-            radiance = radiance * weight.reshape(batch * groups, 1, points, 1)
-        total = total + radiance
-    return (total / samples).reshape(batch, groups * count, points, 3)
+    out = np.empty((batch, groups, count, uv.shape[1], 3), np.float32)
+    for index in range(batch):
+        source = FilteredSource(patches[index].numpy(), "gltf", TORUS, pixel_filter)
+        axes = None if group.axes is None else group.axes[index].numpy()[:, None]
+        pixels = Pixels(uv[index].numpy(), lod[index].numpy(), axes)
+        pairs = GroupPairs(group.light[index].numpy(), group.view[index].numpy())
+        estimate(source, pixels, pairs, samples, rng, out[index])
+    return torch.from_numpy(out.reshape(batch, groups * count, -1, 3))
 
 
 def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor, model: str = "gltf") -> Tensor:

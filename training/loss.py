@@ -8,14 +8,12 @@ somewhere inside its texel (the random sub-pixel jitter). For each light-view pa
   shaded; or the mean of several such samples. Its expectation is the filtered render (equation 3), and the optimum of
   the loss is just that (Noise2Noise).
 
-The offsets of a pixel are a low-discrepancy sequence, shifted at random for each pixel (Cranley and Patterson 1976).
-Each single offset is distributed as the filter, so nothing is biased, and neighbours in the sequence cover it evenly.
+The noisy reference is an estimate of `mipbake.reference`, as that of every measure.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,6 +23,9 @@ from torch import Tensor
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.models.base import Network
 from mipbake.pixel_filter import filter_named
+from mipbake.reference.estimate import FilteredSource, estimate
+from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.samples import Pixels
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS, Batch, Loss
@@ -35,9 +36,6 @@ EPSILON = 1e-4
 patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
 
 _CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
-
-TABLE = 1 << 14  # quantiles of the pixel filter
-SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: powers of 1 / plastic number
 
 
 @dataclass(frozen=True)
@@ -158,13 +156,6 @@ def draw_views(config: SingleLightsLossConfig, rng: np.random.Generator) -> View
     )
 
 
-@lru_cache(maxsize=8)
-def quantiles(pixel_filter: str) -> tuple[Tensor, Tensor]:
-    """(table,) offsets in pixels, at the midpoints of equally likely bins of |p|, and their weights."""
-    offsets, weights = filter_named(pixel_filter).offsets((np.arange(TABLE) + 0.5) / TABLE)
-    return torch.from_numpy(offsets.astype(np.float32)), torch.from_numpy(weights.astype(np.float32))
-
-
 def draw_target(
     patches: Tensor, views: Views, model: str, pixel_filter: str, samples: int, rng: np.random.Generator
 ) -> Tensor:
@@ -172,36 +163,18 @@ def draw_target(
 
     A pixel is looked up K times in all. `samples` pairs share as many of the lookups, so that more samples of a noisy
     reference cost shading, which is cheap, and no lookups; with one, every pair has a lookup of its own.
-
-    One level of detail at a time, whose lookups stay near a core.
     """
     (b, k), (lods, n) = views.light.shape[:2], views.uv.shape[1:3]
-    offsets, weights = quantiles(pixel_filter)
-    signed = bool((weights != weights[0]).any())
-    reach = torch.exp2(views.lod) / patches.shape[1]
-    light, view = (d.reshape(b * (k // samples), samples, 3) for d in (views.light, views.view))
-    # Integers in place of fractions: adding two and masking is adding modulo 1, exactly.
-    shift = torch.from_numpy(rng.integers(TABLE, size=(b, lods, 1, n, 2), dtype=np.int32))
-    out = patches.new_empty((b, lods, k, n, 3))
-    for lod in range(lods):
-        total = out[:, lod].view(b, k // samples, samples, n, 3)
-        for index in range(samples):
-            place = (np.arange(k // samples)[:, None] * samples + index) * SEQUENCE % 1 * TABLE
-            quantile = shift[:, lod] + torch.from_numpy(place.astype(np.int32))[:, None]
-            quantile &= TABLE - 1
-            offset = offsets.index_select(0, quantile.flatten()).view(quantile.shape)
-            offset *= reach[:, lod, None, None, None]
-            offset += views.uv[:, lod, None]
-            texels = texture(patches, offset, filter_mode="linear", boundary_mode=TORUS)
-            radiance = shade(model, texels.flatten(0, 1), light, view).view(total.shape)
-            if signed:
-                weight = weights.index_select(0, quantile.flatten()).view(quantile.shape).prod(-1)
-                radiance *= weight[:, :, None, :, None]
-            if index == 0:
-                total.copy_(radiance)
-            else:
-                total += radiance
-    return out if samples == 1 else out.div_(samples)
+    light, view = (d.numpy().reshape(b, k // samples, samples, 3) for d in (views.light, views.view))
+    uv, lod = views.uv.numpy(), views.lod.numpy()
+    out = np.empty((b, lods, k // samples, samples, n, 3), np.float32)
+    for patch in range(b):
+        source = FilteredSource(patches[patch].numpy(), model, TORUS, pixel_filter)
+        pairs = GroupPairs(light[patch], view[patch])
+        for level in range(lods):
+            pixels = Pixels(uv[patch, level], float(lod[patch, level]))
+            estimate(source, pixels, pairs, samples, rng, out[patch, level])
+    return torch.from_numpy(out.reshape(b, lods, k, n, 3))
 
 
 def look_up(levels: list[Tensor], views: Views) -> Tensor:
