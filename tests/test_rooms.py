@@ -137,6 +137,18 @@ def test_inner_rooms_stay_inside(room: str) -> None:
             ), (module, inside)
 
 
+def test_the_reference_stands_below_all_that_use_it() -> None:
+    inside = "mipbake.reference"
+    below = "mipbake.errors", "mipbake.pixel_filter", "mipbake.sampling", "mipbake.shading", "mipbake.metrics.pairs"
+    above = "render", "judging", "prefilter", "models", "training", "compare", "validate"
+    for module, path in modules().items():
+        names = reaches(imports(path, module), "mipbake") - {"mipbake"}
+        if reaches({module}, inside):
+            assert all(any(reaches({name}, room) for room in (inside, *below)) for name in names), (module, names)
+        elif not any(reaches({module}, f"mipbake.{room}") for room in above):
+            assert not any(reaches({name}, inside) for name in names), module
+
+
 def test_the_entry_point_loads_nothing_before_it_handles_signals() -> None:
     path = ROOT / "cli" / "mipbake_start" / "__init__.py"
     assert imports(path, "start", top_level_only=True) <= {"__future__", "__future__.annotations", "os", "signal"}
