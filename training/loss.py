@@ -8,7 +8,7 @@ somewhere inside its texel (the random sub-pixel jitter). For each light-view pa
   shaded; or the mean of several such samples. Its expectation is the filtered render (equation 3), and the optimum of
   the loss is just that (Noise2Noise).
 
-The noisy reference is an estimate of `mipbake.reference`, as that of every measure.
+One estimator, in `mipbake.reference`, makes noisy references and the references of measures.
 """
 
 from __future__ import annotations

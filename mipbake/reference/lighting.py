@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 
 
 class Illumination(Protocol):
-    """What an estimate asks of a record. Its renders are those of K pairs, or one."""
+    """What an estimate asks of a record."""
 
     @property
     def groups(self) -> int:
