@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from mipbake import sampling, shading
 from mipbake.metrics.pairs import LightViewPairs, cosine_directions, near_mirror_lights
 from mipbake.pixel_filter import FILTERS
-from mipbake.reference.estimate import FilteredSource, estimate, reference
+from mipbake.reference.estimate import estimate, reference
 from mipbake.reference.lighting import GroupPairs, Illumination, PixelPairs, Room, common_pairs
 from mipbake.reference.samples import Pixels
 from mipbake.reference.sequences import random_points
+from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import studio
 
 from .stacks import gltf_level

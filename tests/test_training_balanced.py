@@ -15,7 +15,8 @@ from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.models import registry
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.pixel_filter import FILTERS
-from mipbake.reference.estimate import FilteredSource, reference
+from mipbake.reference.estimate import reference
+from mipbake.reference.source import FilteredSource
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import (
     BANDS,

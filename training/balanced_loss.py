@@ -23,9 +23,10 @@ from torch import Tensor
 
 from mipbake.models.base import Network
 from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
-from mipbake.reference.estimate import FilteredSource, estimate
+from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.samples import Pixels
+from mipbake.reference.source import FilteredSource
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
