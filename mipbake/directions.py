@@ -139,7 +139,7 @@ def untangled(lines: NDArray[np.float32], wrap: Wrap) -> NDArray[np.float32]:
 
 
 def facing(directions: NDArray[np.floating], guide: NDArray[np.floating]) -> NDArray[np.int8]:
-    """(...) signs, 1 or -1, with which (..., 2) directions make no obtuse angle with those of a guide."""
+    """(...) signs, 1 or -1, with which (..., 2) directions make no obtuse angle with the guide's (..., 2)."""
     return np.where(np.einsum("...c,...c->...", guide, directions) < 0, -1, 1).astype(np.int8)
 
 

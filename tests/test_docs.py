@@ -153,8 +153,8 @@ def test_the_animation_has_no_seam(script: Script) -> None:
 
     def image(turns: float) -> np.ndarray:
         view = pictures.turned(at_rest, 4, turns)
-        scene = (view.mesh, view.camera, view.lighting)
-        return mesh_render.candidate(*scene, stack.levels, stack.model, ("wrap", "wrap"), (32, 32)).image
+        shot = mesh_render.Shot(view.mesh, view.camera, view.lighting, (32, 32))
+        return mesh_render.candidate(shot, stack.levels, stack.model, ("wrap", "wrap")).image
 
     start = image(0.0)
     assert np.abs(image(1.0) - start).max() < 1e-3 * start.max() < np.abs(image(0.5) - start).max()

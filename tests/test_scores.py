@@ -20,8 +20,8 @@ def test_what_chance_decides_counts_little() -> None:
     known, unsure, chance = scores.certainty(rows)
     assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
     score = Score(np.zeros((2, 4)), rows, 0.1, 0.0)
-    assert score.trust.tolist() == [1, 1, known, unsure, chance]
-    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(5)).trust.tolist() == [1] * 5
+    assert score.trust.tolist() == [1, 1, known, unsure, chance, 1]  # the last under the lights
+    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(6)).trust.tolist() == [1] * 6
 
 
 def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> None:
