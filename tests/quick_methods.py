@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mipbake.judging.scores import Effort
+from mipbake.judging.probes import Effort
 from mipbake.prefilter import METHODS, Prefilter
 from mipbake.prefilter.search.budget import Budget
 from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
 FEW = Effort(groups=2, points=4, samples=2, lit_points=8, lit_samples=2)
-NONE = Budget(rounds=0, pairs=4, samples=2, points=16, held_out_pairs=32)
-ONE = Budget(rounds=1, pairs=8, points=16, held_out_pairs=32)
+NONE = Budget(rounds=0, pairs=4, samples=2, looks=FEW)
+ONE = Budget(rounds=1, pairs=8, looks=FEW)
 
 
 def quick_methods(descent: Budget = ONE, effort: Effort = FEW) -> Mapping[str, Prefilter]:

@@ -14,10 +14,11 @@ import torch
 
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
 from mipbake.errors import UsageError
-from mipbake.judging.bright_pairs import KINDS, draw_pool
-from mipbake.judging.held_out import draw_pairs
+from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.lit_renders import displayed
-from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Score, Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
 from mipbake.prefilter import METHODS, method_named
@@ -25,12 +26,11 @@ from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.promise import promise_from
 from mipbake.prefilter.search.blending import best, blend, gathered
 from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.ingredients import Rival, closed_forms
+from mipbake.prefilter.search.ingredients import closed_forms
 from mipbake.prefilter.search.level_fit import Term, columns, fit_level
 from mipbake.prefilter.search.methods import Refine
 from mipbake.prefilter.search.regions import parts
-from mipbake.prefilter.search.stages import scored
-from mipbake.prefilter.search.verdict import Held, settle
+from mipbake.prefilter.search.settling import settle
 from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem
 from mipbake.reference.sequences import random_points
@@ -45,7 +45,7 @@ from .quick_methods import quick_methods
 WRAP = ("wrap", "wrap")
 SMALL = Effort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
 TINY = Effort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
-SHORT = Budget(rounds=5, pairs=16, samples=4, points=32, held_out_pairs=128, lit=True)
+SHORT = Budget(rounds=5, pairs=16, samples=4, lit=True, looks=Effort(groups=2, points=32, samples=4, lit_points=64))
 
 
 QUICK = quick_methods(SHORT, SMALL)
@@ -145,35 +145,32 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     found = gathered(task, list(closed_forms(task)), SMALL)
     count = len(material.MODELS["gltf"].maps) * len(found.bench.others)
     made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
-    safe = scored(made.judge, best(found).levels)
-    for index, (score, other) in enumerate(zip(scored(made.judge, made.levels), safe, strict=True)):
-        rivals = np.stack([rival.log_errors for rival in made.held.rivals[index][: len(PAIR_SETS)]])
+    safe = made.check.of_stack(best(found).levels)
+    for index, (score, other) in enumerate(zip(made.check.of_stack(made.levels), safe, strict=True)):
+        rivals = np.stack(made.judge.asked[index].rows[: len(PAIR_SETS)])
         behind = [(score.log_errors - each).mean(1) for each in (rivals, other.log_errors)]
         assert np.minimum(*behind).max() < 0.25, index
 
 
 def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
     """A blend far ahead in half of the groups and behind in the others gives way; one that is ahead in all stays."""
-    sets, level = len(PAIR_SETS), [0.0]
+    sets = len(PAIR_SETS)
 
-    class Judge:
+    class Check:
         probes = (SimpleNamespace(levels=(0,)),)
         lost = 1.0
 
         def of(self, share: float, _index: int) -> Score:
             rows = np.tile([-3.0, self.lost], (sets, 8)) * share
-            return Score(rows, np.zeros((2 * sets, 4)), 0.1, 0.0)
+            return Score(rows, np.zeros((2 * sets, 4)), 0.0)
 
-    judge = Judge()
-    rivals = [[Rival("form", np.zeros(16))] * sets + [Rival("form", np.zeros(4))] * (2 * sets)]
-    plain = [np.zeros((sets, 16))]
-    for judge.lost, kept in ((1.0, 0.0), (-1.0, 1.0)):
-        found = settle(judge, lambda _i, _l, share: np.float32(share), 1, Held(rivals, level, plain, 0.25))  # type: ignore[arg-type]
+    check = Check()
+    rows = [np.zeros(16)] * sets + [np.zeros(4)] * (2 * sets)
+    nothing = np.zeros((sets, 16))
+    for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
+        judge = Judge([Asked(rows, 0.0, plain)])
+        found = settle(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
         assert found == [kept]
-    judge.lost = 1.0
-    nothing = [np.full((sets, 16), np.inf)]
-    held = Held(rivals, level, nothing, 0.25)
-    assert settle(judge, lambda _i, _l, share: np.float32(share), 1, held) == [1.0]  # type: ignore[arg-type]
 
 
 def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
@@ -184,7 +181,7 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     made = columns(base, [other], "gltf")
     true = np.array([0.0, 0.0, 0.6, 0.3], np.float32)  # base colour, metallic, roughness, normal
     texels = material.regularise(base + np.tensordot(true, made, 1), "gltf").astype(np.float32)
-    probe = scores.probes[0]
+    (probe,) = scores.probes
     count = probe.uv.shape[0] * probe.uv.shape[1]
     from mipbake.shading import shade, shade_lit
 
@@ -193,7 +190,9 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     room = scores.lighting
     seen = shade_lit("gltf", texels[count:], probe.frame, probe.lit_view, room.direction, 1.5 * room.radiance)
     shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed(seen))
-    found = fit_level([Term(shown, scores.of(base, 0), 1.0, None, base, made)], "gltf", room)
+    asked = Asked.of(scores.of(base, 0))
+    scores.probes = [shown]
+    found = fit_level([Term(0, 1.0, None, base, made)], scores, Judge([asked]))
     assert found[2:] == pytest.approx(true[2:], abs=0.02)
 
 
@@ -254,7 +253,7 @@ def test_candidates_that_would_take_too_long_are_left_out(two: np.ndarray) -> No
     late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in candidates]
     # A part is a quarter of the set, which would then take over 4 seconds.
     made = blend(gathered(task, late, TINY, deadline=time.monotonic() + 4))
-    names = set(itertools.chain(*made.sources)) | {rival.name for row in made.held.rivals for rival in row}
+    names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
     assert names and not any(name.split()[0] in slow for name in names)
 
 
@@ -289,7 +288,7 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solve
         before, after = (
             room.of(room.looked_up(levels[level], level), level).lit for levels in (solved.levels, result.levels)
         )
-        assert after < 1.1 * before + 0.002
+        assert after < before + 0.2
 
 
 def test_without_time_the_blend_stays(two: np.ndarray) -> None:

@@ -14,8 +14,8 @@ import torch
 
 from mipbake import material
 from mipbake.errors import UsageError
-from mipbake.judging.held_out import HeldOut
-from mipbake.judging.scores import Effort
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter.search import texel_coordinates, texel_descent
@@ -24,15 +24,15 @@ from mipbake.prefilter.search.budget import Budget
 from mipbake.prefilter.search.ingredients import closed_forms
 from mipbake.prefilter.search.methods import Optimum
 from mipbake.prefilter.search.regions import parts
-from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, scored
+from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
 from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem, Region, whole
 from mipbake.reference.sequences import random_points
 from mipbake.render import candidate
 
 WRAP = ("wrap", "wrap")
-SMALL = Budget(rounds=16, points=96, held_out_pairs=256)
-TINY = replace(SMALL, rounds=2, pairs=8, points=32, held_out_pairs=32)
+SMALL = Budget(rounds=16, looks=Effort(groups=4, points=48, lit_points=64))
+TINY = replace(SMALL, rounds=2, pairs=8, looks=Effort(groups=2, points=16, lit_points=16, lit_samples=4))
 EFFORT = Effort(groups=8, points=48, samples=8, lit_points=64, lit_samples=8)
 
 CONSTANT = {
@@ -130,7 +130,7 @@ def test_steps_that_are_far_too_long_do_no_harm(solved: Search) -> None:
 
     result = Keep()(changing(far)(solved, lambda _: None), lambda _: None)
     for index, before in enumerate(solved.before):
-        after = scored(solved.blend.judge, result.levels)[index]
+        after = solved.blend.check.of_stack(result.levels)[index]
         assert (after.decibels > before.decibels - 0.25).all()
 
 
@@ -204,7 +204,7 @@ def test_a_block_changes_its_own_texels_alone() -> None:
 
 def test_large_sets_are_worked_on_in_windows() -> None:
     result = searched(problem(bumpy(16, 16)), *stages(replace(SMALL, window=8), coarse=4))
-    after = scored(result.blend.judge, result.levels)
+    after = result.blend.check.of_stack(result.levels)
     assert all(b.decibels.mean() > a.decibels.mean() + 1 for a, b in zip(result.before, after, strict=True))
 
 
@@ -224,10 +224,16 @@ def test_bad_arguments_say_what_was_expected() -> None:
             replace(TINY, **{name: value})
 
 
-def test_held_out_pairs_are_not_those_that_figures_are_quoted_for() -> None:
-    task = problem(bumpy(4, 4))
-    judge = HeldOut(task, Region(0, 1, 0, 1, range(1)), TINY.held_out, [0, 2])
+def test_pairs_that_judge_are_not_those_that_figures_are_quoted_for() -> None:
+    (probe,) = Scores(problem(bumpy(4, 4)), EFFORT, 0, [0.0]).probes
     for seed in range(4):
         for name in PAIR_SETS:
             quoted = pair_set(name, seed).view
-            assert np.abs(judge.pairs.view[:, None] - quoted).max(-1).min() > 1e-6
+            assert np.abs(probe.view.reshape(-1, 1, 3) - quoted).max(-1).min() > 1e-6
+
+
+def test_probes_of_a_region_lie_inside_it() -> None:
+    region = Region(0.5, 1, 0, 0.25, range(1))
+    (probe,) = Scores(problem(bumpy(16, 16)), EFFORT, 0, [0.0], region).probes
+    for uv in (probe.uv.reshape(-1, 2), probe.lit_uv):
+        assert (uv >= [0, 0.5]).all() and (uv <= [0.25, 1]).all()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mipbake.judging import scores
+from mipbake.judging.judge import Asked
 from mipbake.judging.lit_renders import display_slope, displayed, lit_error, lit_reference, placed, room
-from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Score, Scores, certainty
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.problem import Problem
 from mipbake.render.environment import studio
@@ -17,14 +20,13 @@ from .test_auto import TINY, WRAP
 
 def test_what_chance_decides_counts_little() -> None:
     rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
-    known, unsure, chance = scores.certainty(rows)
+    known, unsure, chance = certainty(rows)
     assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
-    score = Score(np.zeros((2, 4)), rows, 0.1, 0.0)
-    assert score.trust.tolist() == [1, 1, known, unsure, chance, 1]  # the last under the lights
-    assert Score(np.zeros((2, 4)), rows, 0.1, 0.0, sure=np.ones(6)).trust.tolist() == [1] * 6
+    asked = Asked.of(Score(np.zeros((2, 4)), rows, 0.0))
+    assert asked.sure.tolist() == [1, 1, known, unsure, chance, 1]  # the last under the lights
 
 
-def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noisy_references_take_more_samples() -> None:
     """Few texels of gloss in a rough, level surface: a handful of samples a pixel miss the highlights."""
     stored = np.zeros((32, 32, 8), np.float32)
     stored[..., 3], stored[..., 4], stored[..., 7] = 1, 0.8, 1
@@ -33,13 +35,12 @@ def test_noisy_references_take_more_samples(monkeypatch: pytest.MonkeyPatch) -> 
     task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
     effort = Effort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
 
-    def noise() -> float:
-        (probe,) = Scores(task, effort, 0, [3.0]).probes
-        return float(probe.noise[0, : probe.groups].sum() / probe.signal[0, : probe.groups].sum())
+    def noise(doublings: int) -> float:
+        (probe,) = Scores(task, replace(effort, doublings=doublings), 0, [3.0]).probes
+        noise, signal = (probe.energies(each)[0, : probe.groups].sum() for each in (probe.noise, probe.signal))
+        return float(noise / signal)
 
-    more = noise()
-    monkeypatch.setattr(scores, "_MOST_AGAIN", 0)
-    less = noise()
+    more, less = noise(3), noise(0)
     assert more < 0.5 * less, (more, less)
 
 
@@ -77,7 +78,7 @@ def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str)
     for index in range(2):
         score = scores.of(scores.looked_up(stored, index), index)
         assert (score.decibels > 60).all()
-        assert score.lit < 1e-3
+        assert score.lit < -8
 
 
 def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:

@@ -72,7 +72,12 @@ class LitError:
     @property
     def pixel_weight(self) -> float:
         """What the square of one value counts in the curvature."""
-        return (1 - _BRIGHTNESS) * 2 / self.square
+        return 2 * pixel_slope(self.square)
+
+
+def pixel_slope(square: float) -> float:
+    """The derivative of LitError.logarithm by the mean square of pixels."""
+    return (1 - _BRIGHTNESS) / max(square, _LEAST)
 
 
 def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:

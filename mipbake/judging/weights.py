@@ -48,10 +48,17 @@ class Weights:
         terms: name to weight, every name of TERMS.
         group_behind: what a neper counts by which a group of pairs is behind the best rule of engines and tools in that
             very group, in the mean over groups: another rule may be the best there than in the mean over groups.
+        chance: standard errors by which a row of errors may be behind.
+        tie: nepers below which two errors measure the same. lit_tie: the same, of the error under the studio's lights.
+        group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
     """
 
     terms: Mapping[str, Weight]
     group_behind: float
+    chance: float = 0.5
+    tie: float = 0.01
+    lit_tie: float = 0.1
+    group_tie: float = 0.02
 
     def __post_init__(self) -> None:
         if tuple(self.terms) != TERMS:
@@ -67,37 +74,8 @@ class Weights:
         """(T,) what every term counts in addition while it is behind."""
         return np.array([each.behind for each in self.terms.values()])
 
-    def value(self, logs: Array, behind: Array, sure: Array, groups: float) -> float:
-        """What is minimised at a level of detail, in nepers.
 
-        Args:
-            logs: (T,) terms. behind: (T,) by how much each is behind what is asked for; below 0 where it is ahead.
-            sure: (T,) what each counts of its weight, from 0 to 1.
-            groups: mean over groups by how much they are behind.
-        """
-        return (
-            float((sure * (self.counts * logs + self.behind * np.maximum(behind, 0))).sum())
-            + self.group_behind * groups
-        )
-
-
-FIT = Weights(
-    {
-        "near-mirror": Weight(1.0, 2.0),
-        "hemisphere": Weight(1.0, 2.0),
-        "grazing, near-mirror": Weight(1.0, 8.0),
-        "grazing, hemisphere": Weight(0.25, 0.5),
-        "highlights, near-mirror": Weight(0.5, 8.0),
-        "highlights, hemisphere": Weight(0.25, 0.5),
-        LIT: Weight(2.0, 16.0),
-    },
-    group_behind=4.0,
-)
-"""What fits of a level's blend are held by (search/level_fit.py). Bright pairs are few and their means uncertain: they
-count less, but while they are behind they count most, since they rule the figure of a set of pairs. All numbers are
-guesses: no measurement set one of them by itself."""
-
-VERDICT = Weights(
+WEIGHTS = Weights(
     {
         "near-mirror": Weight(1.0, 3.0),
         "hemisphere": Weight(1.0, 3.0),
@@ -109,30 +87,4 @@ VERDICT = Weights(
     },
     group_behind=6.0,
 )
-"""What verdicts on finished levels are held by (search/ingredients.py, search/blending.py): guesses, as above."""
-
-
-@dataclass(frozen=True)
-class DescentWeights:
-    """What errors count while texels descend (search/texel_descent.py, search/pair_weights.py). All are guesses.
-
-    Args:
-        kept_behind: a neper by which a share of a level's change is behind the best closed form, against one gained,
-            when `optimum` chooses what it keeps.
-        lit: the error under a studio's lights, beside a pair set. lit_behind: in addition, while its square is above
-            `lit_slack` times the square at the start.
-        pooled: the logarithm of the expected energy of a pair set, beside the mean of the logarithms of its sets.
-        hurry: urgency of a level of detail and pair set grows by exp(hurry x deficit in nepers) at each look, up to
-            `most_urgent`.
-    """
-
-    kept_behind: float = 10.0
-    lit: float = 0.5
-    lit_behind: float = 2.0
-    lit_slack: float = 1.05
-    pooled: float = 1.0
-    hurry: float = 1.5
-    most_urgent: float = 10.0
-
-
-DESCENT = DescentWeights()
+"""What everybody counts who asks which of two stacks is better."""

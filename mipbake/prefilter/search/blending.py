@@ -19,14 +19,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.judging.judge import Judge
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Scores
+from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.search.ingredients import Bench, Candidate, Rival
-from mipbake.prefilter.search.verdict import Held, between, settle
+from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
-
-_SLACK = 0.25  # by how much the logarithm of the error under the studio's lights may be behind
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +35,17 @@ class Gathered:
     """Ingredients, and the renders that they were looked up in.
 
     Args:
-        train: renders that blends are fitted to. judge: renders that nothing is fitted to, at levels of detail in steps
+        train: renders that blends are fitted to. check: renders that nothing is fitted to, at levels of detail in steps
             of 1/2. witness: renders that decide nothing, at the same levels of detail.
-        asked: what the best closed forms have at the levels of detail of `train`.
+        fitting: what stacks are worth by `train`, held against the best closed forms. judge: the same by `check`.
     """
 
     bench: Bench
     train: Scores
-    judge: Scores
+    check: Scores
     witness: Scores
-    asked: list[Score]
+    fitting: Judge
+    judge: Judge
 
     @property
     def problem(self) -> Problem:
@@ -51,8 +53,8 @@ class Gathered:
         return self.bench.problem
 
     def safe(self, level: int) -> str:
-        """The ingredient that comes nearest to what is asked for at a level."""
-        return self.bench.safest(level, self.asked)
+        """The ingredient that is worth most at a level."""
+        return self.bench.safest(level, self.fitting)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +64,15 @@ class Blend:
     Args:
         levels: (H_L, W_L, C) valid stored channels.
         sources: for each level, the names of its ingredients.
-        judge, witness: as Gathered has them.
-        held: what it was held against at the levels of detail of the judge.
-        witnessed: what rivals of pair sets have there, by the witness.
+        judge, check, witness: as Gathered has them.
+        witnessed: what the best closed forms of pair sets have, by the witness.
         left_out: closed forms that there was no time to bake, in none of the above.
     """
 
     levels: list[Image]
     sources: list[tuple[str, ...]]
-    judge: Scores
-    held: Held
+    judge: Judge
+    check: Scores
     witness: Scores
     witnessed: list[list[Rival]]
     left_out: tuple[str, ...] = ()
@@ -84,6 +85,7 @@ def gathered(
     seed: int = 0,
     progress: Progress = lambda _: None,
     deadline: float = math.inf,
+    judged_by: Weights = WEIGHTS,
 ) -> Gathered:
     """Bakes ingredients and looks them up in three sets of renders.
 
@@ -92,8 +94,9 @@ def gathered(
             among them. A network need not be.
         effort: of the renders that judge; those that are fitted to have half the points.
         deadline: time.monotonic() by which all ingredients are baked; ingredients that would not be are left out.
+        judged_by: what errors count.
     """
-    # A handful of weights a level needs fewer points than a verdict on them.
+    # A handful of weights a level needs fewer points than to settle what is kept of them.
     fewer = replace(
         effort,
         groups=max(1, 2 * effort.groups // 3),
@@ -105,14 +108,16 @@ def gathered(
         drawn = [
             pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate((fewer, effort, third))
         ]
-        train, judge, witness = (each.result() for each in drawn)
-    bench = Bench(problem, candidates, (train, judge), witness, progress, deadline)
-    return Gathered(bench, train, judge, witness, [bench.asked(0, index) for index in range(len(train.lods))])
+        train, check, witness = (each.result() for each in drawn)
+    bench = Bench(problem, candidates, (train, check), witness, progress, deadline)
+    lods = range(len(check.lods))
+    fitting, judge = (Judge([bench.asked(which, index) for index in lods], judged_by) for which in (0, 1))
+    return Gathered(bench, train, check, witness, fitting, judge)
 
 
 def blend(found: Gathered, weights: Sequence[NDArray[np.float32]] | None = None) -> Blend:
     """Keeps of a blend what the judge confirms. `weights`: a level each; None for the weights that `fitted` gives."""
-    weights, held = fitted(found) if weights is None else weights, _held(found)
+    weights = fitted(found) if weights is None else weights
     safe = [found.safe(level) for level in range(found.problem.last + 1)]
 
     def texels(index: int, level: int, share: float) -> Image:
@@ -120,15 +125,15 @@ def blend(found: Gathered, weights: Sequence[NDArray[np.float32]] | None = None)
         made = found.bench.fitted(1, index, level, weights[level]) if share else own
         return between(own, made, share, found.problem.target)
 
-    shares = settle(found.judge, texels, len(safe), held)
-    return _made(found, held, [found.bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)])
+    shares = settle(found.judge, found.check, texels, len(safe))
+    return _made(found, [found.bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)])
 
 
 def best(found: Gathered) -> Blend:
     """Every level from the one ingredient that comes nearest to what is asked for."""
     none = np.zeros(0, np.float32)
     mixtures = [found.bench.mixture(none, found.safe(level), 0.0) for level in range(found.problem.last + 1)]
-    return _made(found, _held(found), mixtures)
+    return _made(found, mixtures)
 
 
 def fitted(found: Gathered) -> list[NDArray[np.float32]]:
@@ -144,26 +149,15 @@ def fitted(found: Gathered) -> list[NDArray[np.float32]]:
             if index < len(train.probes):
                 base, others = bench.parts(0, index, level)
                 other = bench.fitted(0, index, level + 1, out[-1]) if share < 1 else None
-                made = columns(base, others, target)
-                terms.append(Term(train.probes[index], found.asked[index], share, other, base, made))
-        out.append(fit_level(terms, target, train.lighting))
+                terms.append(Term(index, share, other, base, columns(base, others, target)))
+        out.append(fit_level(terms, train, found.fitting))
     return out[::-1]
 
 
-def _held(found: Gathered) -> Held:
-    """The best closed forms, as the judge sees them."""
-    bench, places = found.bench, range(len(found.judge.lods))
-    return Held(
-        [bench.rivals(index) for index in places],
-        [bench.asked(1, index).lit_log for index in places],
-        [bench.plain(bench.judged[index]) for index in places],
-        _SLACK,
-    )
-
-
-def _made(found: Gathered, held: Held, mixtures: list[dict[str, NDArray[np.float64]]]) -> Blend:
+def _made(found: Gathered, mixtures: list[dict[str, NDArray[np.float64]]]) -> Blend:
     bench = found.bench
     levels = bench.mixed(mixtures)
-    witnessed = [bench.witnessed(index, each[: len(PAIR_SETS)]) for index, each in enumerate(held.rivals)]
+    rivals = [bench.rivals(1, index)[: len(PAIR_SETS)] for index in range(len(found.check.lods))]
+    witnessed = [bench.witnessed(index, each) for index, each in enumerate(rivals)]
     sources = [tuple(mixture) for mixture in mixtures]
-    return Blend(levels, sources, found.judge, held, found.witness, witnessed, bench.left_out)
+    return Blend(levels, sources, found.judge, found.check, found.witness, witnessed, bench.left_out)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mipbake.errors import UsageError
-from mipbake.judging.held_out import HeldOutEffort
+from mipbake.judging.probes import Effort
 from mipbake.metrics.pairs import PAIR_SETS
 
 LOBES = 2
 """Lobes that half vectors of pixels are drawn from (pixel_samples.py)."""
+
+LOOKS = Effort(groups=16)
 
 
 @dataclass(frozen=True)
@@ -17,12 +19,11 @@ class Budget:
     """How much effort an optimisation makes.
 
     Args:
-        rounds: most rounds of a block. A round draws pixels, pairs and targets anew; after every few of them held-out
-            pairs say whether that still helps.
+        rounds: most rounds of a block. A round draws pixels, pairs and targets anew.
         steps: Gauss-Newton steps of a round.
         pairs: light-view pairs of each pixel in a round, a multiple of 2 + LOBES: each has its own.
         samples: reference samples of a pixel of level 0; they double with every second level.
-        points: held-out pixels for each level of detail. held_out_pairs: held-out pairs of each set.
+        looks: effort of the renders that say, after every few rounds, whether that still helps.
         window: blocks of large sets are at most so many texels a side.
         lit: whether renders under a studio's lights, tonemapped, count beside the renders of pairs (lit_samples.py).
     """
@@ -31,13 +32,12 @@ class Budget:
     steps: int = 2
     pairs: int = 32
     samples: int = 8
-    points: int = 256
-    held_out_pairs: int = 1024
     window: int = 512
     lit: bool = False
+    looks: Effort = LOOKS
 
     def __post_init__(self) -> None:
-        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "points": 1, "held_out_pairs": 2, "window": 8}
+        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "window": 8}
         for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:
@@ -45,8 +45,3 @@ class Budget:
         for name, factor in (("pairs", len(PAIR_SETS) + LOBES), ("samples", 2)):
             if getattr(self, name) % factor:
                 raise UsageError(f"{name} of the budget is {getattr(self, name)}: expected a multiple of {factor}")
-
-    @property
-    def held_out(self) -> HeldOutEffort:
-        """What is held out."""
-        return HeldOutEffort(self.points, self.held_out_pairs, self.samples)

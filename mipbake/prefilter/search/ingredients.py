@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from mipbake import directions, material
 from mipbake.directions import facing
-from mipbake.judging.scores import Array, Score, Scores
-from mipbake.judging.weights import VERDICT
+from mipbake.judging.judge import Asked, Judge
+from mipbake.judging.scores import Array, Score, Scores, between_levels
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
@@ -179,12 +179,12 @@ class Bench:
 
     def _score(self, name: str, which: int, index: int) -> Score:
         levels = self._scores[which].probes[index].levels
-        return self._scores[which].of(mean([self.seen(name, which, index, level) for level in levels]), index)
+        return self._scores[which].of(between_levels([self.seen(name, which, index, level) for level in levels]), index)
 
     def _judged(self, index: int) -> dict[str, Score]:
         """Closed forms at a level of detail as the judge sees them: those that are not far behind as fitted to."""
-        forms = [name for name, each in self._candidates.items() if each.closed_form]
-        logs = np.stack([self._found[name, 0][index].terms for name in forms])
+        forms = self._forms(0, index)
+        logs = np.stack([each.terms for each in forms.values()])
         near = (logs < logs.min(0) + _FAR).any(1)
         return {
             name: self._score(name, 1, index)
@@ -205,16 +205,29 @@ class Bench:
         """What blends are made of, at the points of a probe."""
         return self.seen(self.base, which, index, level), [self.seen(n, which, index, level) for n in self.others]
 
-    def rivals(self, index: int) -> list[Rival]:
-        """The best closed form of each row at a level of detail, as the judge sees it."""
-        forms = self.judged[index]
-        means = {name: score.means for name, score in forms.items()}
+    def rivals(self, which: int, index: int) -> list[Rival]:
+        """The best closed form of each row at a level of detail: of pair sets the best of all, of bright pairs the best
+        of PLAIN."""
+        forms = self._forms(which, index)
         out = []
-        for row in range(len(next(iter(means.values())))):
-            names = list(means) if row < len(PAIR_SETS) else self._plain
-            best = min(names, key=lambda name: float(means[name][row]))
+        for row in range(len(next(iter(forms.values())).rows)):
+            names = list(forms) if row < len(PAIR_SETS) else self._plain
+            best = min(names, key=lambda name: float(forms[name].rows[row].mean()))
             out.append(Rival(best, forms[best].rows[row]))
         return out
+
+    def asked(self, which: int, index: int) -> Asked:
+        """That no closed form is ahead at a level of detail, and none of PLAIN in a group of pairs."""
+        forms = self._forms(which, index)
+        rows = [each.log_errors for each in self.rivals(which, index)]
+        plain = np.min([forms[name].log_errors for name in self._plain], 0)
+        return Asked(rows, min(each.lit for each in forms.values()), plain)
+
+    def _forms(self, which: int, index: int) -> dict[str, Score]:
+        """Scores of closed forms: all as fitted to, and those that are not far behind as the judge sees them."""
+        if which:
+            return self.judged[index]
+        return {name: self._found[name, 0][index] for name, each in self._candidates.items() if each.closed_form}
 
     @property
     def _plain(self) -> list[str]:
@@ -223,43 +236,15 @@ class Bench:
     def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
         """What closed forms have at a level of detail as the witness sees it."""
         which, levels = len(self._scores), self._witness.probes[index].levels
-        rows = {
-            each.name: self._witness.of(mean([self.seen(each.name, which, index, level) for level in levels]), index)
-            for each in rivals
-        }
+        seen = {each.name: [self.seen(each.name, which, index, level) for level in levels] for each in rivals}
+        rows = {name: self._witness.of(between_levels(each), index) for name, each in seen.items()}
         return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
-    def asked(self, which: int, index: int) -> Score:
-        """The least errors of all closed forms: each row of log_errors comes from the closed form that is best
-        there."""
-        by_name = self.judged[index] if which else {
-            name: self._found[name, 0][index] for name, c in self._candidates.items() if c.closed_form
-        }  # fmt: skip
-        found = list(by_name.values())
-
-        def least(rows: list[Array]) -> Array:
-            """(S, G) the best row of each pair set."""
-            each = np.stack(rows)
-            return np.stack([each[form, kind] for kind, form in enumerate(each.mean(2).argmin(0))])
-
-        return Score(
-            least([each.log_errors for each in found]),
-            least([by_name[name].pooled for name in self._plain]),
-            min(each.lit for each in found),
-            min(each.lit_log for each in found),
-            self.plain(by_name),
-            np.min([by_name[name].trust for name in self._plain], 0),
-        )
-
-    def plain(self, scores: Mapping[str, Score]) -> Array:
-        """(S, G) least log_errors of PLAIN in every group."""
-        return np.asarray(np.min([scores[name].log_errors for name in self._plain], 0))
-
-    def safest(self, level: int, asked: Sequence[Score]) -> str:
-        """The ingredient that comes nearest to what is asked for at a level, and goes beyond, as fitted to."""
+    def safest(self, level: int, judge: Judge) -> str:
+        """The ingredient that is worth most at a level by itself, as fitted to."""
         index = 2 * level
         names = [name for name in self._candidates if name in self._baked]
-        return min(names, key=lambda name: _cost(self._found[name, 0][index], asked[index]))
+        return min(names, key=lambda name: judge.value(self._found[name, 0][index], index))
 
     def mixture(self, weights: NDArray[np.float32], safe: str, share: float) -> dict[str, Array]:
         """Names and (C,) weights of what a level is summed from."""
@@ -302,14 +287,3 @@ def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], 
             if weight:
                 out[..., channels] += weight * (other[..., channels] - base[..., channels])
     return out
-
-
-def mean(seen: Sequence[Image]) -> Image:
-    """What a lookup halfway between levels, or at one, makes of lookups in each."""
-    return seen[0] if len(seen) == 1 else np.asarray((seen[0] + seen[1]) / 2, np.float32)
-
-
-def _cost(score: Score, asked: Score) -> float:
-    """What a score is worth beside what is asked for."""
-    groups = 0.0 if asked.plain is None else float(np.maximum(score.log_errors - asked.plain, 0).mean(1).sum())
-    return VERDICT.value(score.terms, score.terms - asked.terms, asked.trust, groups)

@@ -26,42 +26,59 @@ _LIGHTS = 16  # lights of the room: it is turned at random for every pixel, so f
 
 
 @dataclass(frozen=True)
+class LitPixels:
+    """P pixels under all lights of a room.
+
+    Args:
+        light: (L, P, 3), view: (P, 3) in the tangent space of each pixel. power: (L, 3) irradiance.
+    """
+
+    light: Image
+    view: Image
+    power: Image
+
+    @classmethod
+    def of(cls, lighting: Lighting, frame: Image, view: Image) -> LitPixels:
+        """Pixels with (P, 3, 3) frames and (P, 3) views in a room at EXPOSURE."""
+        light = np.einsum("nij,kj->kni", frame, lighting.direction.astype(np.float32), optimize=True)
+        power = (EXPOSURE * lighting.radiance).astype(np.float32)
+        return cls(np.ascontiguousarray(light), np.einsum("nij,nj->ni", frame, view), power)
+
+    def radiance(self, texels: Image, model: str) -> Image:
+        """(P, 3) what (P, C) texels send to the viewer."""
+        seen = shade(model, texels[None], self.light[None], self._views)[0]
+        return np.asarray(np.einsum("lpc,lc->pc", seen, self.power))
+
+    def adjoint(self, texels: Image, model: str, gradient: Image) -> Image:
+        """(P, C) gradients by texels, from (P, 3) ones by `radiance`."""
+        by_light = (self.power[:, None] * gradient)[None]
+        return np.asarray(shade_adjoint(model, texels[None], self.light[None], self._views, by_light)[0])
+
+    @property
+    def _views(self) -> Image:
+        return np.broadcast_to(self.view, (1, *self.light.shape))
+
+
+@dataclass(frozen=True)
 class LitBatch:
     """P pixels that look up the same two levels.
 
     Args:
         level, lower, share, uv: as pixel_samples.Batch has them.
-        light: (L, P, 3), view: (P, 3) in the tangent space of each pixel. power: (L, 1, 3) irradiance.
-        target: (P, 3) tonemapped, sRGB-encoded reference.
+        pixels: what they see. target: (P, 3) tonemapped, sRGB-encoded reference.
     """
 
     level: int
     lower: int
     share: Tensor | None
     uv: NDArray[np.float64]
-    light: Image
-    view: Image
-    power: Image
+    pixels: LitPixels
     target: Image
 
     @property
     def seen(self) -> list[tuple[int, Tensor | None]]:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
-
-    def radiance(self, texels: Image, model: str) -> Image:
-        """(P, 3) what (P, C) texels send to the viewer."""
-        seen = shade(model, texels[None], self.light[None], self._views)[0]
-        return np.asarray(np.einsum("lpc,lc->pc", seen, self.power[:, 0]))
-
-    def adjoint(self, texels: Image, model: str, gradient: Image) -> Image:
-        """(P, C) gradients by texels, from (P, 3) ones by `radiance`."""
-        by_texel = shade_adjoint(model, texels[None], self.light[None], self._views, (self.power * gradient)[None])
-        return np.asarray(by_texel[0])
-
-    @property
-    def _views(self) -> Image:
-        return np.broadcast_to(self.view, (1, *self.light.shape))
 
 
 @lru_cache(maxsize=1)
@@ -74,19 +91,8 @@ def lit_pixels(
 ) -> Iterator[LitBatch]:
     """Batches of pixels (P, 2) of a level, with `samples` of the reference each."""
     lighting = _lighting()
-    power = EXPOSURE * lighting.radiance
     for place, lods, lower in chunks(problem, level, len(uv), max(_LIGHTS, samples), rng):
         centres = uv[place]
         frame, view = placed(rng, len(place))
         target = displayed(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
-        light = np.einsum("nij,kj->kni", frame, lighting.direction.astype(np.float32), optimize=True)
-        yield LitBatch(
-            level,
-            lower,
-            share_of(lods, lower),
-            centres,
-            np.ascontiguousarray(light),
-            np.einsum("nij,nj->ni", frame, view),
-            power.astype(np.float32)[:, None],
-            target,
-        )
+        yield LitBatch(level, lower, share_of(lods, lower), centres, LitPixels.of(lighting, frame, view), target)

@@ -19,7 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mipbake.errors import UsageError
-from mipbake.judging.scores import Effort
+from mipbake.judging.probes import Effort
+from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
@@ -35,8 +36,8 @@ REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
 
 EFFORT = Effort()
-REFINING = Budget(rounds=60, points=96, held_out_pairs=512, lit=True)
-COARSE = Budget(rounds=6, pairs=16, samples=4, points=48, held_out_pairs=256, lit=True)
+REFINING = Budget(rounds=60, lit=True, looks=Effort(groups=8, points=96, lit_points=512))
+COARSE = Budget(rounds=6, pairs=16, samples=4, lit=True, looks=Effort(groups=4, points=48, samples=4, lit_points=256))
 """Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
 
 OPTIMISING = Budget()
@@ -59,6 +60,7 @@ class Searching:
         weights: trained weights by name; None for the default ones, and without a network where there are none.
         seconds: wall-clock limit; None for none. Only without one are results reproducible.
         seed: seed of all that is drawn.
+        judged_by: what errors count.
     """
 
     name: str
@@ -67,9 +69,9 @@ class Searching:
     learned = True
     """Whether a network is among the ingredients."""
 
-    def __init__(self, weights: str | None, seconds: float | None, seed: int) -> None:
+    def __init__(self, weights: str | None, seconds: float | None, seed: int, judged_by: Weights) -> None:
         self._neural, self._named = Neural(weights), weights is not None
-        self.seconds, self._seed = seconds, seed
+        self.seconds, self._seed, self._judged_by = seconds, seed, judged_by
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -86,7 +88,7 @@ class Searching:
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap)
         candidates = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
-        search = Search(Work(problem, candidates, self._seed, clock, progress))
+        search = Search(Work(problem, candidates, self._seed, clock, progress, self._judged_by))
         done = 0.0
         # Tensors here are small and many, and two Python threads work on them.
         with one_torch_thread():
@@ -114,7 +116,7 @@ class Refine(Searching):
     """Every texel optimised, from the best blend of all methods.
 
     Args:
-        weights, seed: see Searching.
+        weights, seed, judged_by: see Searching.
         budget: time as users write it (time_budget.py); None for REFINE_SECONDS.
         effort: of the renders that judge. descent: effort on the levels.
     """
@@ -129,8 +131,9 @@ class Refine(Searching):
         seed: int = 0,
         effort: Effort = EFFORT,
         descent: Budget = REFINING,
+        judged_by: Weights = WEIGHTS,
     ) -> None:
-        super().__init__(weights, REFINE_SECONDS if budget is None else seconds_of(budget), seed)
+        super().__init__(weights, REFINE_SECONDS if budget is None else seconds_of(budget), seed, judged_by)
         self._effort, self._descent = effort, descent
 
     @property
@@ -148,7 +151,7 @@ class Auto(Searching):
     """The best blend of all methods, with coarse levels optimised; with a budget, as `refine`.
 
     Args:
-        weights, budget, seed, effort: see Refine. descent: effort on the coarse levels.
+        weights, budget, seed, effort, judged_by: see Refine. descent: effort on the coarse levels.
     """
 
     name = "auto"
@@ -164,10 +167,11 @@ class Auto(Searching):
         seed: int = 0,
         effort: Effort = EFFORT,
         descent: Budget = COARSE,
+        judged_by: Weights = WEIGHTS,
     ) -> None:
-        super().__init__(weights, None if budget is None else seconds_of(budget), seed)
+        super().__init__(weights, None if budget is None else seconds_of(budget), seed, judged_by)
         self._effort, self._descent = effort, descent
-        self._refine = None if budget is None else Refine(weights, budget, seed, effort)
+        self._refine = None if budget is None else Refine(weights, budget, seed, effort, judged_by=judged_by)
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -186,7 +190,7 @@ class Optimum(Searching):
     """The per-material optimum of a single-lobe stack, from the best closed form of each level.
 
     Args:
-        budget, seed: see Searching. effort: of the renders that judge. descent: effort on the levels.
+        budget, seed, judged_by: see Searching. effort: of the renders that judge. descent: effort on the levels.
     """
 
     name = "optimum"
@@ -194,9 +198,14 @@ class Optimum(Searching):
     learned = False
 
     def __init__(
-        self, budget: str | None = None, seed: int = 0, effort: Effort = EFFORT, descent: Budget = OPTIMISING
+        self,
+        budget: str | None = None,
+        seed: int = 0,
+        effort: Effort = EFFORT,
+        descent: Budget = OPTIMISING,
+        judged_by: Weights = WEIGHTS,
     ) -> None:
-        super().__init__(None, None if budget is None else seconds_of(budget), seed)
+        super().__init__(None, None if budget is None else seconds_of(budget), seed, judged_by)
         self._effort, self._descent = effort, descent
 
     @property

@@ -9,8 +9,7 @@ the expected energy, whose derivative is the same for all pairs, is gained as we
 phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
 them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.
 
-Closed forms differ in what they are good at, and nowhere may the fit be worse than the best of them: a level of detail
-and pair set that is behind what is asked for gains weight until it is not.
+How much each level of detail and pair set counts is what the judge says: more while it is behind.
 """
 
 from __future__ import annotations
@@ -22,11 +21,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.judging.held_out import SET_SIZE, HeldOut
-from mipbake.judging.weights import DESCENT
+from mipbake.judging.judge import Judge
+from mipbake.judging.pairs import SET_SIZE
+from mipbake.judging.probes import Probe
+from mipbake.judging.scores import Errors, Scores
+from mipbake.judging.weights import BRIGHT, TERMS
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.prefilter.search.pixel_samples import Batch
-from mipbake.reference.problem import Image
 from mipbake.shading import shade
 
 _SETS = 200  # random sets that phi is a mean over
@@ -39,75 +40,61 @@ class PairWeights:
     """Weights of renders for the state of a stack (`update`).
 
     Args:
-        held_out: renders of the common pairs; levels of detail from `first` in steps of 1/2.
+        scores: renders of the common pairs; levels of detail in steps of 1/2.
+        judge: says what they count.
         material: (8,) stored channels of `gltf` that shade about as bright as the whole set.
-        asked: (S, M) logarithms of the errors that are asked for at its levels of detail.
     """
 
-    def __init__(self, held_out: HeldOut, material: NDArray[np.float32], asked: NDArray[np.float64]) -> None:
-        self._held_out, self._asked = held_out, asked
-        self._lods = np.array(held_out.lods)
-        self._material = material
-        self._urgency = np.ones_like(asked)
-        rng = np.random.default_rng(0)
-        size = min(SET_SIZE - 1, held_out.each)
-        self._others = np.stack([rng.choice(held_out.each, size, replace=False) for _ in range(_SETS)])
-        basis = self._basis(torch.from_numpy(self.pairs.light), torch.from_numpy(self.pairs.view))
-        self._features = _features(basis).reshape(len(PAIR_SETS), held_out.each, -1)
-        self._phi: dict[int, Tensor] = {}
-        self._pooled: dict[tuple[int, int], float] = {}
-        self._fits: dict[int, tuple[Tensor, Tensor]] = {}
+    def __init__(self, scores: Scores, judge: Judge, material: NDArray[np.float32]) -> None:
+        self._judge, self._material = judge, material
+        self._lods = np.array(scores.lods)
+        self._common = {int(probe.lod): _Common(probe, self) for probe in scores.probes if probe.lod == int(probe.lod)}
+        self._slopes = np.zeros((len(TERMS), len(scores.lods)))
 
-    @property
-    def pairs(self) -> LightViewPairs:
-        """The common pairs, as many of each pair set, one set after the other."""
-        return self._held_out.pairs
+    def pairs(self, level: int) -> LightViewPairs:
+        """The common pairs of a level, as many of each pair set, one set after the other."""
+        return self._common[level].pairs
 
-    def update(self, levels: Sequence[Image]) -> NDArray[np.float64]:
-        """Takes the errors of a stack for those that count now; returns its (S, M) logarithms of errors."""
-        typical = self._held_out.typical(levels)
-        self._urgency = np.clip(
-            self._urgency * np.exp(DESCENT.hurry * np.clip(typical - self._asked, -1, 1)), 1, DESCENT.most_urgent
-        )
-        for index, lod in enumerate(self._lods):
-            if lod % 1:
-                continue
-            sums = self._held_out.sums(levels, index)
-            phis, fits, others = [], [], []
-            for kind, (signal, measured) in enumerate(zip(sums[..., 0], sums[..., 1], strict=True)):
-                least = _FLOOR * max(0.0, measured.mean()) + _SOLVED * signal.mean() + 1e-12
-                error = np.maximum(measured, least)
-                rest = error[self._others].sum(1)
-                self._pooled[int(lod), kind] = DESCENT.pooled / (SET_SIZE * float(error.mean()))
-                phis.append((1 / (error[:, None] + rest)).mean(1) + self._pooled[int(lod), kind])
-                fits.append(_gamma_regression(self._features[kind], error))
-                others.append(1 / (1 / rest).mean())
-            self._phi[int(lod)] = torch.from_numpy(np.concatenate(phis).astype(np.float32))
-            self._fits[int(lod)] = (
-                torch.from_numpy(np.stack(fits, 1).astype(np.float32)),
-                torch.from_numpy(np.array(others, np.float32)),
-            )
-        return typical
+    def update(self, errors: Sequence[Errors]) -> None:
+        """Takes the errors of a stack, one for every level of detail, for those that count now."""
+        slopes = [self._judge.slopes(each.score, index).terms for index, each in enumerate(errors)]
+        self._slopes = np.stack(slopes, 1)
+        for lod, each in zip(self._lods, errors, strict=True):
+            if lod == int(lod):
+                self._common[int(lod)].update(each.squares)
+
+    def lit(self, level: int) -> float:
+        """What a neper of the error under the studio's lights counts at a level."""
+        return float(np.interp(level, self._lods, self._slopes[-1]))
 
     def of(self, batch: Batch) -> Tensor:
         """(K, P): what the squared error of each render counts in the mean over pixels."""
-        urgency = torch.from_numpy(
-            np.stack([np.interp(batch.lods, self._lods, each) for each in self._urgency]).astype(np.float32)
-        )
+        common, lods = self._common[batch.level], batch.lods
+        slopes = [np.interp(lods, self._lods, each) for each in self._by_set()]
+        typical, pooled = torch.from_numpy(np.stack(slopes).astype(np.float32)).reshape(2, len(PAIR_SETS), -1)
         if batch.common is not None:
-            part = len(batch.common) // len(urgency)
-            return SET_SIZE / part * self._phi[batch.level][batch.common] * urgency.repeat_interleave(part, 0)
+            part = len(batch.common) // len(typical)
+            own, every = (each.repeat_interleave(part, 0) for each in (typical, pooled))
+            weight: Tensor = common.phi[batch.common] * own + common.pooled[batch.common] * every
+            return weight * (SET_SIZE / part)
         assert batch.importance is not None
-        fit, others = self._fits[batch.level]
-        basis = self._basis(batch.light, batch.view)
+        basis = self.basis(batch.light, batch.view)
         out = torch.zeros_like(basis[0])
-        for kind in range(len(urgency)):
-            error = _predicted(basis, fit[:, kind]) + others[kind]
-            phi = 1 / error + self._pooled[batch.level, kind]
-            out += batch.importance[kind] * (SET_SIZE * urgency[kind]) * phi
+        for kind, importance in enumerate(batch.importance):
+            phi = 1 / (_predicted(basis, common.fits[:, kind]) + common.others[kind])
+            every = common.pooled[kind * (len(common.pooled) // len(PAIR_SETS))]
+            out += importance * SET_SIZE * (typical[kind] * phi + pooled[kind] * every)
         return out
 
-    def _basis(self, light: Tensor, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _by_set(self) -> NDArray[np.float64]:
+        """(2 S, M): what nepers of typical errors of each pair set count, and nepers of its expected energy."""
+        by_name = dict(zip(TERMS, self._slopes, strict=True))
+        return np.stack(
+            [by_name[name] for name in PAIR_SETS]
+            + [np.sum([by_name[f"{kind}, {name}"] for kind in BRIGHT], 0) for name in PAIR_SETS]
+        )
+
+    def basis(self, light: Tensor, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""
         # Shaped so that a texel, prepared once, sees many pairs.
         pairs = [d.reshape(1, *((-1, d.shape[-2]) if d.ndim > 2 else (1, -1)), 3).numpy() for d in (light, view)]
@@ -117,6 +104,41 @@ class PairWeights:
         height = z * (x * x + y * y + z * z).clamp(min=1e-12).rsqrt()
         cosines = [d[..., 2].clamp(min=1e-3).log() for d in (view, light)]
         return radiance.clamp(min=1e-5).log(), cosines[0], cosines[1], (1 - height).clamp(min=1e-4).log()
+
+
+class _Common:
+    """The common pairs of a level, and what their errors say."""
+
+    def __init__(self, probe: Probe, weights: PairWeights) -> None:
+        self._groups = probe.groups
+        light, view = (self._by_set(each).reshape(-1, 3) for each in (probe.light, probe.view))
+        self.pairs = LightViewPairs(light, view)
+        each = len(light) // len(PAIR_SETS)
+        self._signal = self._by_set(probe.signal)
+        rng = np.random.default_rng(0)
+        self._others = np.stack([rng.choice(each, SET_SIZE - 1, replace=False) for _ in range(_SETS)])
+        self._features = _features(weights.basis(torch.from_numpy(light), torch.from_numpy(view))).reshape(
+            len(PAIR_SETS), each, -1
+        )
+
+    def _by_set(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """(S, K, ...) of the pairs of each pair set, of (G, S * 64, ...)."""
+        own = values[: self._groups].reshape(self._groups, len(PAIR_SETS), SET_SIZE, *values.shape[2:])
+        return np.ascontiguousarray(own.swapaxes(0, 1).reshape(len(PAIR_SETS), -1, *values.shape[2:]))
+
+    def update(self, squares: NDArray[np.float64]) -> None:
+        """Takes (G, S * 64) mean square errors of pairs."""
+        phis, fits, others, pooled = [], [], [], []
+        for signal, measured, features in zip(self._signal, self._by_set(squares), self._features, strict=True):
+            least = _FLOOR * max(0.0, measured.mean()) + _SOLVED * signal.mean() + 1e-12
+            error = np.maximum(measured, least)
+            rest = error[self._others].sum(1)
+            pooled.append(np.full(len(error), 1 / (SET_SIZE * error.mean())))
+            phis.append((1 / (error[:, None] + rest)).mean(1))
+            fits.append(_gamma_regression(features, error))
+            others.append(1 / (1 / rest).mean())
+        rows = (np.concatenate(phis), np.concatenate(pooled), np.stack(fits, 1), np.array(others))
+        self.phi, self.pooled, self.fits, self.others = (torch.from_numpy(row.astype(np.float32)) for row in rows)
 
 
 def _features(basis: tuple[Tensor, Tensor, Tensor, Tensor]) -> NDArray[np.float64]:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.judging.held_out import SET_SIZE
+from mipbake.judging.judge import standard_error
+from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.scores import DECIBEL, Array
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.promise import BetweenPromise, LevelPromise, Promise
-from mipbake.prefilter.search.stages import Search, scored
-from mipbake.prefilter.search.verdict import standard_error
+from mipbake.prefilter.search.stages import Search
 
 
 def promised(search: Search) -> Promise:
     """What the witness found of every level, and halfway between levels."""
     start, sets = search.blend, list(PAIR_SETS)
-    found = scored(start.witness, search.levels)
+    found = start.witness.of_stack(search.levels)
     levels, between = [], []
     for lod, score, rivals in zip(start.witness.lods, found, start.witnessed, strict=True):
         rows, others = score.log_errors, np.stack([rival.log_errors for rival in rivals])

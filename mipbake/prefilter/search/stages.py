@@ -14,20 +14,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mipbake import directions
-from mipbake.judging.scores import Effort, Score, Scores
+from mipbake.judging.judge import Asked, Judge
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Score
+from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.blending import Blend, Gathered, gathered
 from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.ingredients import Candidate, Rival, mean
+from mipbake.prefilter.search.ingredients import Candidate
 from mipbake.prefilter.search.regions import COARSE, Part, parts
-from mipbake.prefilter.search.verdict import Held, between, settle
+from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
 
 _BAKING = 0.75  # most of the time that ingredients take; in a large set, an ingredient that takes longer is left out
 _SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
 _FEWEST = 3  # rounds that are worth beginning with a part
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
-_LIT_SLACK = 0.1  # how much the logarithm of the error under the studio's lights may grow
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Work:
         candidates: the ingredients.
         seed: of all that is drawn.
         progress: told the finished share of all stages, and notes.
+        judged_by: what errors count.
     """
 
     problem: Problem
@@ -62,6 +65,7 @@ class Work:
     seed: int
     clock: Clock
     progress: Progress
+    judged_by: Weights = WEIGHTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +74,7 @@ class Search:
 
     Args:
         gathered: the ingredients. start: a stack made of them. levels: what became of it.
-        before: what the judge says of the start. shares: how much of each level's change was kept.
+        before: what the judge's renders say of the start. shares: how much of each level's change was kept.
     """
 
     work: Work
@@ -109,9 +113,10 @@ class Gather:
         """See Stage."""
         work = search.work
         deadline = work.clock.until(_BAKING)
-        return replace(
-            search, gathered=gathered(work.problem, work.candidates, self.effort, work.seed, progress, deadline)
+        found = gathered(
+            work.problem, work.candidates, self.effort, work.seed, progress, deadline, judged_by=work.judged_by
         )
+        return replace(search, gathered=found)
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,7 @@ class Make:
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
         start = self.way(search.ingredients)
-        before = scored(start.judge, start.levels)
+        before = start.check.of_stack(start.levels)
         progress(1.0)
         return replace(search, start=start, before=before, levels=start.levels, shares=[0.0] * len(start.levels))
 
@@ -159,7 +164,7 @@ class Descend:
             for part in parts(problem, self.budget.window, self.fine, self.coarse)
             if any(moving[i] for i in part.region.levels)
         ]
-        descent = Descent(problem, moving, self.budget, self.trust) if todo else None
+        descent = Descent(problem, moving, self.budget, self.trust, work.judged_by) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
             end -= _SETTLING * max(0.0, end - time.monotonic())
@@ -213,26 +218,21 @@ class Keep:
         changed = [not np.array_equal(*each) for each in zip(start.levels, search.levels, strict=True)]
         if not any(changed):
             return replace(search, levels=start.levels)
-        judge, before = start.judge, search.before
+        check = start.check
 
         def texels(index: int, level: int, share: float) -> Image:
             if (index, level) not in cache:
                 both = (start.levels[level], search.levels[level])
-                cache[index, level] = judge.looked_up(both[0], index), judge.looked_up(both[1], index)
+                cache[index, level] = check.looked_up(both[0], index), check.looked_up(both[1], index)
             return between(*cache[index, level], share, problem.target)
 
-        lit = [max(asked, score.lit_log) for asked, score in zip(start.held.lit, before, strict=True)]
-        rivals = [[Rival("start", row) for row in score.rows] for score in before]
-        shares = settle(judge, texels, len(changed), Held(rivals, lit, start.held.plain, _LIT_SLACK))
+        # Nothing becomes worse than the start, which itself was held against every closed form.
+        asked = [
+            Asked(score.rows, max(before.lit, score.lit), before.plain)
+            for before, score in zip(start.judge.asked, search.before, strict=True)
+        ]
+        shares = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
         shares = [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]
         kept = [between(*each, problem.target) for each in zip(start.levels, search.levels, shares, strict=True)]
         progress(1.0)
         return replace(search, levels=directions.aligned(kept, problem.target, problem.wrap), shares=shares)
-
-
-def scored(scores: Scores, levels: Sequence[Image]) -> list[Score]:
-    """Scores of a stack at all levels of detail of the probes of a judge or a witness."""
-    return [
-        scores.of(mean([scores.looked_up(levels[level], index) for level in probe.levels]), index)
-        for index, probe in enumerate(scores.probes)
-    ]

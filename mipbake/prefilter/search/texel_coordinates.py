@@ -68,11 +68,10 @@ def _log_alpha(coordinates: Tensor, layout: MaterialModel) -> Tensor:
     raise AssertionError(f"the width of a lobe of {layout.name} is not known")
 
 
-def at_limits(coordinates: Tensor, gradient: Tensor, model: str) -> Tensor:
-    """(..., P) whether descent would lead a coordinate out of its range."""
+def limits(coordinates: Tensor, model: str) -> tuple[Tensor, Tensor]:
+    """(P,) least and largest value of each coordinate."""
     low, high = coordinates.new_tensor([facts.range for facts in _facts(model_named(model))]).T
-    out: Tensor = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    return out
+    return low, high
 
 
 def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:

@@ -1,4 +1,4 @@
-"""Gauss-Newton descent on the texels of a stack (methods.py says what for).
+"""Descent on the texels of a stack (methods.py says what for).
 
 A round draws pixels, pairs and estimates of the reference anew (pixel_samples.py) and takes a few steps on them. Each
 texel is divided by a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each
@@ -22,33 +22,33 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.judging.held_out import HeldOut
-from mipbake.judging.lit_renders import display_slope, displayed
-from mipbake.judging.scores import spoken_snr
-from mipbake.judging.weights import DESCENT
+from mipbake.judging.judge import Asked, Judge
+from mipbake.judging.lit_renders import display_slope, displayed, pixel_slope
+from mipbake.judging.scores import Errors, Scores, spoken_snr
+from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.gauss_newton import System, signs
 from mipbake.prefilter.search.lit_samples import LitBatch, lit_pixels
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
 from mipbake.prefilter.search.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
-from mipbake.prefilter.search.texel_coordinates import Crop, at_limits, per_coordinate, units, without_heights
+from mipbake.prefilter.search.texel_coordinates import Crop, limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image, Problem, Region
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
 CHECK = 5
-"""Rounds between two looks at held-out pairs."""
+"""Rounds between two looks at what the stack is worth."""
 
 _LIT_PIXELS = 1024  # pixels of a level and round, at least
-_CONVERGED_DB = 0.02  # gain between two looks from which a level counts as moving
+_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 _COMMON, _COMMON_PIXELS = 4, 2048  # times as many common pairs, at most; where pixels are more than this, fewer
 _LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
 _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
 _RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
-_DAMPING, _ABSOLUTE = 0.02, 1e-3  # Levenberg-Marquardt: of a texel's own curvature, and of the level's mean
-_TEXELS = 2048  # texels whose equations are solved at a time: they stay in the cache
+_DAMPING = 0.02  # in units of a texel's own curvature
 _STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 
@@ -67,10 +67,19 @@ class Descent:
         moving: whether the texels of each level may move.
         budget: effort on a region.
         trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
+        judged_by: what errors count.
     """
 
-    def __init__(self, problem: Problem, moving: Sequence[bool], budget: Budget, trust: float = 0.0) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        moving: Sequence[bool],
+        budget: Budget,
+        trust: float = 0.0,
+        judged_by: Weights = WEIGHTS,
+    ) -> None:
         self.problem, self.moving, self.budget, self.trust = problem, moving, budget, trust
+        self.judged_by = judged_by
         self.lobes = Lobes.under(problem)
 
 
@@ -82,12 +91,12 @@ def descend(
     deadline: float = math.inf,
     progress: Progress = lambda _: None,
 ) -> int:
-    """Optimises the texels of a block and writes the best that held-out pixels of the block saw into `levels`.
+    """Optimises the texels of a block, until looks at other renders of it see no gain.
 
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the block.
         deadline: time.monotonic() after which no round begins.
-        progress: where it takes notes, it is told the SNR on held-out pairs at each look.
+        progress: where it takes notes, it is told the SNR at each look.
 
     Returns:
         The rounds that were worked.
@@ -98,13 +107,14 @@ def descend(
     free = {i: crop for i, crop in crops.items() if crop.free}
     for crop in free.values():
         crop.move(crop.coordinates)
-    held_out = HeldOut(problem, block, budget.held_out, [int(rng.integers(1 << 31))])
-    weights = PairWeights(held_out, lobes[-1].levels[-1][0, 0], held_out.typical(levels))
+    scores = _looks(problem, block, budget, int(rng.integers(1 << 31)))
+    errors = scores.stack_errors(levels)
+    judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
+    weights = PairWeights(scores, judge, lobes[-1].levels[-1][0, 0])
+    weights.update(errors)
     states = {i: _State() for i in free}
-    best = {i: levels[i][crop.window].copy() for i, crop in free.items()}
-    last = weights.update(levels)
-    least, still, began = last.mean(), 0, time.monotonic()
-    done, asked_lit = 0, dict[int, float]()
+    last = _values(judge, errors)
+    done, still, began = 0, 0, time.monotonic()
     seed = int(rng.integers(1 << 31))
 
     def draw(turn: int) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
@@ -119,7 +129,7 @@ def descend(
             more = done + 1 < budget.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
             round_ = _Drawn.of(crops, renders, weights, lit)
-            _round(problem.target, free, states, round_, asked_lit, budget.steps, done, descent.trust, rng)
+            _round(problem.target, free, states, round_, budget.steps, done, descent.trust, rng)
             del round_
             del renders, lit
             done += 1
@@ -133,26 +143,35 @@ def descend(
                 mean = states[i].mean
                 assert mean is not None
                 levels[i][crop.window] = crop.values(mean)
-            now = weights.update(levels)
-            say(progress, spoken_snr(-10 / math.log(10) * now.mean(1)))
-            gains = _per_level(last - now, block, held_out.lods)
+            errors = scores.stack_errors(levels)
+            weights.update(errors)
+            now = _values(judge, errors)
+            say(progress, spoken_snr(np.mean([each.score.decibels for each in errors], 0)))
+            gains = _per_level(last - now, block, scores.lods)
             last = now
-            if now.mean() < least:
-                least, best = now.mean(), {i: levels[i][crop.window].copy() for i, crop in free.items()}
-            still = still + 1 if (gains < _CONVERGED_DB).all() else 0
+            still = still + 1 if (gains < _CONVERGED).all() else 0
             if still == 2 or late:
                 if drawn is not None:
                     drawn.cancel()
                 break
-    for i, crop in free.items():
-        levels[i][crop.window] = best[i]
     return done
 
 
+def _looks(problem: Problem, block: Region, budget: Budget, seed: int) -> Scores:
+    """Renders of a block, at the levels of detail of its levels and half a level further."""
+    lods = [level + half for level in block.levels for half in (0.0, 0.5) if level + half <= problem.last]
+    return Scores(problem, budget.looks, [seed], lods, block)
+
+
+def _values(judge: Judge, errors: Sequence[Errors]) -> NDArray[np.float64]:
+    """(M,) what a stack is worth at each level of detail."""
+    return np.array([judge.value(each.score, index) for index, each in enumerate(errors)])
+
+
 def _per_level(gains: NDArray[np.float64], block: Region, lods: Sequence[float]) -> NDArray[np.float64]:
-    """(levels,) decibels of (S, M) logarithms: means over pair sets and the levels of detail within 1/2."""
+    """(levels,) means of (M,) nepers over the levels of detail within 1/2."""
     near = [np.abs(np.array(lods) - level) <= 0.5 for level in block.levels]
-    return 10 / math.log(10) * np.array([gains[:, each].mean() for each in near])
+    return np.array([gains[each].mean() for each in near])
 
 
 def _draw(
@@ -174,7 +193,7 @@ def _draw(
             batches = own_pairs(problem, lobes, level, uv, budget.pairs, turn, rng)
         else:
             times = max(1, min(_COMMON, _COMMON_PIXELS // len(uv)))
-            batches = common_pairs(problem, weights.pairs, level, uv, times * budget.pairs, rng)
+            batches = common_pairs(problem, weights.pairs(level), level, uv, times * budget.pairs, rng)
         for batch in batches:
             if any(index in free for index, _ in batch.seen):
                 out.append((replace(batch, pixels=len(uv)), targets(problem, batch, budget.samples, rng)))
@@ -189,11 +208,12 @@ class _Drawn:
 
     Args:
         renders: batches, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        lit: batches under the studio's lights. lookups: of all pixels, renders first.
+        lit: batches under the studio's lights, and what a neper of their error counts.
+        lookups: of all pixels, renders first.
     """
 
     renders: list[tuple[Batch, Image, Image]]
-    lit: list[LitBatch]
+    lit: list[tuple[LitBatch, float]]
     lookups: Lookups
 
     @classmethod
@@ -205,7 +225,8 @@ class _Drawn:
         lit: list[LitBatch],
     ) -> _Drawn:
         weighed = [(batch, target, (weights.of(batch) / batch.pixels).numpy()) for batch, target in renders]
-        return cls(weighed, lit, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
+        counted = [(batch, weights.lit(batch.level)) for batch in lit]
+        return cls(weighed, counted, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
 
 
 def _round(
@@ -213,7 +234,6 @@ def _round(
     free: dict[int, Crop],
     states: dict[int, _State],
     drawn: _Drawn,
-    asked_lit: dict[int, float],
     steps: int,
     turn: int,
     trust: float,
@@ -221,18 +241,19 @@ def _round(
 ) -> None:
     """One round on its batches: curvature where the texels are, then steps."""
     texels = drawn.lookups.texels()
-    lit_weights = _lit_weights(drawn.lit, texels[len(drawn.renders) :], asked_lit, model)
+    lit_weights = _lit_weights(drawn.lit, texels[len(drawn.renders) :], model)
     curvature = _curvature(model, free, drawn, texels, lit_weights, turn, rng)
     for i, state in states.items():
         if state.held is None and trust:
             state.held, state.mean = _MEMORY * trust * curvature[i], free[i].coordinates
-    systems = {i: _System(crop, curvature[i], states[i].held) for i, crop in free.items()}
+    systems = {i: _system(crop, curvature[i], states[i].held) for i, crop in free.items()}
     for step in range(steps):
         rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels, lit_weights)
         for i, crop in free.items():
             by_texel = drawn.lookups.scattered(i, rows)
             if by_texel is not None:
-                crop.move(systems[i].stepped(crop.coordinates, crop.gradient(by_texel)))
+                flat = crop.coordinates.flatten(0, 1), crop.gradient(by_texel).flatten(0, 1)
+                crop.move(systems[i].stepped(*flat).reshape(crop.coordinates.shape))
     age = turn + trust
     memory = 1 - 1 / min(1 + _MEMORY * age, _MOST_MEMORY)
     for i, state in states.items():
@@ -252,28 +273,21 @@ def _gradients(
         off -= target
         off *= weight[..., None]
         rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
-    for lit, seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
-        radiance = lit.radiance(seen, model)
+    for (lit, _), seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
+        radiance = lit.pixels.radiance(seen, model)
         off = (displayed(radiance) - lit.target) * display_slope(radiance)
-        rows.append(lit.adjoint(seen, model, np.float32(lit_weights[lit.level]) * off))
+        rows.append(lit.pixels.adjoint(seen, model, np.float32(lit_weights[lit.level]) * off))
     return rows
 
 
-def _lit_weights(
-    lit: Sequence[LitBatch], texels: Sequence[Image], asked: dict[int, float], model: str
-) -> dict[int, float]:
-    """What the squared error of a lit pixel counts at each level; the first round's are asked for later on."""
-    sums: dict[int, list[float]] = {}
-    for batch, seen in zip(lit, texels, strict=True):
-        square = np.square(displayed(batch.radiance(seen, model)) - batch.target).sum()
-        each = sums.setdefault(batch.level, [0.0, 0.0])
-        each[0], each[1] = each[0] + float(square), each[1] + batch.target.size
-    out = {}
-    for level, (total, count) in sums.items():
-        error = max(total / count, 1e-7)
-        behind = error > DESCENT.lit_slack * asked.setdefault(level, error)
-        out[level] = (DESCENT.lit + DESCENT.lit_behind * behind) / (error * count)
-    return out
+def _lit_weights(lit: Sequence[tuple[LitBatch, float]], texels: Sequence[Image], model: str) -> dict[int, float]:
+    """What the squared error of a value of a lit pixel counts at each level."""
+    sums: dict[int, tuple[float, int, float]] = {}
+    for (batch, counts), seen in zip(lit, texels, strict=True):
+        square = np.square(displayed(batch.pixels.radiance(seen, model)) - batch.target).sum()
+        total, size, _ = sums.get(batch.level, (0.0, 0, 0.0))
+        sums[batch.level] = total + float(square), size + batch.target.size, counts
+    return {level: counts * pixel_slope(total / size) / size for level, (total, size, counts) in sums.items()}
 
 
 def _curvature(
@@ -294,15 +308,15 @@ def _curvature(
     some = slice(turn % stride, None, stride)
     packed = []
     for (batch, _, weight), seen in zip(drawn.renders, texels, strict=False):
-        signs = _signs((len(weight[some]), *weight.shape[1:], 3), rng)
-        signs *= np.sqrt(stride * weight[some])[..., None]
+        turned = signs((len(weight[some]), *weight.shape[1:], 3), rng)
+        turned *= np.sqrt(stride * weight[some])[..., None]
         light, view = (d.numpy()[some, None] for d in (batch.light, batch.view))
-        by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(signs), *seen.shape)), light, view, signs)
+        by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
         packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
-    for lit, seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
-        signs = _signs((len(seen), 3), rng) * display_slope(lit.radiance(seen, model))
-        by_pixel = lit.adjoint(seen, model, np.float32(math.sqrt(lit_weights[lit.level])) * signs)
+    for (lit, _), seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
+        turned = signs((len(seen), 3), rng) * display_slope(lit.pixels.radiance(seen, model))
+        by_pixel = lit.pixels.adjoint(seen, model, np.float32(math.sqrt(lit_weights[lit.level])) * turned)
         rows = without_heights(torch.from_numpy(by_pixel), torch.from_numpy(seen), model)
         packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
@@ -326,54 +340,9 @@ def _packed(grams: Tensor) -> Image:
     return np.asarray(grams[:, upper[0], upper[1]].numpy())
 
 
-def _signs(shape: tuple[int, ...], rng: np.random.Generator) -> Image:
-    return np.asarray(2 * rng.integers(0, 2, shape, np.int8) - 1, np.float32)
-
-
-class _System:
-    """The equations of a round for the texels of a level: what a gradient is divided by, what holds texels in place.
-
-    Args:
-        own, held: (h, w, P, P) curvature of this round and of past ones.
-    """
-
-    def __init__(self, crop: Crop, own: Tensor, held: Tensor | None) -> None:
-        self._model, self._start = crop.model, crop.coordinates.flatten(0, 1)
-        self._own, self._held = own.flatten(0, 1), None if held is None else held.flatten(0, 1)
-        self._unit = units(self._start, self._model)
-        diagonal = self._own.diagonal(dim1=-2, dim2=-1)
-        if self._held is not None:
-            diagonal = diagonal + self._held.diagonal(dim1=-2, dim2=-1)
-        self._least = _ABSOLUTE * (diagonal * self._unit.square()).mean(0) + 1e-12
-        self._factors: list[tuple[Tensor, Tensor]] = []
-
-    def stepped(self, here: Tensor, gradient: Tensor) -> Tensor:
-        """(h, w, P) coordinates a step from `here`, none of them farther than a unit.
-
-        A coordinate at a limit that the first step would lead it out of stays where it is for all of the round.
-        """
-        flat, slopes = here.flatten(0, 1), gradient.flatten(0, 1)
-        out = torch.empty_like(flat)
-        first = not self._factors
-        for index, begin in enumerate(range(0, len(flat), _TEXELS)):
-            some = slice(begin, begin + _TEXELS)
-            unit, pull = self._unit[some], slopes[some]
-            if first:
-                self._factors.append(self._factor(some, at_limits(flat[some], pull, self._model)))
-            elif self._held is not None:
-                pull = pull + (self._held[some] @ (flat[some] - self._start[some])[..., None])[..., 0]
-            factor, free = self._factors[index]
-            step = torch.cholesky_solve((pull * unit * free)[..., None], factor)[..., 0].nan_to_num(0, 0, 0)
-            out[some] = flat[some] - unit * step / step.abs().amax(-1, keepdim=True).clamp(min=1)
-        return out.reshape(here.shape)
-
-    def _factor(self, some: slice, fixed: Tensor) -> tuple[Tensor, Tensor]:
-        """The Cholesky factors of some texels in units, and 1 for the coordinates that are free in them, else 0."""
-        free = 1 - fixed.to(self._unit.dtype)
-        matrix = self._own[some] if self._held is None else self._own[some] + self._held[some]
-        scale = self._unit[some] * free
-        matrix = matrix * scale[..., :, None] * scale[..., None, :]
-        diagonal = matrix.diagonal(dim1=-2, dim2=-1)
-        diagonal += _DAMPING * diagonal + self._least * free + (1 - free)
-        factor, _ = torch.linalg.cholesky_ex(matrix)
-        return factor, free
+def _system(crop: Crop, own: Tensor, held: Tensor | None) -> System:
+    """The equations of the texels of a crop, of (h, w, P, P) curvatures."""
+    start = crop.coordinates.flatten(0, 1)
+    before = None if held is None else held.flatten(0, 1)
+    unit, ends = units(start, crop.model), limits(start, crop.model)
+    return System(start, own.flatten(0, 1), before, unit, ends, _DAMPING)

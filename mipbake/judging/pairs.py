@@ -1,4 +1,4 @@
-"""Pairs drawn where renders are bright: what rules the figure of a set of pairs that holds one of them.
+"""Pairs that stacks are judged by: groups like the sets of figures, and pairs where renders are bright.
 
 The figure of 64 pairs hangs on how they fall. Means over sets see what most of them see; a stack that is better there
 may be worse by decibels on a set with a view that grazes, since radiance near the mirror grows like 1 / cos and one
@@ -21,12 +21,21 @@ from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, PAIR_SETS, LightViewPairs,
 
 Array = NDArray[np.float64]
 
+SET_SIZE = 64
+"""Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set), and of a group."""
+
+KINDS = 2
+"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
+
 _GRAZING = 0.03, 0.1  # cosines of views
 _TIGHT = 0.03  # spread of the lights closest to the mirror direction
 
 
-KINDS = 2
-"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
+def draw_pairs(rng: np.random.Generator, each: int) -> LightViewPairs:
+    """`each` random pairs drawn like every pair set in turn."""
+    views = [cosine_directions(rng, each) for _ in PAIR_SETS]
+    lights = [draw(rng, view) for draw, view in zip(PAIR_SETS.values(), views, strict=True)]
+    return LightViewPairs(np.concatenate(lights).astype(np.float32), np.concatenate(views).astype(np.float32))
 
 
 def draw_pool(rng: np.random.Generator, each: int, kind: int) -> tuple[LightViewPairs, Array]:

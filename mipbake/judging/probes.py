@@ -1,0 +1,170 @@
+"""Renders of the reference that stacks are judged by: at many points, under many pairs, and under a studio's lights.
+
+The SNR of a set of pairs varies by decibels from set to set, and on glossy sets from points to points. So each level of
+detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
+Means over groups average both kinds of chance, and their scatter says what is left of it.
+
+A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
+those. So further groups hold such pairs alone (pairs.py).
+
+SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped: dim
+renders and casts of colour count there. So every level of detail is also measured under a studio's lights, on surfaces
+turned every way to the viewer, as a display shows them (lit_renders.py).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.judging.lit_renders import displayed, lit_reference, placed, room
+from mipbake.judging.pairs import KINDS, SET_SIZE, draw_pairs, draw_pool
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.reference.estimate import estimate
+from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.problem import Image, Problem, Region, region_points
+from mipbake.reference.samples import Pixels
+from mipbake.render.environment import Lighting
+
+Array = NDArray[np.float64]
+
+_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
+_NOISY = 0.03  # noise energy over the signal's at which samples are doubled
+_FINE = 2.0  # level of detail below which stacks come so near the reference that its noise counts: twice the samples
+_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
+_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is rendered at each level of detail.
+
+    Args:
+        groups: of pairs, and a part as many of bright pairs; levels of few texels have more.
+        points: in each, at most.
+        samples: of the reference at each point, twice; more where there are fewer points.
+        lit_points, lit_samples: under the studio's lights.
+        doublings: how often samples are doubled, at most, where the reference stays noisy.
+    """
+
+    groups: int = 32
+    points: int = 64
+    samples: int = 8
+    lit_points: int = 1024
+    lit_samples: int = 16
+    doublings: int = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """One level of detail: where it is measured, and what is right there.
+
+    Args:
+        lod: level of detail; `levels` that a lookup reads, one or two.
+        groups: of pair sets; those after them hold pairs drawn where renders are bright.
+        uv: (G, P, 2). light, view: (G, K, 3), K = S * 64.
+        weights: (S, G, 64) of the pairs of a group, one pair set after the other, in the mean over the pair set.
+        mean: (G, K, P, 3) mean of two estimates of the reference. noise: (G, K) what their difference says of it.
+        signal: (G, K) mean square of what is right.
+    """
+
+    lod: float
+    groups: int
+    uv: Array
+    light: Image
+    view: Image
+    weights: Array
+    mean: Image
+    noise: Array
+    signal: Array
+    lit_uv: Array
+    frame: Image
+    lit_view: Image
+    displayed: Image
+
+    @property
+    def levels(self) -> tuple[int, ...]:
+        """What a lookup reads."""
+        low = int(self.lod)
+        return (low,) if self.lod == low else (low, low + 1)
+
+    def energies(self, squares: Array) -> Array:
+        """(S, G) means over the pairs of each group and pair set, of (G, K) mean squares of pairs."""
+        return weighed(squares, self.weights)
+
+
+def probe(
+    problem: Problem, region: Region, lod: float, effort: Effort, lighting: Lighting, rng: np.random.Generator
+) -> Probe:
+    """Renders of a level of detail, in a region."""
+    groups = effort.groups
+    height, width = problem.sizes[int(lod)]
+    # The reference hardly varies over levels of few texels, and takes many samples there: few points, known well.
+    # What chance is in are the pairs.
+    points = max(1, min(effort.points, math.isqrt(height * width)))
+    samples = effort.samples * max(1, effort.points // points)
+    if lod < _FINE:
+        samples *= 2
+    if max(height, width) <= _FEW:
+        groups *= _MORE_GROUPS
+    light, view, weights = _drawn(groups, rng)
+    every = len(light)
+    spread = region_points(problem, region, 0, every * points, rng)
+    uv = rng.permutation(np.resize(spread, (every * points, 2))).reshape(every, points, 2)
+    mean, noise = _estimated_twice(problem, uv, lod, light, view, samples, rng)
+    for _ in range(effort.doublings):
+        chance, right = (weighed(each, weights)[:, :groups].sum(1) for each in (noise, mean_squares(mean) - noise))
+        if (chance < _NOISY * right).all():
+            break
+        again, of_again = _estimated_twice(problem, uv, lod, light, view, samples, rng)
+        mean += again
+        mean *= np.float32(0.5)
+        # Two means of as many samples: errors that know nothing of each other.
+        noise = (noise + of_again) / 4
+        samples *= 2
+    lit = min(effort.lit_points, max(16 * height * width, 64))
+    lit_uv = np.resize(region_points(problem, region, 0, lit, rng), (lit, 2))
+    frame, lit_view = placed(rng, lit)
+    many = effort.lit_samples * max(1, effort.lit_points // lit)
+    # Pixels that are smaller than the texels of level 0 look level 0 up as well.
+    seen = lod - _MAGNIFIED * rng.random(lit) if lod == 0 else lod
+    shown = displayed(lit_reference(problem, room(lighting, frame, lit_view), lit_uv, seen, many, rng))
+    signal = mean_squares(mean) - noise
+    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, lit_uv, frame, lit_view, shown)
+
+
+def weighed(squares: Array, weights: Array) -> Array:
+    """(S, G) means of (G, S * 64) squares under (S, G, 64) weights."""
+    return np.asarray(np.einsum("sgk,gsk->sg", weights, squares.reshape(len(squares), len(weights), -1)))
+
+
+def _drawn(groups: int, rng: np.random.Generator) -> tuple[Image, Image, Array]:
+    """Lights and views (G, K, 3) of groups, those of bright pairs last, and their weights (S, G, 64)."""
+    pooled = KINDS * max(2, math.ceil(_POOLED * groups))
+    drawn = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
+    weights = np.full((len(PAIR_SETS), groups + pooled, SET_SIZE), 1 / SET_SIZE)
+    for index in range(pooled):
+        pairs, weights[:, groups + index] = draw_pool(rng, SET_SIZE, index * KINDS // pooled)
+        drawn.append(pairs)
+    light, view = (np.stack([getattr(each, name) for each in drawn]) for name in ("light", "view"))
+    return light, view, weights
+
+
+def _estimated_twice(
+    problem: Problem, uv: Array, lod: float, light: Image, view: Image, samples: int, rng: np.random.Generator
+) -> tuple[Image, Array]:
+    """The mean of two estimates of the reference (G, K, P, 3), and the mean square (G, K) of its noise."""
+    where, lighting = Pixels(uv, lod), GroupPairs(light, view)
+    first, second = (estimate(problem.filtered, where, lighting, samples, rng) for _ in range(2))
+    noise = mean_squares((first - second) / np.float32(2))
+    first += second
+    return np.multiply(first, np.float32(0.5), out=first), noise
+
+
+def mean_squares(radiance: Image) -> Array:
+    """(G, K) mean squares over points and colours, of (G, K, P, 3)."""
+    rows = radiance.reshape(*radiance.shape[:2], -1)
+    return np.asarray(np.einsum("gkx,gkx->gk", rows, rows).astype(np.float64) / rows.shape[2])

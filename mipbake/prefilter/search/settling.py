@@ -1,0 +1,59 @@
+"""How much of a change is kept, level by level: what renders that nothing was fitted to confirm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mipbake import material
+from mipbake.judging.judge import Judge
+from mipbake.judging.scores import Score, Scores, between_levels
+from mipbake.reference.problem import Image
+
+SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Shares of a level's change that may be kept."""
+
+Texels = Callable[[int, int, float], Image]
+"""The (N, C) lookups at a probe, by its index, of a level of which a share is kept."""
+
+
+def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[float]:
+    """Shares of levels, so that nothing is behind what is asked for beyond chance; 1 where nothing speaks against it.
+
+    Args:
+        judge: of the levels of detail of `check`, which are all in steps of 1/2.
+    """
+    shares = [1.0] * levels
+
+    def score(index: int) -> Score:
+        seen = [texels(index, level, shares[level]) for level in check.probes[index].levels]
+        return check.of(between_levels(seen), index)
+
+    now = [score(index) for index in range(len(check.probes))]
+    for _ in range(2):
+        lost = [judge.behind(each, index).max() for index, each in enumerate(now)]
+        for index in sorted(range(len(now)), key=lambda each: -lost[each]):
+            if judge.satisfied(now[index], index):
+                continue
+            for level in check.probes[index].levels:
+                near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
+                tried = {}
+                for share in SHARES:
+                    shares[level] = share
+                    tried[share] = [score(i) for i in near]
+                totals = {
+                    share: sum(judge.value(each, i) for each, i in zip(found, near, strict=True))
+                    for share, found in tried.items()
+                }
+                shares[level] = min(totals, key=lambda share: totals[share])
+                for i, found in zip(near, tried[shares[level]], strict=True):
+                    now[i] = found
+    return shares
+
+
+def between(first: Image, second: Image, share: float, model: str) -> Image:
+    """first + share (second - first), made valid; exact at both ends."""
+    if share in (0.0, 1.0):
+        return second if share else first
+    return material.regularise(first + np.float32(share) * (second - first), model)

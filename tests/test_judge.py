@@ -1,0 +1,116 @@
+"""What a stack is worth: the one answer to which of two is better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mipbake.judging.judge import GROUPS, Asked, Judge
+from mipbake.judging.probes import Effort
+from mipbake.judging.scores import Errors, Score, Scores
+from mipbake.judging.weights import LIT, TERMS, WEIGHTS, Weight, Weights
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.reference.problem import Problem
+
+SETS, GROUP_COUNT, POOLED = len(PAIR_SETS), 12, 5
+
+
+def score_of(seed: int, shift: float = 0.0) -> Score:
+    rng = np.random.default_rng(seed)
+    return Score(
+        rng.normal(-3 + shift, 0.3, (SETS, GROUP_COUNT)), rng.normal(-2 + shift, 0.3, (2 * SETS, POOLED)), -4.0 + shift
+    )
+
+
+def judge_of(score: Score, plain: bool = True) -> Judge:
+    return Judge([Asked(score.rows, score.lit, score.log_errors if plain else None)])
+
+
+def test_every_term_has_a_weight_and_no_other_name_is_taken() -> None:
+    with pytest.raises(AssertionError, match="expected the names near-mirror"):
+        Weights({"near-mirror": Weight(1, 1)}, 0.0)
+    assert tuple(WEIGHTS.terms) == TERMS
+    with pytest.raises(AttributeError):
+        WEIGHTS.tie = 1.0  # type: ignore[misc]
+
+
+def test_what_each_term_adds_is_what_a_stack_is_worth() -> None:
+    judge, score = judge_of(score_of(0)), score_of(1, 0.2)
+    terms = judge.terms(score, 0)
+    assert tuple(terms) == (*TERMS, GROUPS)
+    assert sum(each.value for each in terms.values()) == pytest.approx(judge.value(score, 0), rel=1e-12)
+    assert terms[LIT].log == score.lit and terms[LIT].behind == pytest.approx(0.2 - WEIGHTS.lit_tie)
+
+
+def test_what_is_worse_everywhere_is_worth_less() -> None:
+    judge = judge_of(score_of(0))
+    values = [judge.value(score_of(0, shift), 0) for shift in (-0.5, -0.1, 0.0, 0.1, 0.5)]
+    assert values == sorted(values)
+    assert values[4] - values[2] > 3 * (values[2] - values[0])  # what is behind counts in addition
+    assert judge.satisfied(score_of(0), 0) and not judge.satisfied(score_of(0, 0.1), 0)
+
+
+def test_a_gain_elsewhere_does_not_pay_for_what_falls_behind() -> None:
+    asked = score_of(0)
+    shifted = asked.log_errors + np.array([[0.4], [-0.4]])
+    assert judge_of(asked).value(replace(asked, log_errors=shifted), 0) > judge_of(asked).value(asked, 0)
+
+
+def test_chance_is_no_reason_to_be_behind() -> None:
+    """Half a standard error of the difference is allowed, and not of the rows, which go together."""
+    asked = score_of(0)
+    rng = np.random.default_rng(2)
+    scattered = rng.permutation(np.linspace(-1, 1, GROUP_COUNT)) + 0.1
+    by_chance = replace(asked, log_errors=asked.log_errors + scattered)
+    steadily = replace(asked, log_errors=asked.log_errors + 0.1)
+    judge = judge_of(asked, plain=False)
+    assert judge.behind(by_chance, 0)[0] < 0 < judge.behind(steadily, 0)[0]
+
+
+def test_slopes_are_derivatives_of_the_value() -> None:
+    judge, score = judge_of(score_of(0)), score_of(3, 0.2)
+    slopes = judge.slopes(score, 0)
+    step = 1e-4
+    for row in range(SETS):
+        for group in (0, 7):
+            ahead, back = (score.log_errors.copy() for _ in range(2))
+            ahead[row, group] += step
+            back[row, group] -= step
+            found = [judge.value(replace(score, log_errors=each), 0) for each in (ahead, back)]
+            expected = slopes.terms[row] / GROUP_COUNT + slopes.groups[row, group]
+            # Chance, taken to be where the score is, changes the value by at most its share of a group.
+            assert (found[0] - found[1]) / (2 * step) == pytest.approx(
+                expected, abs=WEIGHTS.chance * WEIGHTS.behind[row] / GROUP_COUNT
+            )
+    lit = [judge.value(replace(score, lit=score.lit + turn * step), 0) for turn in (1, -1)]
+    assert (lit[0] - lit[1]) / (2 * step) == pytest.approx(slopes.terms[-1], rel=1e-6)
+
+
+def test_slopes_by_energies_are_derivatives_of_the_score() -> None:
+    stored = np.random.default_rng(0).uniform(0.2, 0.8, (16, 16, 8)).astype(np.float32)
+    stored[..., 5:] = [0, 0, 1]
+    effort = Effort(groups=4, points=16, samples=16, lit_points=16, lit_samples=4)
+    scores = Scores(Problem(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap")), effort, 0, [1.0])
+    flat = np.broadcast_to(stored.mean((0, 1)), (8, 8, 8)).astype(np.float32)
+    errors = scores.errors(scores.looked_up(flat, 0), 0)
+    rng = np.random.default_rng(1)
+    by_log, by_pooled = rng.normal(size=errors.score.log_errors.shape), rng.normal(size=2 * SETS)
+
+    def hangs_on(squares: np.ndarray) -> float:
+        score = Errors(errors.probe, squares, errors.lit).score
+        return float((by_log * score.log_errors).sum() + by_pooled @ score.pooled.mean(1))
+
+    along = errors.squares * rng.normal(size=errors.squares.shape)
+    step = 1e-5
+    found = (hangs_on(errors.squares + step * along) - hangs_on(errors.squares - step * along)) / (2 * step)
+    by_energy = errors.slopes(by_log, by_pooled)
+    # Means of pseudo-values differ from the logarithm of the whole by what the jackknife corrects.
+    own = slice(0, errors.probe.groups)
+    expected = (by_energy * errors.probe.energies(along)).sum()
+    assert found == pytest.approx(expected, rel=0.3)
+    only = by_energy[:, own] * errors.probe.energies(along)[:, own]
+    by_pooled[:] = 0
+    found = (hangs_on(errors.squares + step * along) - hangs_on(errors.squares - step * along)) / (2 * step)
+    assert found == pytest.approx(only.sum(), rel=1e-4)
