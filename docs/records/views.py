@@ -177,6 +177,6 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "results-whole/table": results_table,
     "results-whole/words": lambda records: wrapped(results_words(records)),
     "engines-three/summary": lambda records: wrapped(in_three(records)),
-    **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith("timing-")},
+    **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }
 """Name of a block to what makes its text. The part before the slash is the record that it is about."""

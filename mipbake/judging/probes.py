@@ -142,7 +142,7 @@ def weighed(squares: Array, weights: Array) -> Array:
 
 
 def _drawn(groups: int, rng: np.random.Generator) -> tuple[Image, Image, Array]:
-    """Lights and views (G, K, 3) of groups, those of bright pairs last, and their weights (S, G, 64)."""
+    """Lights and views (G, K, 3) of groups, bright pairs last, and what pairs weigh (S, G, 64)."""
     pooled = KINDS * max(2, math.ceil(_POOLED * groups))
     drawn = [draw_pairs(rng, SET_SIZE) for _ in range(groups)]
     weights = np.full((len(PAIR_SETS), groups + pooled, SET_SIZE), 1 / SET_SIZE)
