@@ -88,5 +88,5 @@ WEIGHTS = Weights(
     group_behind=6.0,
 )
 """What everybody counts who asks which of two stacks is better. Terms of pairs count alike, and what falls behind where
-one bright pair rules a set of pairs counts most. benchmarks/RESULTS-weights.md has the measurement that set each weight:
-what `auto` gains and loses where the weight is halved or doubled."""
+one bright pair rules a set of pairs counts most. benchmarks/RESULTS-weights.md has the measurement that set each
+weight: what `auto` gains and loses where the weight is halved or doubled."""
