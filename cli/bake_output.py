@@ -14,12 +14,13 @@ from mipbake.baking.results import DEFECT, Result
 from mipbake.cli.session import Session, failed, stages
 from mipbake.cli.tables import description, remarks_of
 from mipbake.compare.costs import Cost
+from mipbake.content import Provenance
 from mipbake.glb import output
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
 from mipbake.packing import Normals
 from mipbake.presets import Preset
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 

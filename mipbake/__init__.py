@@ -8,9 +8,8 @@ import pkgutil
 # a checkout, this folder shadows the installed package; extending the path finds those rooms there all the same.
 __path__ = pkgutil.extend_path(__path__, __name__)
 
-__version__ = "0.1.0"
-
 # These modules import NumPy and nothing heavier: readers, colour science and torch are imported where they are used.
+from mipbake._version import __version__ as __version__
 from mipbake.bake import bake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
 from mipbake.compare.checking import Check

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mipbake import __version__
+from mipbake._version import __version__
+from mipbake.content import Provenance
 from mipbake.errors import UsageError
 from mipbake.io.layout import channels_of
 from mipbake.material import GLTF_MODELS, MODELS
@@ -15,7 +16,7 @@ from mipbake.packing import source_files
 from mipbake.pixel_filter import filter_named, filtered_levels
 from mipbake.prefilter import method_named
 from mipbake.prefilter.base import say
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 DEFAULT_METHOD = "auto"

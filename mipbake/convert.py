@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import __version__, material
+from mipbake import material
+from mipbake._version import __version__
 from mipbake.bake import bake
 from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mipbake import __version__
+from mipbake._version import __version__
+from mipbake.content import Content
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.glb_plain import averaged_files
 from mipbake.io import ktx2
@@ -30,9 +31,8 @@ from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
 from mipbake.io.publish import check_target, replaced_file
 from mipbake.material import GLTF_MODELS
-from mipbake.output import GLB, GLB_TEXELS, Output
+from mipbake.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.packing import Normals
-from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 SIDE = 4
@@ -72,7 +72,7 @@ class Encoded:
 
 
 def encoded(
-    stack: MipStack,
+    stack: Content,
     slots: Sequence[str] | None = None,
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
@@ -109,7 +109,7 @@ def encoded(
 
     wanted = {
         slot: ranges.stored(file)
-        for file in stack.files(_OUTPUT, levels)
+        for file in planned(_OUTPUT, stack, levels)
         if (slot := _slots(lobe).get(file.layout.name)) is not None
         and (slots is None or slot in slots)
         and file.container.texels == GLB_TEXELS[0]
@@ -123,7 +123,7 @@ def encoded(
     return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
 
 
-def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
+def _left_out(stack: Content, files: Sequence[MapFile]) -> tuple[str, ...]:
     """What is said of maps that no texture holds. Carried channels are named when they are read."""
     held = {channel.map for file in files for channel in file.layout.channels}
     reasons = {"emissive": "it has values above 1, which its textures of 8 bits do not hold"}
@@ -140,7 +140,7 @@ def output(finer: Sequence[str] = ()) -> Output:
     return replace(_OUTPUT, finer=tuple(finer))
 
 
-def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
+def square(stack: Content, made: Encoded, cutoff: float | None) -> bytes:
     """A GLB of one square with the material of a stack. `cutoff`: what opacity is tested against; None: blended."""
     with_opacity = "opacity" in stack.extra
     mode = "OPAQUE" if not with_opacity else "BLEND" if cutoff is None else "MASK"
@@ -154,7 +154,7 @@ def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
     return standalone(stack.name, made.maps, options, _about(stack, made))
 
 
-def _about(stack: MipStack, made: Encoded) -> dict[str, Any]:
+def _about(stack: Content, made: Encoded) -> dict[str, Any]:
     """How textures were made, and what they give back, for `asset.extras.mipbake`."""
     told: dict[str, Any] = json.loads(stack.about())
     return told if made.measured is None else {**told, "measured": made.measured}
@@ -163,7 +163,7 @@ def _about(stack: MipStack, made: Encoded) -> dict[str, Any]:
 def save_document(
     path: Path,
     document: Document,
-    results: Sequence[tuple[GltfBake, MipStack, Encoded]],
+    results: Sequence[tuple[GltfBake, Content, Encoded]],
     plain: Sequence[PlainTexture] = (),
     levels: int | None = None,
 ) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import __version__
+from mipbake._version import __version__
 from mipbake.fill import fill
 from mipbake.io import ktx2
 from mipbake.io.colour import SRGB, decode, unit_range

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake._srgb import srgb_to_linear
+from mipbake.content import Provenance
 from mipbake.errors import InputError
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
@@ -31,7 +32,7 @@ from mipbake.io.gltf.slots import (
 )
 from mipbake.jobs import Job
 from mipbake.pixel_filter import filter_named
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 Levels = list[NDArray[np.float32]]

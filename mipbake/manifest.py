@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mipbake.content import Content
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.containers import FORMATS
@@ -24,9 +25,6 @@ from mipbake.io.map_files import (
 from mipbake.io.publish import check_target
 from mipbake.material import MODELS
 from mipbake.output import Output
-
-if TYPE_CHECKING:
-    from mipbake.stack import MipStack
 
 SCHEMA_VERSION = 2
 
@@ -129,7 +127,7 @@ def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
     return min(outputs, key=rank)
 
 
-def manifest_of(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
+def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
     """Everything a reader must know to sample the maps."""
     height, width = stack.size
     return {

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from mipbake.content import Content
 from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
-from mipbake.io.layout import ENCODINGS, LAYOUTS, FileLayout, MapLayout, to_file
+from mipbake.io.layout import ENCODINGS, LAYOUTS, FileLayout, to_file
 from mipbake.io.map_files import Levels, MapFile, row_blocks
 from mipbake.io.quantise import fits
 from mipbake.io.tiles import name_without, names_tile
-from mipbake.packing import SEPARATE, SOURCE, Normals, PackedFile, Wrap, pack
+from mipbake.packing import SEPARATE, SOURCE, Normals, pack
 
 
 @dataclass(frozen=True)
@@ -88,31 +89,13 @@ def check_outputs(outputs: Sequence[Output], model: str) -> None:
         raise UsageError(f"{', '.join(formats)}: expected every format once, files would have the same names")
 
 
-@dataclass(frozen=True, eq=False)
-class Content:
-    """What the files of a stack hold.
-
-    Args:
-        name: of the set, for names of files.
-        maps: of the stack, with their levels.
-        source: files of the source, where they are known.
-        wrap: addressing.
-        tile: of UDIM, which every name carries: where the names of the source have it, else at the end; 0 for none.
-    """
-
-    name: str
-    maps: Sequence[tuple[MapLayout, Levels]]
-    source: Sequence[PackedFile]
-    wrap: Wrap
-    tile: int = 0
-
-
 def planned(output: Output, content: Content, levels: int | None = None, beside: bool = False) -> list[MapFile]:
     """The files of an output.
 
     Args:
         output: what is asked for.
-        content: what the files are to hold.
+        content: what the files are to hold. The name of a file carries the UDIM tile where the name in the source has
+            it, else at the end.
         levels: so many of each file; None for all. Containers whose files always hold every level get all.
         beside: whether there are other outputs: then files whose values no texels of the container hold are left to
             them.
@@ -121,8 +104,8 @@ def planned(output: Output, content: Content, levels: int | None = None, beside:
     container has them.
     """
     files = []
-    packing = SEPARATE if output.packing == SOURCE and not content.source else output.packing
-    for packed, chain in pack(content.maps, packing, content.source, output.normals, content.wrap):
+    packing = SEPARATE if output.packing == SOURCE and not content.source_files else output.packing
+    for packed, chain in pack(content.maps(), packing, content.source_files, output.normals, content.wrap):
         named = replace(packed, name=_name(output, content.name, packed, content.tile))
         container = output.container
         if packed.name in output.texels:

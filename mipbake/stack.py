@@ -6,19 +6,19 @@ share a folder, each with a `stack.1001.json` of its own, so that engines find a
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mipbake.content import Content, Provenance
 from mipbake.errors import InputError, UsageError
-from mipbake.io.layout import LAYOUTS, MapLayout, extra_layout, manifest_name
-from mipbake.io.map_files import Levels, MapFile, save_maps, write_files
+from mipbake.glb import Encoded, encoded, square
+from mipbake.io.layout import LAYOUTS, manifest_name
+from mipbake.io.map_files import MapFile, save_maps, write_files
 from mipbake.manifest import (
     best_output,
     check_output,
@@ -29,14 +29,11 @@ from mipbake.manifest import (
     read_manifest,
 )
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.output import GLB, Content, Output, check_outputs, planned
-from mipbake.packing import PackedFile, unpacked
-from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.prefilter.promise import Promise, promise_from
+from mipbake.output import GLB, Output, check_outputs, planned
+from mipbake.packing import unpacked
+from mipbake.pixel_filter import filter_named
+from mipbake.prefilter.promise import promise_from
 from mipbake.presets import preset_named, wanted_outputs
-
-if TYPE_CHECKING:
-    from mipbake.glb import Encoded
 
 
 class Measures(Protocol):
@@ -49,40 +46,8 @@ class Measures(Protocol):
         """The same for the textures of a GLB, decoded."""
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """How a stack was made. It holds no times and no machine, so that the same bake gives the same files.
-
-    Args:
-        method: a name in `mipbake.prefilter.METHODS`.
-        pixel_filter: the pixel filter that the levels are made for.
-        weights, weights_sha256: trained weights and their hash; None for closed forms.
-        budget: time that the method was given to optimise, as it was asked for; None where it set its own.
-        tool_version: version of mipbake.
-        sources: source file name to SHA-256 of its bytes.
-        source_hash: one hash of everything that level 0 was made from.
-        warnings: what a user should know, in sentences.
-        promise: how every level measured beside the best closed form, by methods that measure; None for others.
-        adjustments: what was changed after the bake, in sentences.
-        alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
-    """
-
-    method: str
-    pixel_filter: str
-    weights: str | None = None
-    weights_sha256: str | None = None
-    budget: str | None = None
-    tool_version: str = ""
-    sources: Mapping[str, str] = field(default_factory=dict)
-    source_hash: str = ""
-    warnings: tuple[str, ...] = ()
-    promise: Promise | None = None
-    adjustments: tuple[str, ...] = ()
-    alpha_cutoff: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
-class MipStack:
+class MipStack(Content):
     """A complete MIP stack of one material.
 
     Args:
@@ -101,25 +66,6 @@ class MipStack:
         UsageError: on construction, when model, sizes or channels are not as described, or a value is not finite.
     """
 
-    name: str
-    model: str
-    levels: Levels
-    extra: Mapping[str, Levels]
-    wrap: tuple[str, str]
-    provenance: Provenance
-    source_files: tuple[PackedFile, ...] = ()
-    tile: int = 0
-
-    def __post_init__(self) -> None:
-        """Checks the shapes."""
-        if self.model not in MODELS:
-            raise UsageError(f"unknown material model {self.model!r}: expected one of {', '.join(MODELS)}")
-        _check_chain("the material", self.levels, MODELS[self.model].channels)
-        for role, chain in self.extra.items():
-            if any(layout.name == role for layout in LAYOUTS[self.model]):
-                raise UsageError(f"the map {role} belongs to the model {self.model}: pass it in levels, not in extra")
-            _check_chain(f"the map {role}", chain, None)
-
     def __repr__(self) -> str:
         """A description in one line."""
         height, width = self.size
@@ -128,18 +74,6 @@ class MipStack:
             f"MipStack({self.name!r}, {self.model}, {width} x {height}, {len(self.levels)} levels, by "
             f"{self.provenance.method}{beside})"
         )
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(height, width) of level 0."""
-        height, width = self.levels[0].shape[:2]
-        return height, width
-
-    def maps(self) -> list[tuple[MapLayout, Levels]]:
-        """Every map that is written, with its levels: (H_L, W_L, channels of the map), views where possible."""
-        shading = [(m, [level[..., m.channels] for level in self.levels]) for m in LAYOUTS[self.model]]
-        plain = [(extra_layout(role, chain[0].shape[-1]), list(chain)) for role, chain in self.extra.items()]
-        return shading + plain
 
     def save(
         self,
@@ -185,8 +119,6 @@ class MipStack:
         check_outputs(outputs, self.model)
         check_output(target, self.provenance.sources)
         if wants_glb and glb is None:
-            from mipbake.glb import encoded  # which stands on this module
-
             glb = encoded(replace(self, tile=0), None, levels)
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
         write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
@@ -207,8 +139,6 @@ class MipStack:
 
     def _write_glb(self, folder: Path, glb: Encoded, measured: Measures | None) -> dict[str, Any]:
         """Writes a square with the material, and returns its output for the manifest."""
-        from mipbake.glb import square
-
         told = glb if measured is None else replace(glb, measured=measured.glb(glb))
         name = f"{self.name}.{GLB}"
         (folder / name).write_bytes(square(self, told, self.provenance.alpha_cutoff))
@@ -248,24 +178,7 @@ class MipStack:
 
         `beside` other outputs, files that this one's texels cannot hold are left to them.
         """
-        content = Content(self.name, self.maps(), self.source_files, self.wrap, self.tile)
-        return planned(output, content, levels, beside)
-
-    def about(self) -> str:
-        """How the stack was made, as JSON for the files themselves."""
-        made = self.provenance
-        return json.dumps(
-            {
-                "set": self.name,
-                "model": self.model,
-                "method": made.method,
-                "pixel_filter": made.pixel_filter,
-                "weights": made.weights,
-                "source_hash": made.source_hash,
-                "version": made.tool_version,
-                "wrap": list(self.wrap),
-            }
-        )
+        return planned(output, self, levels, beside)
 
 
 def open_stack(path: str | Path) -> MipStack:
@@ -304,16 +217,3 @@ def _read_provenance(content: Mapping[str, Any]) -> Provenance:
     provenance = Provenance(**{**content, **read})
     filter_named(provenance.pixel_filter)
     return provenance
-
-
-def _check_chain(what: str, chain: Sequence[NDArray[np.float32]], channels: int | None) -> None:
-    if not chain or any(level.ndim != 3 or level.dtype != np.float32 or not level.size for level in chain):
-        raise UsageError(f"{what} is not a chain of levels: expected float32 arrays (height, width, channels)")
-    channels = chain[0].shape[-1] if channels is None else channels
-    expected = [(*size, channels) for size in level_sizes(*chain[0].shape[:2])[: len(chain)]]
-    if [level.shape for level in chain] != expected or not 1 <= channels <= max(m.channels for m in MODELS.values()):
-        raise UsageError(f"{what} has levels of {[level.shape for level in chain]}: expected {expected}")
-    for index, level in enumerate(chain):
-        bad = int(level.size - np.isfinite(level).sum())
-        if bad:
-            raise UsageError(f"{what} has {bad} values that are not finite at level {index}: expected none")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mipbake.content import Provenance
 from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 
 
 def smooth(shape: tuple[int, int], channels: int, seed: int = 0) -> np.ndarray:

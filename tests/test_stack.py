@@ -13,11 +13,12 @@ import OpenImageIO
 import pytest
 
 from mipbake import material
+from mipbake.content import Provenance
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.io.layout import LAYOUTS, MANIFEST, extra_layout, from_file, to_file
 from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack, Provenance, open_stack
+from mipbake.stack import MipStack, open_stack
 
 SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]

@@ -28,6 +28,7 @@ LENGTH = 12
 
 BEYOND = (
     "mipbake.stack", "mipbake.manifest", "mipbake.output", "mipbake.packing", "mipbake.opacity", "mipbake.glb",
+    "mipbake.content", "mipbake._version",
     "mipbake.io.gltf", "mipbake.io.mtlx", "mipbake.io.publish", "mipbake.io.mip_exr", "mipbake.io.mip_tx",
     "mipbake.io.mip_png", "mipbake.io.oiio_levels", "mipbake.io.ktx2", "mipbake.io.dds", "mipbake.io.gpu_files",
     "mipbake.io.gpu_format", "mipbake.io.blocks", "mipbake.io.bc7", "mipbake.io.uastc", "mipbake.io.decode",

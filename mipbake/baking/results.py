@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mipbake.compare.costs import Cost
+from mipbake.content import Provenance
 from mipbake.errors import MipbakeError
 from mipbake.found import SetReport
 from mipbake.jobs import Failure, Job
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 

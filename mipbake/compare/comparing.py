@@ -21,6 +21,7 @@ from mipbake.compare.ranking import best_closed_form
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method, Plot, Rendered, Scene, file_stem
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, Effort, TextureSpace
+from mipbake.content import Provenance
 from mipbake.errors import UsageError
 from mipbake.material import losses, model_named
 from mipbake.metrics import MEASURES, PAIR_SETS
@@ -30,7 +31,7 @@ from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.render_file import write_render
-from mipbake.stack import MipStack, Provenance
+from mipbake.stack import MipStack
 from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import __version__
+from mipbake._version import __version__
 from mipbake.errors import InputError, OutputError
 from mipbake.io import dds, disk, ktx2
 from mipbake.io.blocks import from_blocks, to_blocks, widened

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import __version__, sampling, shading
+from mipbake import sampling, shading
+from mipbake._version import __version__
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import PixelFilter, Wrap, filter_named
 from mipbake.reference.sequences import SEQUENCE

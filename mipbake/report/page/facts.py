@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from mipbake import __version__
+from mipbake._version import __version__
 from mipbake.compare.result import Comparison
 from mipbake.io.sources import DECISIONS
 from mipbake.report.page.markup import DASH, TIMES, Content, Html, element

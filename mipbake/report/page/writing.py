@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from mipbake import __version__
+from mipbake._version import __version__
 from mipbake.compare.result import Comparison
 from mipbake.io.publish import check_target, published
 from mipbake.report.page.document import RESULTS, document
