@@ -1,4 +1,4 @@
-"""Pages, and parts of pages, made from records."""
+"""Pages, and parts of pages, made from records, and the picture of the rooms."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+from rooms.picture import picture
 
 from records.code import ROOT
 from records.missing import Missing
@@ -40,7 +42,7 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
     Pages of missing records are left alone.
     """
     records = Records(folder)
-    made: dict[str, bytes | None] = {}
+    made: dict[str, bytes | None] = {"docs/rooms.svg": picture().encode()}
     for page in pages(root):
         text = (root / page).read_text(encoding="utf-8")
         made[page] = filled(text, lambda name: block(name, records)).encode()

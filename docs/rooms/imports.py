@@ -1,0 +1,72 @@
+"""Modules of the package, and what each imports, read from their syntax trees."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PACKAGE = "mipbake"
+NATIVE = f"{PACKAGE}._native"
+"""The compiled core, which has no file of Python."""
+
+FOLDERS = {
+    PACKAGE: "mipbake",
+    f"{PACKAGE}.models": "models",
+    f"{PACKAGE}.training": "training",
+    f"{PACKAGE}.cli": "cli",
+    f"{PACKAGE}_start": "cli/mipbake_start",
+}
+"""Where modules lie in a checkout, as pyproject.toml lays them out. Of two folders that have a module, the later one
+counts."""
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name, but the compiled core."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            parts = [part for part in path.relative_to(ROOT / folder).with_suffix("").parts if part != "__init__"]
+            found[path] = ".".join([package, *parts])
+    return {name: path for path, name in found.items()}
+
+
+@cache
+def imports(module: str, loading: bool = False) -> frozenset[str]:
+    """Dotted names that a module imports, of any package.
+
+    Args:
+        module: its name.
+        loading: only what it imports when it is loaded. Otherwise an import counts wherever it stands: in a function,
+            and for types alone.
+    """
+    tree = ast.parse(modules()[module].read_text(encoding="utf-8"))
+    names = set()
+    for node in _loaded(tree) if loading else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.module and not node.level, f"{module} imports relatively"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return frozenset(names)
+
+
+def _loaded(node: ast.AST) -> Iterator[ast.AST]:
+    for child in ast.iter_child_nodes(node):
+        later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        if not later and not (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)):
+            yield child
+            yield from _loaded(child)
+
+
+def imported(module: str) -> set[str]:
+    """Modules of the package that a module imports. A name that is no module belongs to the module that has it."""
+    found = set()
+    for name in imports(module):
+        while name and name not in modules() and name != NATIVE:
+            name = name.rpartition(".")[0]  # noqa: PLW2901
+        found |= {name} - {"", module}
+    return found
