@@ -21,7 +21,7 @@ from mipbake.compare.candidates import closed_forms, label
 from mipbake.compare.pictures import RenderSettings, render_view
 from mipbake.compare.result import SCALES
 from mipbake.compare.scenes import standard_views
-from mipbake.prefilter.search.refine import REFINE_SECONDS
+from mipbake.prefilter.search.methods import REFINE_SECONDS
 from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.validate import DEFAULT_LODS

@@ -69,6 +69,43 @@ def test_lines_of_prose_are_short(page: str) -> None:
     assert not long, f"lines of more than {LINE} characters: {', '.join(long)}"
 
 
+CODE = sorted(
+    path.relative_to(ROOT).as_posix()
+    for folder in ("mipbake", "models", "training", "cli", "csrc", "benchmarks", "docs", "examples", "tests", ".ci")
+    for path in (ROOT / folder).rglob("*.*")
+    if path.suffix in {".py", ".h", ".cpp", ".cu"} and "node_modules" not in path.parts
+)
+FILE_NAME = re.compile(r"(?<![\w/.*<>-])([\w./-]*\w\.py)\b(?!-)")
+MODULE_NAME = re.compile(r"(?<![\w./-])(mipbake(?:\.[a-z_]\w*)+)(?![\w/])")
+MADE_UP = ("tests/", "docs/engines/", "docs/records/code.py", "docs/make_primitives_page.py", "CHANGELOG.md")
+"""Pages and files that name what is made up, other people's, or gone."""
+
+
+def test_python_files_and_modules_that_are_named_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In pages, in comments and in code."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    rooms = importlib.import_module("rooms.imports")
+    modules = rooms.modules()
+
+    def is_there(name: str) -> bool:
+        """Whether a module is, or the first name that follows its own."""
+        if name.startswith(rooms.NATIVE):
+            return True
+        module = next(m for m in (name.rsplit(".", up)[0] for up in range(name.count(".") + 1)) if m in modules)
+        rest = name.removeprefix(module).strip(".").partition(".")[0]
+        return re.search(rf"\b{rest}\b", modules[module].read_text(encoding="utf-8")) is not None
+
+    gone = []
+    for text in (text for text in (*PAGES, *CODE) if not text.startswith(MADE_UP)):
+        content = (ROOT / text).read_text(encoding="utf-8")
+        files = {
+            name for name in FILE_NAME.findall(content) if not any(f"/{each}".endswith(f"/{name}") for each in CODE)
+        }
+        names = {name for name in MODULE_NAME.findall(content) if not is_there(name)}
+        gone += [f"{text}: {name}" for name in sorted(files | names)]
+    assert not gone, gone
+
+
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]*)(#[^)\s]*)?\)")
 
 

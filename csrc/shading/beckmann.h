@@ -10,7 +10,7 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
-constexpr double kMaxLogGamma = 1.5;  // as MAX_LOG_GAMMA in mipbake/material.py
+constexpr double kMaxLogGamma = 1.5;  // as MAX_LOG_GAMMA in mipbake/material/
 
 struct Beckmann : BeckmannLobe<Beckmann> {
     static constexpr const char* name = "beckmann";

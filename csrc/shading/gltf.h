@@ -8,7 +8,7 @@
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 
-constexpr double kDielectricF0 = 0.04;  // as DIELECTRIC_F0 and MIN_ROUGHNESS in mipbake/material.py
+constexpr double kDielectricF0 = 0.04;  // as DIELECTRIC_F0 and MIN_ROUGHNESS in mipbake/material/
 constexpr double kMinRoughness = 0.045;
 constexpr double kMaxRoughness = 100;  // no material's: only so that nothing overflows
 
