@@ -26,9 +26,6 @@ from mipbake.models.channels import channels, count, parts, places
 
 T = TypeVar("T")
 
-FEATURES = 34
-"""Numbers that describe a texel to a decoder."""
-
 _MIN_ALPHA2 = MIN_ROUGHNESS**4
 _MIN_LOG = math.log(MIN_ROUGHNESS)
 _MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
@@ -306,3 +303,7 @@ def _widening(variance: Tensor, alpha2: Tensor) -> Tensor:
 
 def _share(variance: Tensor) -> Tensor:
     return (variance - _ROUNDING).clamp(min=0) / (variance + _SOFT_VARIANCE)
+
+
+FEATURES = statistics(torch.zeros(1, COUNT)).features().shape[-1]
+"""Numbers that describe a texel to a decoder."""
