@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from mipbake.material import MIN_ROUGHNESS, Array, Lines, model_named
 
-_TOGETHER = 1 << 18  # texels of the finest level whose signs are settled together; finer ones follow what they lie over
+TOGETHER = 1 << 18
+"""Texels of the finest level whose signs are settled together; finer levels follow what they lie over."""
+
 _LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
 _BETWEEN = 2.0  # what a texel of the next level counts beside a neighbour: a texel has two of these to either side
 
@@ -91,20 +93,21 @@ def _with_less(level: NDArray[np.float32], share: NDArray[np.float32], lines: Li
     return out
 
 
-def signs(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
+def signs(levels: Sequence[Array], wrap: Wrap, together: int = TOGETHER) -> list[NDArray[np.float32]]:
     """1 or -1 for every direction, so that neighbours and levels agree wherever the field of lines allows.
 
     Every texel is tied to its neighbours and to the texel under it in the next coarser level, the more the stronger
     and the more parallel they are. Those with the strongest ties take one sign, together they are tied by the sum of
     their ties, and so on (Boruvka's tree with votes): a field that can be a field of vectors becomes one, and a cut
-    goes where ties are weak. Levels finer than _TOGETHER take the sign of what the next coarser level has at the
-    texel's centre, interpolated bilinearly.
+    goes where ties are weak. Levels of more than `together` texels take the sign of what the next coarser level has at
+    the texel's centre, interpolated bilinearly.
 
     The result does not depend on the signs of what is given, except for one common sign, which most of level 0 has.
 
     Args:
         levels: (..., H_L, W_L, 3) direction x, y and strength, finest first; leading axes are images of their own.
         wrap: addressing along u and v.
+        together: texels of the finest level whose signs are settled together.
 
     Returns:
         (..., H_L, W_L) of each level.
@@ -112,7 +115,7 @@ def signs(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
     lead = levels[0].shape[:-3]
     images = [np.asarray(level, np.float32).reshape(-1, *level.shape[-3:]) for level in levels]
     sides = [image.shape[1] * image.shape[2] for image in images]
-    first = next((i for i, texels in enumerate(sides) if texels <= _TOGETHER), len(images) - 1)
+    first = next((i for i, texels in enumerate(sides) if texels <= together), len(images) - 1)
     out = _tied(images[first:], wrap)
     for level in range(first - 1, -1, -1):
         out.insert(0, _following(images[level], images[level + 1] * out[0][..., None], wrap))

@@ -46,7 +46,9 @@ def reference(
     target: float = 0.1,
     min_passes: int = 32,
     max_passes: int = 4096,
+    heard_every: float = 0.25,
     **more: Any,
 ) -> Reference:
     shot, source = Shot(mesh, camera, lighting, resolution), FilteredSource(stored, model, wrap, pixel_filter)
-    return mesh_render.reference(shot, source, seed, candidates, Passes(target, min_passes, max_passes), **more)
+    passes = Passes(target, min_passes, max_passes, heard_every)
+    return mesh_render.reference(shot, source, seed, candidates, passes, **more)

@@ -50,9 +50,10 @@ def lines(name: str, wrap: tuple[str, str] = CLAMP, seed: int | None = 0, shape=
     return out
 
 
-def signed(levels: list[np.ndarray], wrap: tuple[str, str] = CLAMP) -> list[np.ndarray]:
+def signed(levels: list[np.ndarray], **settings: int) -> list[np.ndarray]:
     """(H_L, W_L, 2) with the signs that are settled."""
-    return [level[..., :2] * s[..., None] for level, s in zip(levels, directions.signs(levels, wrap), strict=True)]
+    signs = directions.signs(levels, CLAMP, **settings)
+    return [level[..., :2] * s[..., None] for level, s in zip(levels, signs, strict=True)]
 
 
 def against(level: np.ndarray) -> int:
@@ -101,10 +102,9 @@ def test_the_signs_that_are_given_do_not_matter(name: str) -> None:
             np.testing.assert_array_equal(first, common * second)
 
 
-def test_finer_levels_follow_those_that_are_settled_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(directions, "_TOGETHER", 16 * 16)
-    assert against(signed(lines("round"))[0]) <= 8  # around the centre
-    assert against(signed(lines("waves"))[0]) == 0
+def test_finer_levels_follow_those_that_are_settled_together() -> None:
+    assert against(signed(lines("round"), together=16 * 16)[0]) <= 8  # around the centre
+    assert against(signed(lines("waves"), together=16 * 16)[0]) == 0
 
 
 def test_images_side_by_side_are_settled_each_alone() -> None:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.render import cache, mesh_render, shapes
+from mipbake.render import cache, shapes
 from mipbake.render.camera import orbit
 from mipbake.render.environment import directional
-from mipbake.render.mesh_render import Reference
+from mipbake.render.mesh_render import Cache, Reference
 
 from .mesh_renders import candidate, reference
 
@@ -35,13 +35,16 @@ def scene() -> dict[str, Any]:
     }
 
 
-def render(folder: Path | None, passes: int, seed: int = 0, pixel_filter: str = "mitchell", **change: Any) -> Reference:
+def render(
+    cache: Path | Cache | None, passes: int, seed: int = 0, pixel_filter: str = "mitchell", **change: Any
+) -> Reference:
     """Renders exactly that many passes, except for passes beyond them from a cache."""
     arguments = scene() | change
     stored = arguments["stored"]
     frame = candidate(**{k: v for k, v in arguments.items() if k != "stored"}, levels=[stored])
+    cache = Cache(cache) if isinstance(cache, Path) else cache
     return reference(**arguments, pixel_filter=pixel_filter, seed=seed, candidates=[frame], target=1e-9,
-                     min_passes=passes, max_passes=passes, cache=folder)  # fmt: skip
+                     min_passes=passes, max_passes=passes, cache=cache)  # fmt: skip
 
 
 def same(a: Reference, b: Reference) -> bool:
@@ -75,7 +78,8 @@ def test_other_candidates_of_the_same_view_continue_the_same_reference(tmp_path:
     arguments = scene()
     stored = arguments.pop("stored")
     frame = candidate(**arguments, levels=[stored])
-    common = {**arguments, "stored": stored, "pixel_filter": "gaussian", "seed": 0, "min_passes": 4, "cache": tmp_path}
+    common = {**arguments, "stored": stored, "pixel_filter": "gaussian", "seed": 0, "min_passes": 4}
+    common["cache"] = Cache(tmp_path)
     far = reference(**common, candidates=[frame], target=0.5)
     assert far.converged and far.resumed == 0
     unchanged = files(tmp_path)[0].read_bytes()
@@ -88,7 +92,7 @@ def test_other_candidates_of_the_same_view_continue_the_same_reference(tmp_path:
     assert len(files(tmp_path)) == 1
 
 
-def test_every_ingredient_has_a_key_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_ingredient_has_a_key_of_its_own(tmp_path: Path) -> None:
     base = scene()
     mesh, camera, lighting, stored = (base[name] for name in ("mesh", "camera", "lighting", "stored"))
 
@@ -121,12 +125,8 @@ def test_every_ingredient_has_a_key_of_its_own(tmp_path: Path, monkeypatch: pyte
     for count, change in enumerate(changes, 1):
         assert render(tmp_path, 4, **change).resumed == 0
         assert len(files(tmp_path)) == count, change
-    monkeypatch.setattr(mesh_render, "_FORMAT", -1)
-    assert render(tmp_path, 4).resumed == 0
-    monkeypatch.undo()
-    monkeypatch.setattr(mesh_render, "__version__", mipbake.__version__ + ".other")
-    assert render(tmp_path, 4).resumed == 0
-    monkeypatch.undo()
+    for other_program in (Cache(tmp_path, format=-1), Cache(tmp_path, version=mipbake.__version__ + ".other")):
+        assert render(other_program, 4).resumed == 0
     assert len(files(tmp_path)) == len(changes) + 2
     # What decides nothing: names, and how arrays lie in memory.
     other = {
@@ -183,19 +183,16 @@ def test_a_folder_that_cannot_be_written_is_said_to_be_so(tmp_path: Path) -> Non
     assert got.cache_note.startswith(f"nothing is cached: folder {tmp_path / 'file' / 'folder'} cannot be written (")
 
 
-def test_a_render_that_is_stopped_is_resumed_from_its_last_save(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mesh_render, "_SAVED_EVERY", 0.0)
+def test_a_render_that_is_stopped_is_resumed_from_its_last_save(tmp_path: Path) -> None:
     arguments = scene()
     frame = candidate(**{k: v for k, v in arguments.items() if k != "stored"}, levels=[arguments["stored"]])
-    common = {"pixel_filter": "gaussian", "seed": 0, "candidates": [frame], "target": 1e-9, "cache": tmp_path}
+    common = {"pixel_filter": "gaussian", "seed": 0, "candidates": [frame], "target": 1e-9, "heard_every": 0}
+    common["cache"] = Cache(tmp_path, saved_every=0)
 
     def stop(passes: int, ratio: float) -> None:
         if passes > 16:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(mesh_render, "_HEARD_EVERY", 0.0)
     with pytest.raises(KeyboardInterrupt):
         reference(**arguments, **common, min_passes=8, max_passes=64, progress=stop)
     got = reference(**arguments, **common, min_passes=64, max_passes=64)

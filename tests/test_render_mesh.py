@@ -13,12 +13,13 @@ from mipbake.errors import UsageError
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.reference.estimate import reference as filtered
 from mipbake.reference.source import FilteredSource
-from mipbake.render import environment, mesh_render, shapes, texture_space, visible
+from mipbake.render import environment, shapes, texture_space
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_render import Frame, level_of_detail
 from mipbake.render.tangents import with_tangents
+from mipbake.render.visible import Surface
 from mipbake.shading import reference as shading_reference
 
 from .mesh_renders import candidate, reference
@@ -190,12 +191,11 @@ def test_passes_go_on_until_the_target_is_met_or_the_cap() -> None:
         reference(*arguments, "gaussian", 0, [frame], max_passes=7)
 
 
-def test_progress_is_heard_between_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_heard_between_checks() -> None:
     arguments = scene()
     frame = baseline(*arguments)
-    monkeypatch.setattr(mesh_render, "_HEARD_EVERY", 0.0)
     heard: list[tuple[int, float]] = []
-    got = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=8,
+    got = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=8, heard_every=0,
                     progress=lambda passes, ratio: heard.append((passes, ratio)))  # fmt: skip
     first, rest = heard[:8], heard[8:]
     assert first == [(passes, np.inf) for passes in range(1, 9)]
@@ -204,14 +204,16 @@ def test_progress_is_heard_between_checks(monkeypatch: pytest.MonkeyPatch) -> No
     assert rest[-1][0] == got.passes and rest[-1][1] <= 1
 
 
-def test_an_image_in_bands_of_rows_is_the_same_image(monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = scene()
-    frame = baseline(*arguments)
-    whole = reference(*arguments, "gaussian", 0, [frame], min_passes=4, max_passes=4)
-    for band in (1, 130, 799):
-        monkeypatch.setattr(visible, "_BAND", band)
-        parts = reference(*arguments, "gaussian", 0, [frame], min_passes=4, max_passes=4)
-        assert np.array_equal(parts.image, whole.image) and np.array_equal(parts.interior, whole.interior)
+def test_bands_of_rows_are_parts_of_what_all_rows_see() -> None:
+    mesh, camera, *_, resolution = scene()
+    offset = (0.3, -0.4)
+    (whole,) = Surface(mesh, camera, resolution).bands(offset)
+    for band, count in ((1, 40), (130, 14), (799, 3)):
+        parts = list(Surface(mesh, camera, resolution, band).bands(offset))
+        assert len(parts) == count
+        for name in ("index", "uv", "frame", "view"):
+            joined = np.concatenate([getattr(part, name) for part in parts])
+            assert np.array_equal(joined, getattr(whole, name)), (band, name)
 
 
 def test_the_closest_candidate_decides_how_far_passes_go() -> None:

@@ -24,7 +24,7 @@ from mipbake.metrics import MEASURES, Measured, hdr_flip_exposures
 from mipbake.metrics.images import displayed
 from mipbake.reference.source import FilteredSource
 from mipbake.render import mesh_render
-from mipbake.render.mesh_render import Frame, Passes, Reference, Shot
+from mipbake.render.mesh_render import Cache, Frame, Passes, Reference, Shot
 
 MAX_PASSES = 768
 """Most samples for each pixel of a reference, by default."""
@@ -180,8 +180,9 @@ def _render(
         # Passes still needed, were the error to fall with the root of their number.
         tell(min(1.0, passes / min(most, passes * max(1.0, ratio**2))))
 
+    cache = Cache(settings.cache) if settings.cache else None
     reference = mesh_render.reference(
-        shot, source, settings.seed, list(frames.values()), Passes(most=most), share, settings.cache
+        shot, source, settings.seed, list(frames.values()), Passes(most=most), share, cache
     )
     return _Renders(frames, reference)
 

@@ -31,10 +31,8 @@ from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
 
-_FORMAT = 1  # version of cached references; to be raised whenever a pass renders anything else
-
-_HEARD_EVERY = 0.25  # seconds between calls of `progress`, at most, however long a check is away
-_SAVED_EVERY = 10.0  # seconds of rendering that a reference which is stopped may lose
+FORMAT = 1
+"""Version of what a pass renders; to be raised whenever a pass renders anything else."""
 
 _RESOLVED = 1e-4  # share of the image's root mean square: a standard error that is as good as none
 
@@ -56,11 +54,12 @@ class Shot:
 
 @dataclass(frozen=True)
 class Passes:
-    """How long a reference is rendered.
+    """How long a reference is rendered, and how often it says how far it is.
 
     Args:
         target: standard error over the smallest error of a candidate, root mean squares over the interior.
         least, most: passes of both halves together, even numbers from 4 on.
+        heard_every: seconds between two calls of `progress`, at most, as far as half a pass takes no longer.
 
     Raises:
         UsageError: other numbers of passes.
@@ -69,11 +68,29 @@ class Passes:
     target: float = 0.1
     least: int = 32
     most: int = 4096
+    heard_every: float = 0.25
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
         if self.least % 2 or self.most % 2 or not 4 <= self.least <= self.most:
             raise UsageError(f"passes run from {self.least} to {self.most}: expected even numbers from 4 on, in order")
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Where passes are kept, by content (`mipbake.render.cache`).
+
+    Args:
+        folder: holds the files; made where it is missing.
+        saved_every: seconds of rendering that a reference which is stopped may lose.
+        version, format: of the program and of what its passes render. Passes of another version, or of another format,
+            are not continued.
+    """
+
+    folder: Path
+    saved_every: float = 10.0
+    version: str = __version__
+    format: int = FORMAT
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +195,7 @@ def reference(
     candidates: Sequence[Frame],
     passes: Passes = Passes(),
     progress: Callable[[int, float], None] = lambda _passes, _ratio: None,
-    cache: Path | None = None,
+    cache: Cache | None = None,
 ) -> Reference:
     """Supersampled render: the pixel filter's mean of level 0, interpolated bilinearly and shaded at each sample.
 
@@ -194,11 +211,11 @@ def reference(
         seed: of the samples, not negative.
         candidates: the renders whose errors this is to resolve, at least one, all of the same view.
         passes: how long it is rendered.
-        progress: called with the passes so far and the standard error over the one wanted, after every check, and four
-            times a second in between (as far as half a pass takes no longer). There the ratio is extrapolated from the
-            last check with the root of the number of passes, and infinite before the first.
-        cache: folder to keep passes in, by content (`mipbake.render.cache`); None keeps none. Passes found there count,
-            also beyond `passes.most`, and what is rendered more is saved.
+        progress: called with the passes so far and the standard error over the one wanted, after every check, and in
+            between as `passes` says. There the ratio is extrapolated from the last check with the root of the number
+            of passes, and infinite before the first.
+        cache: where passes are kept; None keeps none. Passes found there count, also beyond `passes.most`, and what is
+            rendered more is saved.
 
     Raises:
         UsageError: no candidate or a candidate of another resolution, or a seed outside its range.
@@ -216,8 +233,8 @@ def reference(
         raise UsageError(f"the seed of a reference is {seed!r}: expected an integer that is not negative")
 
     level = np.ascontiguousarray(source.stored, np.float32)
-    key = "" if cache is None else _key(shot, replace(source, stored=level), seed)
-    state = _State.restored(caches.load(cache, key) if cache is not None else None, shot.resolution, seed)
+    key = "" if cache is None else _key(shot, replace(source, stored=level), seed, cache)
+    state = _State.restored(caches.load(cache.folder, key) if cache else None, shot.resolution, seed)
     resumed, note = state.done, ""
     kernel = filter_named(source.pixel_filter)
     render = _Pass(shot.surface, shot.lighting, level[None], source.model, source.wrap, kernel)
@@ -228,7 +245,7 @@ def reference(
         while state.done < until:
             for half in range(2):
                 render.add(state, half)
-                if time.monotonic() - heard >= _HEARD_EVERY:
+                if time.monotonic() - heard >= passes.heard_every:
                     done = 2 * state.done + half + 1
                     progress(done, float(ratio * np.sqrt(2 * checked / done)))
                     heard = time.monotonic()
@@ -239,8 +256,8 @@ def reference(
         converged = noise <= wanted
         ratio, checked, heard = noise / wanted if wanted > 0 else 0.0, state.done, time.monotonic()
         finished = converged or 2 * state.done >= passes.most
-        if cache is not None and state.done > resumed and (finished or heard - saved >= _SAVED_EVERY):
-            note, saved = caches.save(cache, key, state.arrays()), time.monotonic()
+        if cache is not None and state.done > resumed and (finished or heard - saved >= cache.saved_every):
+            note, saved = caches.save(cache.folder, key, state.arrays()), time.monotonic()
         progress(2 * state.done, ratio)
         if finished:
             return Reference(first, second, interior, 2 * state.done, noise, error, converged, 2 * resumed, note)
@@ -361,12 +378,12 @@ def _lit(points: Points, texels: Array, model: str, lighting: Lighting) -> Array
     return lit
 
 
-def _key(shot: Shot, source: FilteredSource, seed: int) -> str:
+def _key(shot: Shot, source: FilteredSource, seed: int, cache: Cache) -> str:
     """Names by content what the passes of a reference depend on."""
     mesh, lighting = shot.mesh, shot.lighting
     return caches.content_key(
-        format=_FORMAT,
-        version=__version__,
+        format=cache.format,
+        version=cache.version,
         mesh=(mesh.positions, mesh.normals, mesh.uv, mesh.tangents, mesh.triangles),
         camera=np.concatenate([np.ravel(np.asarray(field, np.float64)) for field in astuple(shot.camera)]),
         lighting=(lighting.direction, lighting.radiance),

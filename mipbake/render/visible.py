@@ -13,9 +13,9 @@ from mipbake import raster
 from mipbake.render.camera import Camera
 from mipbake.render.mesh import Mesh
 
-# Pixels at a time, at least a row. Their arrays stay in the cache, and are small enough that the allocator does not
-# return their memory to the system, whose pages then cost more than what is computed in them.
-_BAND = 1 << 14
+BAND = 1 << 14
+"""Pixels at a time. Their arrays stay in the cache, and are small enough that the allocator keeps their memory: pages
+that come back from the system cost more than what is computed in them."""
 
 _NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # slices of the attributes
 
@@ -40,11 +40,15 @@ class Points:
 
 
 class Surface:
-    """A mesh as a camera sees it in images of `resolution` (height, width): what all of them share is kept."""
+    """A mesh as a camera sees it in images of `resolution` (height, width): what all of them share is kept.
 
-    def __init__(self, mesh: Mesh, camera: Camera, resolution: tuple[int, int]) -> None:
+    Args:
+        band: pixels that `bands` gives at a time, at least a row.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera, resolution: tuple[int, int], band: int = BAND) -> None:
         self._triangles: Any = mesh.triangles
-        self._resolution = resolution
+        self._resolution, self._band = resolution, band
         self._mesh, self._camera = mesh, camera
         to_eye = np.asarray(camera.position) - mesh.positions  # linear in the position, so it interpolates as that does
         self._attributes: Any = np.concatenate([mesh.normals, mesh.tangents, to_eye, mesh.uv], -1)
@@ -60,7 +64,7 @@ class Surface:
         """The same without derivatives, some rows at a time, so that no image needs much memory at once."""
         rast, _ = self._rasterized(offset)
         height, width = self._resolution
-        rows = max(1, _BAND // width)
+        rows = max(1, self._band // width)
         for row in range(0, height, rows):
             band: Any = rast[:, row : row + rows]
             image, image_da = raster.interpolate(self._attributes, band, self._triangles)

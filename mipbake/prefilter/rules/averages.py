@@ -25,7 +25,8 @@ from mipbake.prefilter.base import PrefilterResult, Progress
 Array = NDArray[np.floating]
 Image = NDArray[np.float32]
 
-_BAND = 1 << 17  # texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB
+BAND = 1 << 17
+"""Texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB."""
 
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length."""
@@ -48,6 +49,7 @@ class RoughnessRule:
         weight: the weight of a normal in the average, from its alpha^2; None for equal weights.
         top_blur: width in texels of the box that normals are averaged with at level 0, for the roughness alone, where
             the averaging kernel is `box`, which leaves level 0 as it is; 1 for none.
+        band: texels worked on at a time.
     """
 
     name: str
@@ -57,6 +59,7 @@ class RoughnessRule:
     widened: Callable[[Array, Array], Array]
     weight: Callable[[Array], Array] | None = None
     top_blur: float = 1.0
+    band: int = BAND
     averages: ClassVar[bool] = True
 
     def __call__(
@@ -88,7 +91,7 @@ class RoughnessRule:
             alpha2 = of_eigenvalues(moments[..., normals.stop :], lambda value: self._level(value, variance))
             return stored_channels(moments[..., :colours], mean + centre, alpha2, target)
 
-        moments = by_rows(read, stored)
+        moments = by_rows(read, stored, band=self.band)
         blurred = None
         if self.top_blur != 1.0 and pixel_filter == "box":
             size = (stored.shape[0], stored.shape[1])
@@ -97,7 +100,7 @@ class RoughnessRule:
         del moments
         for index, level in enumerate(levels):
             images = (level, blurred) if index == 0 and blurred is not None else (level,)
-            levels[index] = by_rows(write, *images)
+            levels[index] = by_rows(write, *images, band=self.band)
         return PrefilterResult(directions.settled(levels, target, wrap))
 
     def _spread(self, moments: Array) -> tuple[Array, Array]:
@@ -171,15 +174,16 @@ def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -
     return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
 
 
-def by_rows(function: Callable[..., Array], *images: Image) -> Image:
+def by_rows(function: Callable[..., Array], *images: Image, band: int = BAND) -> Image:
     """function(*images), which must work texel by texel, in bands of rows: temporaries stay small.
 
     Args:
         function: of (rows, W, C) arrays, one for each image; gives one (rows, W, D) array.
         images: (H, W, C), each with its own C.
+        band: texels of a band, which has at least one row.
     """
     height, width = images[0].shape[:2]
-    step = max(1, _BAND // width)
+    step = max(1, band // width)
     out = np.empty(0, np.float32)
     for start in range(0, height, step):
         part = function(*(image[start : start + step] for image in images))
@@ -192,7 +196,7 @@ def by_rows(function: Callable[..., Array], *images: Image) -> Image:
 def mean_by_rows(function: Callable[[Array], Array], image: Image) -> NDArray[np.float32]:
     """(D,) mean over all texels of the results of a function that takes (rows, W, C) bands of an image."""
     height, width = image.shape[:2]
-    step = max(1, _BAND // width)
+    step = max(1, BAND // width)
     sums = [function(image[start : start + step]).sum((0, 1), dtype=np.float64) for start in range(0, height, step)]
     return np.asarray(np.sum(sums, 0) / (height * width), np.float32)
 
