@@ -234,41 +234,34 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     assert "| tiles | 10.0 | 50.0 |" in cycles.page_of(data)
 
 
-def test_measuring_keeps_what_a_command_writes(
-    module: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_measuring_keeps_what_a_command_writes(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
     """Figures from its file or from what it prints; pictures are moved when all are complete."""
     known, measuring = module("records.known"), module("records.measuring")
-    monkeypatch.setattr(measuring, "ROOT", tmp_path)
-    monkeypatch.setattr(measuring, "_machine", lambda: "a machine")
     code = (
         "import sys, pathlib as p; p.Path(sys.argv[1]).write_bytes(b'x'); p.Path(sys.argv[2]).write_text('[1.2345678]')"
     )
     writes = known.Known("", ("-c", code, known.WORK + "/a.png", known.OUT), None, pictures="kept")
     (tmp_path / "kept").mkdir()
-    made = measuring.measure("one", writes, None, "today")
-    assert made.data == [1.23457] and made.measured.on == "today" and made.code == {}
+    made = measuring.measure("one", writes, None, "today", tmp_path)
+    assert made.data == [1.23457] and made.measured.on == "today" and made.measured.machine and made.code == {}
     assert (tmp_path / "kept" / "a.png").read_bytes() == b"x"
     printed = known.Known("", ("-c", "print('a\\n\\nb')"), None)
-    assert measuring.measure("two", printed, None, "today").data == {"printed": ["a", "", "b"]}
+    assert measuring.measure("two", printed, None, "today", tmp_path).data == {"printed": ["a", "", "b"]}
     fails = known.Known("", ("-c", code + "; 1 / 0", known.WORK + "/b.png", known.OUT), None, pictures="kept")
     with pytest.raises(subprocess.CalledProcessError):
-        measuring.measure("three", fails, None, "today")
+        measuring.measure("three", fails, None, "today", tmp_path)
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a.png"]
 
 
-def test_an_older_native_core_is_not_measured(
-    module: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_an_older_native_core_is_not_measured(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
     measuring = module("records.measuring")
-    monkeypatch.setattr(measuring, "ROOT", tmp_path)
-    measuring.check_built()  # no sources, nothing newer
+    measuring.check_built(tmp_path)  # no sources, nothing newer
     (tmp_path / "csrc").mkdir()
     source = tmp_path / "csrc" / "a.cpp"
     source.touch()
     os.utime(source, (4e9, 4e9))
     with pytest.raises(SystemExit, match=r"a\.cpp is newer than the native core .*: build it"):
-        measuring.check_built()
+        measuring.check_built(tmp_path)
 
 
 # Confirming by a sample
@@ -313,7 +306,7 @@ def test_results_are_packed_without_loss(module: Callable[[str], ModuleType]) ->
 
 @pytest.mark.parametrize(("off", "agrees"), [(0.0, True), (0.09, True), (0.11, False), (-3.0, False)])
 def test_a_sample_keeps_a_record_or_does_not(
-    module: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, off: float, agrees: bool
+    module: Callable[[str], ModuleType], tmp_path: Path, off: float, agrees: bool
 ) -> None:
     """Decibels agree within a tenth; methods that a budget of time ends, and costs, are not compared."""
     record, results, measuring, known = (module(f"records.{n}") for n in ("record", "results", "measuring", "known"))
@@ -321,7 +314,7 @@ def test_a_sample_keeps_a_record_or_does_not(
     old = record.Record("results-whole", record.Measured("then", "machine", 9.0, "x"), {"gone.py": "1"}, data)
     asked: list[str] = []
 
-    def run(name: str, known: object, materials: object, work: object, more: tuple[str, ...]) -> object:
+    def run(name: str, known: object, materials: object, work: object, more: tuple[str, ...], root: Path) -> object:
         asked.extend(more)
         sample = results_file(more[1], 20.0 + off)
         for part in ("curve", "figures"):
@@ -329,9 +322,7 @@ def test_a_sample_keeps_a_record_or_does_not(
                 figure["value"] += 50 if figure["method"].startswith("refine") else 0
         return results.pack([sample])
 
-    monkeypatch.setattr(measuring, "_run", run)
-    monkeypatch.setattr(measuring, "check_built", lambda: None)
-    stamped, lines = measuring.confirm(old, known.KNOWN["results-whole"], Path(), "now")
+    stamped, lines = measuring.confirm(old, known.KNOWN["results-whole"], Path(), "now", tmp_path, run)
     assert asked[0] == "--plans" and asked[1] in data["sets"] and len(asked) == 2
     assert (stamped is not None) == agrees
     if stamped is not None:

@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,34 +20,43 @@ from records.known import MATERIALS, OUT, WORK, Known
 from records.record import Confirmed, Difference, Measured, Record, confirmed, drawn, rounded
 from records.scripts import script
 
+Run = Callable[[str, Known, "Path | None", Path, Sequence[str], Path], Any]
+"""A function with the arguments of `run`."""
+
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
 
 
-def measure(name: str, known: Known, materials: Path | None, on: str) -> Record:
-    """A new record. What a stopped run has measured with the same code stays in build/records."""
-    check_built()
+def measure(name: str, known: Known, materials: Path | None, on: str, root: Path = ROOT) -> Record:
+    """A new record. What a stopped run has measured with the same code stays in build/records, below the root."""
+    check_built(root)
     now = hashes(known.entry) if known.entry else {}
-    work = ROOT / "build" / "records" / f"{name}-{together(now)}"
+    work = root / "build" / "records" / f"{name}-{together(now)}"
     work.mkdir(parents=True, exist_ok=True)
     before = _processor_seconds()
-    data = _run(name, known, materials, work, ())
+    data = run(name, known, materials, work, (), root)
     seconds = _processor_seconds() - before
     for picture in (each for each in work.iterdir() if known.pictures and each.suffix in (".png", ".webp")):
-        shutil.move(picture, ROOT / known.pictures / picture.name)
+        shutil.move(picture, root / known.pictures / picture.name)
     if name.startswith("results-"):
         seconds = sum(file["processor_seconds"] for file in results.read_files(work / _kind(name)))
     shutil.rmtree(work)
     return Record(name, Measured(on, _machine(), float(f"{seconds:.3g}"), together(now)), now, data)
 
 
-def confirm(record: Record, known: Known, materials: Path, on: str) -> tuple[Record | None, list[str]]:
-    """The record with the code of today, where a sample agrees with it, and lines about the sample."""
-    check_built()
+def confirm(
+    record: Record, known: Known, materials: Path, on: str, root: Path = ROOT, measured: Run | None = None
+) -> tuple[Record | None, list[str]]:
+    """The record with the code of today, where a sample agrees with it, and lines about the sample.
+
+    Args:
+        measured: measures the sample; None for `run`.
+    """
+    check_built(root)
     now = hashes(known.entry) if known.entry else {}
     names = drawn(list(record.data["sets"]), known.sample, now)
     with tempfile.TemporaryDirectory() as scratch:
-        sample = _run(record.name, known, materials, Path(scratch), ("--plans", *names))
+        sample = (measured or run)(record.name, known, materials, Path(scratch), ("--plans", *names), root)
     found = results.differences(record.data, sample)
     lines = [f"{record.name}: {', '.join(names)} measured again, {len(found)} figures"]
     wrong = [each for each in found if each.share > 1]
@@ -58,15 +67,18 @@ def confirm(record: Record, known: Known, materials: Path, on: str) -> tuple[Rec
     return stamped, [*lines, f"all agree, the farthest with {_share(stamped.confirmed)} of what is tolerated"]
 
 
-def check_built() -> None:
+def check_built(root: Path = ROOT) -> None:
     """A record of an older native core would be stamped with sources that it never saw.
+
+    Args:
+        root: folder of the checkout.
 
     Raises:
         SystemExit: a C++ source is newer than the native core that is installed.
     """
     found = importlib.util.find_spec("mipbake._native")
     built = Path(found.origin).resolve() if found and found.origin else None
-    newest = max((ROOT / "csrc").rglob("*.*"), key=lambda path: path.stat().st_mtime, default=None)
+    newest = max((root / "csrc").rglob("*.*"), key=lambda path: path.stat().st_mtime, default=None)
     if built is None or (newest is not None and newest.stat().st_mtime > built.stat().st_mtime):
         raise SystemExit(f"{newest} is newer than the native core {built}: build it, then measure")
 
@@ -76,8 +88,12 @@ def spent(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def _run(name: str, known: Known, materials: Path | None, work: Path, more: Sequence[str]) -> Any:
-    """What the command of a record measures, as the `data` of one."""
+def run(name: str, known: Known, materials: Path | None, work: Path, more: Sequence[str], root: Path) -> Any:
+    """What the command of a record measures, as the `data` of a record.
+
+    Args:
+        work: folder for what the command writes. more: further arguments of the command. root: where it runs.
+    """
     out = work / "out.json"
     places = {MATERIALS: str(materials), OUT: str(out), WORK: str(work)}
     command = [sys.executable]
@@ -87,7 +103,7 @@ def _run(name: str, known: Known, materials: Path | None, work: Path, more: Sequ
         command.append(each)
     command += more
     printed = subprocess.run(
-        command, cwd=ROOT, check=True, text=True, stdout=None if _writes(known) else subprocess.PIPE
+        command, cwd=root, check=True, text=True, stdout=None if _writes(known) else subprocess.PIPE
     )
     if name.startswith("results-"):
         return results.pack(results.read_files(work / _kind(name)))
