@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 import tracemalloc
 
 import pytest
@@ -23,7 +24,7 @@ from .stacks import made_stack
 @pytest.fixture(autouse=True)
 def _without_decoder(monkeypatch) -> None:
     """Neither levels nor blocks are decoded."""
-    monkeypatch.setitem(__import__("sys").modules, "alktx2", None)
+    monkeypatch.setitem(sys.modules, "alktx2", None)
 
 
 MAPS = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}

@@ -89,11 +89,13 @@ def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, tmp_path: Path
 def test_signals_while_the_program_loads_end_it_in_a_sentence(
     folder: Path, tmp_path: Path, number: int, code: int
 ) -> None:
-    # It says when the entry point has begun: Python itself takes a moment before.
+    # It says when the entry point looks at its streams, which it does after it handles signals: Python itself takes a
+    # moment before.
     program = (
-        "import signal, sys, time; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
-        "import mipbake_start as start; sys.argv[0] = 'mipbake'; "
-        "start._fill_descriptors = lambda: (print(flush=True), time.sleep({wait})); start.run()"
+        "import os, signal, sys, time; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
+        "fstat = os.fstat; os.fstat = lambda number: (setattr(os, 'fstat', fstat), print(flush=True), "
+        "time.sleep({wait}), fstat(number))[-1]; start.run()"
     )
     for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):
         waiting = program.format(wait=0 if delay else 60)  # the first signal finds the program where nothing is begun

@@ -6,6 +6,8 @@ import json
 import math
 import re
 import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.cli.session import Stages
+from mipbake.baking import Listener, bake_sources
 from mipbake.compare.compression import chosen, cost
 from mipbake.compare.costs import COVERAGE_LIMIT, LIMIT, Cost, Coverage
 from mipbake.io.containers import FORMATS, format_named
@@ -22,6 +24,7 @@ from mipbake.metrics import PAIR_SETS
 from mipbake.output import GLB_TEXELS, Output
 from mipbake.presets import PRESETS
 from mipbake.stack import MipStack
+from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
 
 from .command_line import bumps, write_set
@@ -257,13 +260,17 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
 
 
-def test_long_stages_move_as_they_go(tmp_path, monkeypatch) -> None:
+def test_long_stages_move_as_they_go(tmp_path) -> None:
     """Choosing texels, encoding a GLB and measuring: by every file and every level of detail, never back."""
     told: dict[str, list[float]] = {}
-    monkeypatch.setattr(Stages, "__call__", lambda _, stage, share: told.setdefault(stage, []).append(share))
-    folder = write_set(tmp_path / "metal")
-    formats = "ktx2,dds,png,glb"
-    assert run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", formats)[0] == 0
+
+    class Heard(Listener):
+        @contextmanager
+        def stages(self, label: str) -> Iterator[Stages]:
+            yield Stages(lambda stage, share: told.setdefault(stage, []).append(share))
+
+    options = mipbake.BakeOptions(method="linear", format="ktx2,dds,png,glb")
+    bake_sources(write_set(tmp_path / "metal"), tmp_path / "out", options, listener=Heard())
     for stage in ("texels", "encode", "write", "check"):
         assert told[stage] == sorted(told[stage]) and told[stage][-1] == 1, stage
         assert len(set(told[stage])) > 5, stage

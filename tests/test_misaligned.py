@@ -32,30 +32,27 @@ def odd(array: Any) -> Any:
     return tensor
 
 
-class _Watched:
-    """The native core, which refuses arrays at odd addresses here."""
+def refusing(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the native core, which refuses arrays at odd addresses here."""
 
-    def __init__(self, native: Any) -> None:
-        self.native = native
+    def watched(*arguments: Any, **named: Any) -> Any:
+        for each in (*arguments, *named.values()):
+            for array in each if isinstance(each, (list, tuple)) else [each]:
+                if isinstance(array, np.ndarray):
+                    assert array.flags.aligned, function.__name__
+                elif isinstance(array, torch.Tensor):
+                    assert array.data_ptr() % array.element_size() == 0, function.__name__
+        return function(*arguments, **named)
 
-    def __getattr__(self, name: str) -> Any:
-        function = getattr(self.native, name)
-
-        def watched(*arguments: Any, **named: Any) -> Any:
-            for each in arguments:
-                for array in each if isinstance(each, (list, tuple)) else [each]:
-                    if isinstance(array, np.ndarray):
-                        assert array.flags.aligned, name
-                    elif isinstance(array, torch.Tensor):
-                        assert array.data_ptr() % array.element_size() == 0, name
-            return function(*arguments, **named)
-
-        return watched
+    return watched
 
 
 @pytest.fixture(autouse=True)
 def watched(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mipbake._native", _Watched(_native))
+    functions = {name: each for name, each in vars(_native).items() if callable(each) and not isinstance(each, type)}
+    assert {"shade", "texture", "rasterize"} <= functions.keys()
+    for name, function in functions.items():
+        monkeypatch.setattr(_native, name, refusing(function))
 
 
 def random(*shape: int, kind: str = "numpy", dtype: str = "float32") -> Any:

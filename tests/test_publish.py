@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -38,6 +39,15 @@ def publish_text(target: Path, text: str) -> None:
         (folder / "text").write_text(text)
 
 
+def without_exchange(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes the C library one that cannot exchange two names."""
+
+    def refuses(_name: None) -> None:
+        raise OSError("no C library")
+
+    monkeypatch.setattr(ctypes, "CDLL", refuses)
+
+
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
@@ -58,7 +68,7 @@ def test_a_result_survives_a_stop_at_every_step(tmp_path: Path, arguments: str) 
 @pytest.mark.parametrize("exchange", [True, False])
 def test_both_ways_of_replacing_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: bool) -> None:
     if not exchange:
-        monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+        without_exchange(monkeypatch)
     for text in ("one", "two", "three"):
         publish_text(tmp_path / "set", text)
         assert (tmp_path / "set" / "text").read_text() == text
@@ -128,7 +138,7 @@ def test_a_result_that_was_moved_aside_comes_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("exchange", [True, False])
 def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: bool) -> None:
     if not exchange:
-        monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+        without_exchange(monkeypatch)
     failed: list[BaseException] = []
 
     def work(text: str) -> None:
@@ -149,7 +159,7 @@ def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("taken", ["what was moved aside", "the name"])
 def test_another_process_in_the_middle_of_a_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str) -> None:
-    monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+    without_exchange(monkeypatch)
     publish_text(tmp_path / "set", "old")
     rename = Path.rename
     others: list[str] = []

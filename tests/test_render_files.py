@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.render import environment, mesh_render, render_file, shapes
+from mipbake.render import environment, render_file, shapes
 from mipbake.render.camera import orbit
 from mipbake.render.mesh_file import read_mesh
 from mipbake.render.mesh_render import Frame, Reference
 
 from .mesh_files import Gltf, attributes_of, obj_text
+from .mesh_renders import candidate
 
 
 def test_a_mesh_from_a_file_renders_as_the_one_in_memory(tmp_path: Path) -> None:
@@ -28,10 +30,10 @@ def test_a_mesh_from_a_file_renders_as_the_one_in_memory(tmp_path: Path) -> None
     level[..., 5:7] = rng.uniform(-0.4, 0.4, (8, 8, 2))
     level[..., 7] = np.sqrt(1 - (level[..., 5:7] ** 2).sum(-1))
     scene = (orbit(4, 30, 20), environment.studio(8), [level], "gltf", ("wrap", "wrap"), (48, 64))
-    expected = mesh_render.candidate(mesh, *scene).image
+    expected = candidate(mesh, *scene).image
     (tmp_path / "x.obj").write_text(obj_text(mesh))
     for path in (made.write(tmp_path / "x"), tmp_path / "x.obj"):
-        found = mesh_render.candidate(read_mesh(path), *scene).image
+        found = candidate(read_mesh(path), *scene).image
         assert np.abs(found - expected).mean() < 1e-3 * expected.mean()
 
 
@@ -145,26 +147,36 @@ def test_a_render_that_cannot_be_written_says_why_and_leaves_nothing(
         write(tmp_path / "x.exr", frame, Reference(reference.first[:10], reference.second[:10], reference.interior[:10],
                                                    64, 0, 0, True))  # fmt: skip
 
-    # A writer that cuts files off, and one that stores something else: an earlier file stays as it is.
+    import OpenEXR
+
+    # A library that cuts files off, and one that stores something else: an earlier file stays as it is.
     write(tmp_path / "earlier.exr", frame, reference)
     earlier = (tmp_path / "earlier.exr").read_bytes()
-    plain = render_file._write
+    part, file = OpenEXR.Part, OpenEXR.File
 
-    def cut_off(path: Path, *arguments: Any) -> None:
-        plain(path, *arguments)
-        path.write_bytes(path.read_bytes()[:-100])
+    def cut_off(parts: Any) -> Any:
+        def write(path: str) -> None:
+            file(parts).write(path)
+            Path(path).write_bytes(Path(path).read_bytes()[:-100])
 
-    def other(path: Path, parts: Any, said: Any) -> None:
-        plain(path, {**parts, "lod": {"lod": parts["lod"]["lod"] + 1}}, said)
+        return SimpleNamespace(write=write)
 
-    def without(path: Path, parts: Any, said: Any) -> None:
-        plain(path, {name: each for name, each in parts.items() if name != "uv"}, said)
+    def without(parts: Any) -> Any:
+        return file([each for each in parts if each.name() != "uv"])
 
-    def silent(path: Path, parts: Any, said: Any) -> None:
-        plain(path, parts, {})
+    def other(header: Any, channels: Any, name: str) -> Any:
+        return part(header, {"lod": channels["lod"] + 1} if name == "lod" else channels, name)
 
-    for writer in (cut_off, other, without, silent):
-        monkeypatch.setattr(render_file, "_write", writer)
+    def silent(header: Any, channels: Any, name: str) -> Any:
+        return part({key: value for key, value in header.items() if not key.startswith("mipbake:")}, channels, name)
+
+    def when_written(spoilt: Any) -> Any:
+        return lambda given, **settings: spoilt(given) if isinstance(given, list) else file(given, **settings)
+
+    faults = [("Part", other), ("Part", silent), *(("File", when_written(spoilt)) for spoilt in (cut_off, without))]
+    for name, fault in faults:
+        monkeypatch.undo()
+        monkeypatch.setattr(OpenEXR, name, fault)
         with pytest.raises(OutputError, match=r"earlier\.exr \("):
             write(tmp_path / "earlier.exr", *rendered(5))
         assert (tmp_path / "earlier.exr").read_bytes() == earlier

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from mipbake.errors import OutputError
-from mipbake.io import publish
 from mipbake.io.containers import FORMATS, format_named
 from mipbake.manifest import check_output
 from mipbake.stack import open_stack
 
+from .test_publish import without_exchange
 from .test_stack import assert_same, make_stack, tree
 
 
@@ -134,7 +134,7 @@ def test_a_failing_rename_restores_the_earlier_stack(tmp_path, monkeypatch):
             raise PermissionError(13, "Permission denied")
         return rename(self, other)
 
-    monkeypatch.setattr(publish, "_exchanged", lambda _first, _second: False)
+    without_exchange(monkeypatch)
     monkeypatch.setattr(Path, "rename", refuses)
     with pytest.raises(OutputError, match="Permission denied"):
         make_stack(seed=2).save(target)
