@@ -169,8 +169,12 @@ BASE, ORM, NORMAL, LEAVES, FENCE_NORMAL, SET1_NORMAL, SET1_MR, FOREIGN_NORMAL, D
 """Materials, and images, of `many_materials`. Texture i shows image i; 9 shows ORM as well, 10 LEAVES."""
 
 
-def many_materials() -> GltfFile:
-    """What files in the wild have: see the constants above for the materials."""
+def many_materials(names: tuple[str, ...] = ()) -> GltfFile:
+    """What files in the wild have: see the constants above for the materials.
+
+    Args:
+        names: of the materials that it has; none for all.
+    """
     made = GltfFile()
     for name, channels in (("base", 3), ("orm", 3), ("normal", 3), ("leaves", 4), ("normal fence", 3)):
         made.texture(made.image(png(name, channels=channels), name))
@@ -236,6 +240,8 @@ def many_materials() -> GltfFile:
     made.material("", normalTexture={"index": NORMAL}, extensions=combed)
     made.uses("EXT_example", "KHR_texture_transform", "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness")
     made.uses("KHR_materials_anisotropy", "KHR_materials_clearcoat")
+    if names:
+        made.json["materials"] = [each for each in made.json["materials"] if each["name"] in names]
     made.squares()
     return made
 

@@ -14,7 +14,7 @@ from mipbake.errors import InputError
 from mipbake.io import archives
 
 from .command_line import fails, tree, write_set
-from .gltf_files import many_materials, png
+from .gltf_files import png
 from .gltf_results import two_textures
 from .input_files import plain_set
 from .mtlx_documents import document, image, surface, write_textures
@@ -25,10 +25,12 @@ LINEAR = ("--method", "linear", "--max-level", "0")
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    """A folder with a .gltf, its buffer and its images."""
+    """A folder with a .gltf of two materials, its buffer and its images."""
     folder = tmp_path / "unpacked"
     folder.mkdir()
-    many_materials().write(folder / "many", "external")
+    made = two_textures(png("normal a"), png("mr"))
+    made.material("Other", normalTexture={"index": 0})
+    made.write(folder / "both", "external")
     return folder
 
 
@@ -47,10 +49,10 @@ def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(
     (tmp_path / "scratch").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
     results = run(capsys, "bake", archive, "-o", tmp_path / "out", *LINEAR)["results"]
-    run(capsys, "bake", scene / "many.gltf", "-o", tmp_path / "wanted", *LINEAR)
-    assert tree(tmp_path / "out") == tree(tmp_path / "wanted") == ["many.glb"]
-    assert (tmp_path / "out" / "many.glb").read_bytes() == (tmp_path / "wanted" / "many.glb").read_bytes()
-    assert {result["source"] for result in results} == {f"{archive}/some/where/many.gltf"}
+    run(capsys, "bake", scene / "both.gltf", "-o", tmp_path / "wanted", *LINEAR)
+    assert tree(tmp_path / "out") == tree(tmp_path / "wanted") == ["both.glb"]
+    assert (tmp_path / "out" / "both.glb").read_bytes() == (tmp_path / "wanted" / "both.glb").read_bytes()
+    assert {result["source"] for result in results} == {f"{archive}/some/where/both.gltf"}
     assert tree(tmp_path / "in") == ["scene.zip"] and tree(tmp_path / "scratch") == []
 
 
@@ -176,7 +178,7 @@ def test_documents_find_their_files_again_once_other_archives_took_the_room(
 
 def test_options_are_for_sets_alone(scene: Path, tmp_path: Path) -> None:
     archive = zipped(tmp_path / "scene.zip", scene)
-    with pytest.raises(mipbake.UsageError, match=r"scene\.zip/many\.gltf says itself how its textures are read"):
+    with pytest.raises(mipbake.UsageError, match=r"scene\.zip/both\.gltf says itself how its textures are read"):
         mipbake.load(archive, normal_convention="directx")
     with pytest.raises(InputError, match=r"load_all"):
         mipbake.load(archive)

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 import mipbake
+from mipbake.baking import BakeOptions
 from mipbake.cli.main import main
+from mipbake.intake import jobs
+from mipbake.io.options import LoadOptions
 
 from .command_line import fails, tree, write_set
 from .gltf_files import GltfFile, check_structure, many_materials, png, split
@@ -121,24 +124,30 @@ def test_glb_only(tmp_path, kind) -> None:
     assert (tmp_path / "out" / "bolt.glb").read_bytes() == first
 
 
-def test_a_document_becomes_a_glb_unless_something_else_is_asked_for(tmp_path) -> None:
+@pytest.mark.parametrize(
+    ("asked", "as_glb"),
+    [
+        ({}, True),
+        ({"keep_level0": True}, True),
+        ({"target": "gltf-anisotropic"}, True),
+        ({"preset": "three"}, True),
+        ({"preset": "unreal"}, False),
+        ({"format": "png"}, False),
+        ({"packing": "orm"}, False),
+        ({"write_normals": "directx"}, False),
+        ({"target": "ggx"}, False),
+    ],
+)
+def test_a_document_becomes_a_glb_unless_something_else_is_asked_for(tmp_path, asked, as_glb) -> None:
+    (job,) = jobs([str(small().write(tmp_path / "bolt"))], LoadOptions(), tmp_path)
+    made = BakeOptions(**asked).asked()
+    assert (made.wants_glb(job), made.writes_maps(job)) == (as_glb, not as_glb)
+
+
+def test_documents_and_sets_are_baked_together(tmp_path) -> None:
     source, folder = small().write(tmp_path / "bolt"), write_set(tmp_path / "wood")
-    for index, (asked, written) in enumerate(
-        (
-            ((), ["bolt.glb"]),
-            (("--keep-level0",), ["bolt.glb"]),
-            (("--target", "gltf-anisotropic"), ["bolt.glb"]),
-            (("--preset", "three"), ["bolt.glb"]),
-            (("--preset", "unreal"), ["bolt"]),
-            (("--format", "png"), ["bolt"]),
-            (("--packing", "orm"), ["bolt"]),
-            (("--write-normals", "directx"), ["bolt"]),
-            (("--target", "ggx"), ["bolt"]),
-        )
-    ):
-        out = tmp_path / f"out{index}"
-        assert bake(source, "-o", out, *asked)[0] == 0
-        assert sorted(path.name for path in out.iterdir()) == written, asked
+    assert bake(source, "-o", tmp_path / "maps", "--packing", "orm")[0] == 0
+    assert [path.name for path in (tmp_path / "maps").iterdir()] == ["bolt"]
     assert bake(source, folder, "-o", tmp_path / "both")[0] == 0
     assert sorted(path.name for path in (tmp_path / "both").iterdir()) == ["bolt.glb", "wood"]
     assert (tmp_path / "both" / "wood" / "normal.exr").is_file()
