@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
-from mipbake.compare import texture_space
 from mipbake.compare.candidates import Candidate, bake_all
 from mipbake.compare.result import Figure, Method
 from mipbake.compare.texture_space import Effort, TextureSpace, curve_lods, measure, scale_lods
@@ -49,7 +48,8 @@ def measured(
     texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: Any
 ) -> TextureSpace:
     with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
-        effort = Effort(**{name: settings.pop(name) for name in ("seed", "points", "samples") if name in settings})
+        numbers = "seed", "points", "samples", "changes"
+        effort = Effort(**{name: settings.pop(name) for name in numbers if name in settings})
         return measure(texture_set, candidates, pixel_filter, effort=effort, **settings)
 
 
@@ -177,13 +177,14 @@ def test_a_scale_pools_the_sums_of_its_levels_of_detail() -> None:
     assert len(found.figures) == 2 * 2 * 4 * 4
 
 
-def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale() -> None:
     """Levels count alike, whatever number of points each takes: a set of few pixels takes fewer at coarse levels."""
 
     def pooled(fine: int, coarse: int) -> list[float]:
-        drawn = {32 * 32.0: fine, 16 * 16.0: coarse}
-        monkeypatch.setattr(texture_space, "_draws", lambda pixels, _points, _samples: (drawn.get(pixels, 64), 16))
-        found = measured(bumpy(32), ["linear (box)"], lods=(0.0,), scales=("1:1",), points=64, samples=8)
+        drawn = {32 * 32.0: (fine, 16), 16 * 16.0: (coarse, 16)}
+        changes = lambda pixels, _points, _samples: drawn.get(pixels, (64, 16))  # noqa: E731
+        effort = {"points": 64, "samples": 8, "changes": changes}
+        found = measured(bumpy(32), ["linear (box)"], lods=(0.0,), scales=("1:1",), **effort)
         return [figure(found, "linear (box)", "flicker", view, "1:1").value for view in PAIR_SETS]
 
     assert pooled(2048, 128) == pytest.approx(pooled(128, 2048), rel=0.15)

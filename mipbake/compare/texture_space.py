@@ -129,6 +129,13 @@ STAGE = "texture space"
 """What `measure` calls its work."""
 
 
+def change_draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
+    """Points and samples for flicker where the set has so many pixels: half of the samples of the SNR, or more."""
+    most = max(1, points // 2)
+    count = min(most, max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
+    return count, samples if count == most else max(samples, _FEW_PIXELS_WORK * most * samples // count)
+
+
 @dataclass(frozen=True)
 class Effort:
     """The random numbers of a measurement, and how many.
@@ -138,11 +145,14 @@ class Effort:
         points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
             carry the tonemapped error and flicker.
         samples: of the reference per pixel, in each of two estimates.
+        changes: the same two numbers for flicker, from the pixels that the set has at a level of detail, `points` and
+            `samples`.
     """
 
     seed: int = DEFAULT_SEED
     points: int = DEFAULT_POINTS
     samples: int = DEFAULT_SAMPLES
+    changes: Callable[[float, int, int], tuple[int, int]] = change_draws
 
 
 def measure(
@@ -191,7 +201,8 @@ def measure(
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
     blocks = [_Scene(source, pairs) for pairs in _blocks(seed)]
     sums: _Collected = {}
-    drawn = {lod: _draws(texture_set.width * texture_set.height / 4**lod, points, samples) for lod in shifted}
+    texels = texture_set.width * texture_set.height
+    drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
     moving = {lod: (1 + len(SHIFTS)) * math.prod(draws) / (points * samples) for lod, draws in drawn.items()}
     work, done = len(every) + sum(moving.values()), 0.0
     for index, lod in enumerate(every):
@@ -342,13 +353,6 @@ def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws
         snr = np.sum([target.snr_sums(change) for target, change in pairs], 0) / points
         sums.setdefault(("flicker", each.name, lod), []).append(flicker)
         sums.setdefault(("flicker-snr", each.name, lod), []).append(snr)
-
-
-def _draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
-    """Points and samples for flicker where the set has so many pixels: half of the samples of the SNR, or more."""
-    most = max(1, points // 2)
-    count = min(most, max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
-    return count, samples if count == most else max(samples, _FEW_PIXELS_WORK * most * samples // count)
 
 
 def _blocks(seed: int) -> list[LightViewPairs]:
