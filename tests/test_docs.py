@@ -14,7 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mipbake.bake import DEFAULT_METHOD
+from mipbake.prefilter import METHODS
 from mipbake.render import environment, mesh_render
+
+from .quick_methods import quick_methods
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -144,8 +148,12 @@ Script = Callable[..., str]
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Script:
-    """Runs docs/<name>.py with arguments, in this process because importing torch takes seconds; what it prints."""
+    """Runs docs/<name>.py with arguments, in this process because importing torch takes seconds; what it prints.
+
+    The default method searches with little effort.
+    """
     monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.setitem(METHODS, DEFAULT_METHOD, quick_methods()[DEFAULT_METHOD])
 
     def run(name: str, *arguments: object) -> str:
         monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
