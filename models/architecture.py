@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mipbake.errors import UsageError
-from mipbake.material import losses
+from mipbake.material import MODELS, losses, model_named
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -72,7 +72,15 @@ class Architecture(ABC):
     @property
     def targets(self) -> tuple[str, ...]:
         """The material models that can be baked: the models of the decoders, and models that are made from them."""
-        return self.decoders
+        converted = (name for name, model in MODELS.items() if model.decoded_from in self.decoders)
+        return tuple(dict.fromkeys((*self.decoders, *converted)))
+
+    def made_from(self, target: str) -> str:
+        """The decoder whose texels become a target; UsageError where there is none."""
+        for model in (target, model_named(target).decoded_from):
+            if model in self.decoders:
+                return str(model)
+        raise UsageError(f"these weights make {', '.join(self.targets)}, not {target!r}; choose other weights")
 
     def reads(self, source: str) -> bool:
         """Whether all of a source is seen, as it is or converted: who reads `gltf` is blind to anisotropic lobes."""

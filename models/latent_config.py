@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mipbake.errors import UsageError
-from mipbake.material import MODELS, losses, model_named
+from mipbake.material import MODELS, losses
 from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
 
 if TYPE_CHECKING:
@@ -71,24 +71,11 @@ class LatentConfig(Architecture):
         """How many latents are not learned; only a residual network has some."""
         return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
 
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """See Architecture."""
-        converted = (name for name, model in MODELS.items() if model.decoded_from in self.decoders)
-        return tuple(dict.fromkeys((*self.decoders, *converted)))
-
     def read_as(self, source: str) -> str:
         """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
         if source in self.encoders:
             return source
         return min(self.encoders, key=lambda model: (losses(source, model), list(MODELS).index(model)))
-
-    def made_from(self, target: str) -> str:
-        """The decoder whose texels become a target; UsageError where there is none."""
-        for model in (target, model_named(target).decoded_from):
-            if model in self.decoders:
-                return str(model)
-        raise UsageError(f"these weights make {', '.join(self.targets)}, not {target!r}; choose other weights")
 
     def build(self) -> LatentNetwork:
         """See Architecture."""

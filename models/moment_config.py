@@ -6,18 +6,35 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from mipbake.errors import UsageError
+from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.moment_network import MomentNetwork
 
 
+def _round_twin(model: MaterialModel) -> str:
+    """The model whose lobes are round, and that is the same otherwise."""
+    (found,) = (name for name in model.exact if not MODELS[name].anisotropic)
+    return found
+
+
+def _known(model: MaterialModel) -> bool:
+    """Whether the colours are known: one with a share of metal, or a diffuse and a specular reflectance."""
+    return (len(model.of(Kind.REFLECTANCE)), len(model.of(Kind.SHARE))) in ((1, 1), (2, 0))
+
+
+MADE = tuple(name for name, model in MODELS.items() if _known(model))
+"""The material models that can be made."""
+
+
 @dataclass(frozen=True)
 class MomentConfig(Architecture):
-    """Architecture of a network that corrects averages (mipbake.models.moment_network); it reads `gltf`.
+    """Architecture of a network that corrects averages (mipbake.models.moment_network).
 
     Args:
-        decoders: the one material model that is made, `gltf` or `gltf-anisotropic`.
+        decoders: the one material model that is made. It is also read, unless it stores directions: then its round twin
+            is read.
         latent_channels: learned maps beside the moments.
         convolutions: dense 3 x 3 layers of the encoder; also its halo in texels.
         pointwise: dense 1 x 1 layers of the encoder.
@@ -37,24 +54,27 @@ class MomentConfig(Architecture):
     decoder_growth: int = 32
 
     def __post_init__(self) -> None:
-        if self.decoders not in (("gltf",), ("gltf-anisotropic",)):
-            raise UsageError(f"network.decoders must be gltf or gltf-anisotropic here, got {self.decoders!r}")
+        if len(self.decoders) != 1 or self.decoders[0] not in MADE:
+            raise UsageError(f"network.decoders must be one of {', '.join(MADE)} here, got {self.decoders!r}")
         check_counts(self)
 
     @property
     def encoders(self) -> tuple[str, ...]:
         """The material model that is read."""
-        return ("gltf",)
+        (made,) = self.decoders
+        return (made if model_named(made).lines is None else _round_twin(model_named(made)),)
 
     @property
     def anisotropic(self) -> bool:
         """Whether lobes that are made have two widths."""
-        return self.decoders == ("gltf-anisotropic",)
+        (made,) = self.decoders
+        return model_named(made).anisotropic
 
     def takes(self, source: str) -> bool:
-        """Whether a source is baked: anisotropic lobes are made from round ones, and lobes that are given would be
-        lost."""
-        return not self.anisotropic or source == "gltf"
+        """Whether a source is baked: what it says of lobes must not be lost where the model that is made could say
+        it."""
+        (read,), (made,) = self.encoders, self.decoders
+        return losses(source, made).anisotropy or not losses(source, read).anisotropy
 
     def build(self) -> MomentNetwork:
         """See Architecture."""
@@ -64,11 +84,13 @@ class MomentConfig(Architecture):
 
     def describe(self) -> Description:
         """See Architecture."""
-        from mipbake.models.moments import COUNT
+        from mipbake.models.moments import moment_count
 
+        (read,) = self.encoders
+        count = moment_count(model_named(read))
         return Description(
             method=f"averages of moments, corrected; after {PAPER}",
             encoder=f"{self.convolutions} layers of 3 x 3 and {layers(self.pointwise, '1 x 1', self.growth)}",
-            latents=f"{self.latent_channels} learned channels and {COUNT} moments, filtered with the pixel filter",
+            latents=f"{self.latent_channels} learned channels and {count} moments, filtered with the pixel filter",
             decoder=layers(self.decoder_layers, "1 x 1", self.decoder_growth),
         )

@@ -18,7 +18,7 @@ from torch import Tensor
 from mipbake import directions, material
 from mipbake.errors import UsageError
 from mipbake.models.lookup_kernel import sharpened, sharpening
-from mipbake.models.moment_network import DETAIL, MomentNetwork, with_detail
+from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.models.workers import in_order
 from mipbake.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
@@ -38,20 +38,22 @@ def bake(
 ) -> list[NDArray[np.float32]]:
     """See MomentNetwork.bake."""
     kernel = filter_named(pixel_filter).name
-    (made,) = network.config.decoders
-    if target != made:
-        raise UsageError(f"these weights make {made}, not {target!r}; choose other weights")
+    made, (read,) = network.config.made_from(target), network.config.encoders
     if not network.config.takes(source):
-        raise UsageError(f"these weights read gltf and would lose what {source} says of lobes; choose other weights")
+        raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
     if network.pixel_filters and kernel not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)
         raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
-    return bake_levels(network, material.convert(stored, source, "gltf"), kernel, wrap, progress=progress)
+    levels = bake_levels(network, material.convert(stored, source, read), kernel, wrap, progress=progress)
+    if made == target:
+        return levels
+    converted = [material.regularise(material.convert(level, made, target), target) for level in levels]
+    return directions.settled(converted, target, wrap)
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is baked, and how: level 0 (H, W, 8), the kernel's name, and the side of a tile."""
+    """What is baked, and how: level 0 (H, W, R), the kernel's name, and the side of a tile."""
 
     network: MomentNetwork
     stored: NDArray[np.float32]
@@ -77,7 +79,7 @@ def bake_levels(
 
     Args:
         network: the trained network.
-        stored: (H, W, 8) stored channels of `gltf`, any size.
+        stored: (H, W, R) stored channels of the model that is read, any size.
         kernel: name of the pixel filter. wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding.
         progress: told the finished share, from 0 to 1.
@@ -134,7 +136,7 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
         rows = border_indices(y - border, stop[0] + border, height, wrap[1]).numpy()
         columns = border_indices(x - border, stop[1] + border, width, wrap[0]).numpy()
         around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])[0]
-        filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, :DETAIL], taps))
+        filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, : network.detail], taps))
         top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
         return around[reach:-reach, reach:-reach]
 
@@ -167,7 +169,7 @@ def _valid(image: Tensor, taps: NDArray[np.floating]) -> Tensor:
 
 def _decoded(plan: _Plan, latent: Tensor, level: int) -> NDArray[np.float32]:
     """(H, W, C) stored channels of a level's latents."""
-    ready = with_detail(sharpened(latent, level, plan.wrap), latent)
+    ready = with_detail(sharpened(latent, level, plan.wrap), latent[..., : plan.network.detail])
     index = torch.full((1,), float(level))
     rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as many texels at a time as of level 0
     parts = in_order(lambda some: plan.network.decode(some, index, plan.kernel).numpy(), rows)

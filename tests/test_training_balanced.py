@@ -62,7 +62,7 @@ def test_weighted_pairs_stand_for_both_pair_sets() -> None:
         expected.append(values(torch.from_numpy(light), torch.from_numpy(view)).double().mean(0))
     sums = []
     for index in range(1500):
-        pairs = draw_pairs(patches_of(index), SETTINGS, np.random.default_rng([1, index]))
+        pairs = draw_pairs(patches_of(index), "gltf", SETTINGS, np.random.default_rng([1, index]))
         single = pairs.weights.shape[2]
         assert torch.allclose(pairs.light.norm(dim=-1), torch.ones(()), atol=1e-4)
         assert (pairs.light[..., 2] >= 0).all() and (pairs.view[..., 2] > 0).all()
@@ -74,7 +74,7 @@ def test_weighted_pairs_stand_for_both_pair_sets() -> None:
 
 
 def test_rooms_see_several_lights_from_one_view() -> None:
-    pairs = draw_pairs(patches_of(0), SETTINGS, np.random.default_rng(0))
+    pairs = draw_pairs(patches_of(0), "gltf", SETTINGS, np.random.default_rng(0))
     rooms = pairs.view[:, pairs.weights.shape[2] :].reshape(2, SETTINGS.rooms, SETTINGS.room_lights, 3)
     assert (rooms == rooms[:, :, :1]).all()
     lights = pairs.light[:, pairs.weights.shape[2] :].reshape(2, SETTINGS.rooms, SETTINGS.room_lights, 3)

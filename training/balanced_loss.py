@@ -14,6 +14,7 @@ of level 0, estimated twice, independently. What differs:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -166,12 +167,13 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         return "drawn by importance for both pair sets, and for many-light views"
 
     def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> BalancedBatch:
-        """See Loss. The patches are of `gltf`."""
+        """See Loss."""
         names = list(FILTERS)
         any_filter = rng.random() < self.any_filter
         pixel_filter = names[int(rng.integers(len(names)))] if any_filter else self.pixel_filter
-        pairs = draw_pairs(patches, self, rng)
-        seen = tuple(_seen(patches, pairs, pixel_filter, band, self, rng) for band in BANDS)
+        pairs = draw_pairs(patches, source, self, rng)
+        sources = [FilteredSource(patch.numpy(), source, TORUS, pixel_filter) for patch in patches]
+        seen = tuple(_seen(sources, pairs, band, self, rng) for band in BANDS)
         return BalancedBatch(source, patches, pixel_filter, pairs, seen)
 
     def value(self, network: Network, batch: BalancedBatch) -> Tensor:
@@ -188,16 +190,16 @@ class BalancedLossConfig(Loss[BalancedBatch]):
 
 
 def _seen(
-    patches: Tensor, pairs: Pairs, pixel_filter: str, band: Band, config: BalancedLossConfig, rng: np.random.Generator
+    sources: Sequence[FilteredSource], pairs: Pairs, band: Band, config: BalancedLossConfig, rng: np.random.Generator
 ) -> Seen:
-    batch, side = len(patches), band.side
+    batch, side = len(sources), band.side
     lod = rng.uniform(band.low, band.high, (batch, band.lods)).clip(None, config.max_lod)
     lod = np.where(rng.random(lod.shape) < config.below, lod, lod.clip(0)).astype(np.float32)
     row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
     target, independent = (
-        torch.cat([_target(patches, *where, pixel_filter, band.samples, each, rng) for each in _groups(pairs, band)], 1)
+        torch.cat([_target(sources, *where, band.samples, each, rng) for each in _groups(pairs, band)], 1)
         for _ in range(2)
     )
     return Seen(*where, band.lods, target, independent)
@@ -223,10 +225,9 @@ def _groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
 
 
 def _target(
-    patches: Tensor,
+    sources: Sequence[FilteredSource],
     lod: Tensor,
     uv: Tensor,
-    pixel_filter: str,
     samples: int,
     group: _Group,
     rng: np.random.Generator,
@@ -234,8 +235,7 @@ def _target(
     """(B, G k, P, 3) estimates: every group of pairs has `samples` lookups of a pixel, one low-discrepancy sequence."""
     batch, groups, count, _ = group.light.shape
     out = np.empty((batch, groups, count, uv.shape[1], 3), np.float32)
-    for index in range(batch):
-        source = FilteredSource(patches[index].numpy(), "gltf", TORUS, pixel_filter)
+    for index, source in enumerate(sources):
         axes = None if group.axes is None else group.axes[index].numpy()[:, None]
         pixels = Pixels(uv[index].numpy(), lod[index].numpy(), axes)
         pairs = GroupPairs(group.light[index].numpy(), group.view[index].numpy())

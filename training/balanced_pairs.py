@@ -22,8 +22,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.material import MIN_ROUGHNESS
+from mipbake.material import model_named
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.models import surface
+from mipbake.models.moments import least_roughness
 from mipbake.reference import lobes
 
 if TYPE_CHECKING:
@@ -54,8 +56,8 @@ class Pairs:
     rooms: int
 
 
-def draw_pairs(patches: Tensor, config: BalancedLossConfig, rng: np.random.Generator) -> Pairs:
-    """The pairs of (B, S, S, 8) patches of `gltf`."""
+def draw_pairs(patches: Tensor, source: str, config: BalancedLossConfig, rng: np.random.Generator) -> Pairs:
+    """The pairs of (B, S, S, C) patches of a material model."""
     batch, counts = len(patches), config.kinds
     near, hemisphere, narrow, wide = counts
 
@@ -63,7 +65,7 @@ def draw_pairs(patches: Tensor, config: BalancedLossConfig, rng: np.random.Gener
         return torch.from_numpy(rng.random(shape, np.float32))
 
     view, weight = _views(sum(counts), batch, config.grazing, uniform)
-    narrow_lobe, wide_lobe = _lobes(patches, rng)
+    narrow_lobe, wide_lobe = _lobes(patches, source, rng)
     parts = [
         _float(near_mirror_lights(rng, view[:near].reshape(-1, 3).double().numpy())).reshape(near, batch, 3),
         _float(cosine_directions(rng, hemisphere * batch)).reshape(hemisphere, batch, 3),
@@ -103,16 +105,19 @@ def _views(count: int, batch: int, grazing: float, uniform: Callable[..., Tensor
     return torch.stack([sine * angle.cos(), sine * angle.sin(), cosine], -1), 2 * cosine / density
 
 
-def _lobes(patches: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """(B, 4) each: the lobe of one texel of each patch, and one as wide as all of the patch together."""
-    flat = patches.flatten(1, 2)
-    texel = flat[torch.arange(len(flat)), torch.from_numpy(rng.integers(flat.shape[1], size=len(flat)))]
-    alpha = texel[:, 4:5].square()
-    normal = flat[..., 5:8].mean(1)
+def _lobes(patches: Tensor, source: str, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """(B, 4) each: the lobe of one texel of each patch, and one as wide as all of the patch together.
+
+    Lobes that are stretched count as round ones of as large an area.
+    """
+    model, flat = model_named(source), patches.flatten(1, 2)
+    normals, roughness = surface.unit_normals(flat, model), surface.round_roughness(flat, model)
+    one = torch.arange(len(flat)), torch.from_numpy(rng.integers(flat.shape[1], size=len(flat)))
+    normal = normals.mean(1)
     normal = normal / normal.norm(dim=-1, keepdim=True).clamp(min=1e-3)
-    slopes = flat[..., 5:7] / flat[..., 7:8].clamp(min=0.1)
-    alpha2 = flat[..., 4:5].clamp(min=MIN_ROUGHNESS).pow(4).mean(1) + slopes.var(1).sum(-1, keepdim=True)
-    each = ((texel[:, 5:8], alpha), (normal, alpha2.sqrt()))
+    slopes = normals[..., :2] / normals[..., 2:].clamp(min=0.1)
+    alpha2 = roughness.clamp(min=least_roughness(model)).pow(4).mean(1) + slopes.var(1).sum(-1, keepdim=True)
+    each = ((normals[one], roughness[one].square()), (normal, alpha2.sqrt()))
     narrow, wide = (torch.cat([n, (_WIDER * a).clamp(_LEAST_ALPHA, 1)], -1) for n, a in each)
     return narrow, wide
 
