@@ -103,7 +103,7 @@ class MomentNetwork(Network):
     def detail(self) -> int:
         """Latents that `with_detail` adds: what sharpening added to the averages of the first moments, from the colours
         to 1 - n_z."""
-        return moment_places(self.read).drop.stop
+        return int(moment_places(self.read).drop.stop)
 
     def encode_extended(self, stored: Tensor) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, R) stored channels, borders included, to (B, H, W, Z), not filtered yet."""
@@ -207,7 +207,7 @@ def _inputs(stored: Tensor, model: MaterialModel) -> Tensor:
 
     Slopes come twice: as normals, and in units of the lobe's width, where they decide how a glossy surface looks.
     """
-    xy, z = surface.unit_normals(stored, model).split((2, 1), -1)
+    xy, z = torch.split(surface.unit_normals(stored, model), [2, 1], -1)
     roughness = surface.round_roughness(stored, model).clamp(min=least_roughness(model))
     relative = torch.asinh(xy / z.clamp(min=0.1) / roughness.square()) / 3
     steepness = 4 * xy.square().sum(-1, keepdim=True)

@@ -79,7 +79,7 @@ class _Texel:
 
 
 def _texel(stored: Tensor, model: MaterialModel) -> _Texel:
-    xy, z = surface.unit_normals(stored, model).split((2, 1), -1)
+    xy, z = torch.split(surface.unit_normals(stored, model), [2, 1], -1)
     # 1 - n_z without cancellation: alpha^2 goes down to 4e-6, and spreads of normals are measured against it.
     drop = torch.where(z > 0, xy.square().sum(-1, keepdim=True) / (1 + z.clamp(min=0)), 1 - z)
     slope = xy / z.clamp(min=_MIN_HEIGHT)
@@ -116,7 +116,7 @@ def _stretched(alpha2: Tensor, stretch: Tensor, x: Tensor, y: Tensor, steepness:
     steepness for a round one."""
     if not stretch.shape[-1]:
         return stretch, steepness
-    d, c = stretch.split(1, -1)
+    d, c = torch.split(stretch, 1, -1)
     q = stretch.square().sum(-1, keepdim=True).sqrt()
     cosh, sinhc = q.cosh(), torch.where(q > 1e-4, q.sinh() / q.clamp(min=1e-4), torch.ones_like(q))
     seen = cosh * steepness - sinhc * (d * (x * x - y * y) + 2 * c * x * y)

@@ -32,14 +32,14 @@ def round_roughness(stored: Tensor, model: MaterialModel) -> Tensor:
 def stretch(stored: Tensor, model: MaterialModel) -> Tensor:
     """(..., C) stored channels to (..., 2); to (..., 0) where a model has no log-roughness tensor."""
     for tensor in model.of(Kind.LOG_TENSOR):
-        a, b, c = stored[..., tensor].split(1, -1)
+        a, b, c = torch.split(stored[..., tensor], 1, -1)
         return torch.cat([(a - b) / 2, c], -1)
     return stored[..., :0]
 
 
 def log_tensor(roughness: Tensor, stretch: Tensor) -> Tensor:
     """(..., 1) and (..., 2) to (..., 3) a, b, c; the inverse of `round_roughness` and `stretch`."""
-    mean, (d, c) = 4 * roughness.log(), stretch.split(1, -1)
+    mean, (d, c) = 4 * roughness.log(), torch.split(stretch, 1, -1)
     return torch.cat([mean + d, mean - d, c], -1)
 
 

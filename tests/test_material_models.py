@@ -273,7 +273,6 @@ def test_augmentation_takes_a_model_or_refuses_it(name: str) -> None:
 BY_NAME = {
     "mipbake/intake.py": "kinds of inputs, of which one is a glTF document",
     "mipbake/shading/reference.py": "the list of plain twins",
-    "models/moment_config.py": "networks that correct averages of glTF's models, and of no others",
 }
 
 

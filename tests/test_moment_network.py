@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 
 from mipbake import directions
 from mipbake.errors import UsageError
-from mipbake.material import MIN_ROUGHNESS, lift_normal
+from mipbake.material import MIN_ROUGHNESS, MODELS, Kind, MaterialModel, convert, lift_normal, model_named
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.models.channels import parts
+from mipbake.models.channels import count, parts
+from mipbake.models.corrections import Outputs
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
-from mipbake.models.moment_config import MomentConfig
+from mipbake.models.moment_config import MADE, MomentConfig
 from mipbake.models.moment_inference import bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.models.moments import COUNT, FEATURES, PLACES, Moments, moments, statistics
+from mipbake.models.moment_statistics import Statistics, feature_count
+from mipbake.models.moment_statistics import statistics as statistics_of
+from mipbake.models.moments import Moments, moment_count, moment_places
+from mipbake.models.moments import moments as moments_of
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.linear import Linear
@@ -43,6 +47,40 @@ def bumpy(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
     return np.concatenate([colour, roughness, normal], -1).astype(np.float32)
 
 
+ANISOTROPIC = dataclasses.replace(SMALL, decoders=("gltf-anisotropic",))
+GLTF, GGX = MODELS["gltf"], MODELS["ggx"]
+
+
+def moments(stored: torch.Tensor) -> torch.Tensor:
+    return moments_of(stored, GLTF)
+
+
+def statistics(means: torch.Tensor) -> Statistics:
+    return statistics_of(means, GLTF)
+
+
+def of_model(model: str, height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
+    """Valid stored channels of a model, whatever they are: lobes are stretched where they can be."""
+    given, rng = bumpy(height, width, seed), np.random.default_rng(seed)
+    if model == "gltf":
+        return given
+    drawn = {
+        Kind.REFLECTANCE: np.clip(rng.uniform(-0.3, 1.3, (height, width, 6)), 0, 1),
+        Kind.NORMAL_XY: given[..., 5:7],
+        Kind.LOG_TENSOR: rng.uniform([-4.4, -4.4, -0.4], [-0.1, -0.1, 0.4], (height, width, 3)),
+        Kind.LOG_GAMMA: rng.uniform(-1, 1, (height, width, 1)),
+    }
+    return np.concatenate([drawn[part.kind] for part in model_named(model).parts], -1).astype(np.float32)
+
+
+READ = [model for model in MADE if MODELS[model].lines is None]
+"""Models that networks read and make as they are."""
+
+
+def config_of(model: str) -> MomentConfig:
+    return dataclasses.replace(SMALL, decoders=(model,))
+
+
 def trained_like(config: MomentConfig = SMALL) -> MomentNetwork:
     """Every unit has its say."""
     torch.manual_seed(3)
@@ -50,6 +88,8 @@ def trained_like(config: MomentConfig = SMALL) -> MomentNetwork:
     with torch.no_grad():
         network.output.weight.normal_(0, 1.5)
         network.output.bias.normal_(0, 1.5)
+        if network.stretch is not None:
+            network.stretch.weight.normal_(0, 1.5)
     return network.eval().requires_grad_(False)
 
 
@@ -73,6 +113,26 @@ def test_a_constant_material_stays_as_it_is(texel: tuple[float, ...], wrap: Wrap
                 assert abs(level[..., channel] - stored[channel]).max() < 1e-6
 
 
+@pytest.mark.parametrize("model", READ)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_constant_texel_of_any_model_stays_as_it_is(model: str, seed: int) -> None:
+    texel = of_model(model, 1, 1, seed)
+    levels = trained_like(config_of(model)).bake(np.tile(texel, (20, 12, 1)), model, model, "gaussian", TORUS)
+    for level in levels:
+        np.testing.assert_allclose(level, np.broadcast_to(texel, level.shape), atol=2e-3)
+        for colours in MODELS[model].of(Kind.REFLECTANCE, Kind.SHARE):
+            whole = (texel[0, 0, colours] == 0) | (texel[0, 0, colours] == 1)
+            assert abs(level[..., colours] - texel[..., colours])[..., whole].max(initial=0) < 1e-5
+
+
+def test_diffuse_light_is_averaged() -> None:
+    """The diffuse albedo is, whatever else varies; sharpness apart, which is its own."""
+    stored = of_model("ggx", 32, 32)
+    stored[..., :3] = 0.3
+    for level in trained_like(config_of("ggx")).bake(stored, "ggx", "ggx", "box", TORUS):
+        np.testing.assert_allclose(level[..., :3], 0.3, atol=1e-5)
+
+
 def test_colours_of_a_flat_dielectric_are_averages() -> None:
     stored = bumpy(32, 32)
     stored[..., 3], stored[..., 4], stored[..., 5:8] = 0, 0.4, (0, 0, 1)
@@ -84,10 +144,11 @@ def test_colours_of_a_flat_dielectric_are_averages() -> None:
         np.testing.assert_allclose(level[..., 4], 0.4, atol=1e-5)
 
 
+@pytest.mark.parametrize("model", ["gltf", "ggx"])
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))
 @pytest.mark.parametrize(("height", "width"), [(40, 25), (16, 1), (33, 64)])
-def test_tiles_do_not_show(height: int, width: int, pixel_filter: str) -> None:
-    network, stored = trained_like(), bumpy(height, width)
+def test_tiles_do_not_show(height: int, width: int, pixel_filter: str, model: str) -> None:
+    network, stored = trained_like(config_of(model)), of_model(model, height, width)
     whole, tiled = (bake_levels(network, stored, pixel_filter, ("clamp", "wrap"), tile) for tile in (128, 7))
     assert [level.shape[:2] for level in whole] == level_sizes(height, width)
     for left, right in zip(whole, tiled, strict=True):
@@ -107,12 +168,13 @@ def test_threads_do_not_show() -> None:
         np.testing.assert_array_equal(left, right)
 
 
+@pytest.mark.parametrize("model", READ)
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))
-def test_training_and_baking_agree(pixel_filter: str) -> None:
+def test_training_and_baking_agree(pixel_filter: str, model: str) -> None:
     """Up to level 3, which both filter from level 0; coarser ones are baked from box averages."""
-    network, stored = trained_like(), bumpy(16, 16)
-    baked = network.bake(stored, "gltf", "gltf", pixel_filter, TORUS)
-    trained = network(torch.from_numpy(stored)[None], "gltf", pixel_filter)["gltf"]
+    network, stored = trained_like(config_of(model)), of_model(model, 16, 16)
+    baked = network.bake(stored, model, model, pixel_filter, TORUS)
+    trained = network(torch.from_numpy(stored)[None], model, pixel_filter)[model]
     for level, (left, right) in enumerate(zip(baked, trained, strict=True)):
         if level <= 3:
             np.testing.assert_allclose(left, right[0].numpy(), atol=5e-4)
@@ -147,8 +209,44 @@ def test_statistics_are_those_of_closed_forms() -> None:
         alpha2, v = np.exp(4 * found.log_roughness.numpy()), 1 / np.sqrt(1 - found.spread.numpy()) - 1
         widened = (alpha2 + 2 * v * (1 - alpha2)) / (1 + 2 * v)  # what the released weights were trained with
         np.testing.assert_allclose(np.exp(4 * (found.log_roughness + found.to_widened).numpy()), widened, rtol=1e-4)
-        assert found.features().shape[-1] == FEATURES
+        assert found.features().shape[-1] == feature_count(GLTF)
         assert found.freedom.min() >= 0 and found.freedom.max() < 1
+
+
+def test_statistics_of_stretched_lobes_are_those_of_lean() -> None:
+    stored = of_model("ggx", 16, 16, 4)
+    stored[..., 6:8] *= 0.5
+    means = filtered_levels(moments_of(torch.from_numpy(stored), GGX).numpy(), "gaussian", TORUS)
+    lean = Lean()(stored, "ggx", "ggx", "gaussian", TORUS, lambda _: None).levels
+    for level, mean in enumerate(means):
+        found = statistics_of(torch.from_numpy(mean), GGX)
+        stretch = (found.stretch + found.lean_stretch).numpy()
+        middle = 4 * (found.log_roughness + found.to_lean).numpy()
+        tensor = np.concatenate([middle + stretch[..., :1], middle - stretch[..., :1], stretch[..., 1:]], -1)
+        np.testing.assert_allclose(tensor, lean[level][..., 8:11], atol=2e-3)
+        np.testing.assert_allclose((found.normal + found.lean_normal).numpy(), lean[level][..., 6:8], atol=1e-5)
+
+
+def test_round_lobes_have_the_moments_of_gltf() -> None:
+    """A tensor without a stretch is no other surface."""
+    given = bumpy(8, 8, 2)
+    stored = np.asarray(convert(given, "gltf", "ggx"))
+    found: Moments[torch.Tensor] = parts(moment_places(GGX), moments_of(torch.from_numpy(stored), GGX))
+    expected: Moments[torch.Tensor] = parts(moment_places(GLTF), moments(torch.from_numpy(given)))
+    for name, values in vars(expected).items():
+        if values.shape[-1] and "metallic" not in name and name != "base":
+            torch.testing.assert_close(getattr(found, name), values, rtol=2e-4, atol=1e-6)
+    assert not found.stretch.any() and not found.tensor[..., 1:].any()
+
+
+def test_bright_texels_have_their_reflectance() -> None:
+    """Glossy gold in dull plastic: the highlight is golden."""
+    stored = np.zeros((16, 16, 11), np.float32)
+    stored[..., 3:6], stored[..., 8:10] = 0.04, -1.0
+    stored[:8, :, 3:6], stored[:8, :, 8:10] = (1.0, 0.8, 0.3), -8.0
+    found = statistics_of(moments_of(torch.from_numpy(stored), GGX).mean((0, 1)), GGX)
+    for change in (found.tall_specular, found.upward_specular):
+        torch.testing.assert_close(found.specular + change, torch.tensor([1.0, 0.8, 0.3]), atol=1e-2, rtol=0)
 
 
 def test_moments_of_glossy_normals_do_not_cancel() -> None:
@@ -203,19 +301,33 @@ def test_sharper_levels_are_nearer_to_the_reference() -> None:
         assert after > before + 0.5, lod
 
 
-def test_gradients_reach_every_parameter() -> None:
-    network = trained_like().requires_grad_(True)
-    levels = network(torch.from_numpy(bumpy(8, 8))[None], "gltf", "gaussian")["gltf"]
+@pytest.mark.parametrize("model", READ)
+def test_gradients_reach_every_parameter(model: str) -> None:
+    network = trained_like(config_of(model)).requires_grad_(True)
+    levels = network(torch.from_numpy(of_model(model, 8, 8))[None], model, "gaussian")[model]
     torch.stack([level.square().mean() for level in levels]).sum().backward()  # type: ignore[no-untyped-call]
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
         assert parameter.grad.abs().max() > 0, name
-    assert moments(torch.zeros(1, 8)).shape[-1] == COUNT
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=list(MODELS))
+def test_every_model_has_the_moments_and_outputs_of_its_maps(model: MaterialModel) -> None:
+    read = model_named(*dataclasses.replace(SMALL, decoders=(model.name,)).encoders)
+    places = moment_places(read)
+    assert moments_of(torch.zeros(1, read.channels), read).shape[-1] == moment_count(read)
+    colours = places.base, places.metallic, places.diffuse, places.specular
+    assert sum(each.stop - each.start for each in colours) == sum(
+        each.facts.channels for each in read.stored if each.kind in (Kind.REFLECTANCE, Kind.SHARE)
+    )
+    assert (places.stretch.stop > places.stretch.start) == bool(read.of(Kind.LOG_TENSOR))
+    assert (places.log_gamma.stop > places.log_gamma.start) == bool(read.of(Kind.LOG_GAMMA))
+    assert count(Outputs, read) == count(Outputs, model)
 
 
 def test_moments_have_their_channels_by_name() -> None:
     stored = torch.from_numpy(bumpy(4, 4))
-    found: Moments[torch.Tensor] = parts(PLACES, moments(stored))
+    found: Moments[torch.Tensor] = parts(moment_places(GLTF), moments(stored))
     torch.testing.assert_close(found.metallic_base, stored[..., 3:4] * stored[..., :3])
     torch.testing.assert_close(found.upward_alpha2, found.upward * found.alpha2)
     torch.testing.assert_close(found.slope_xy[..., 0], found.slope.prod(-1))
@@ -231,6 +343,24 @@ def test_bakes_other_than_trained_for_are_refused() -> None:
         network.bake(stored, "gltf", "gltf", "tent", TORUS)
     with pytest.raises(UsageError, match="whole number"):
         MomentConfig(growth=0)
+    with pytest.raises(UsageError, match=r"network\.decoders must be one of gltf,"):
+        MomentConfig(decoders=("gltf", "ggx"))
+    with pytest.raises(UsageError, match="read gltf and would lose what ggx says"):
+        trained_like(ANISOTROPIC).bake(of_model("ggx", 4, 4), "ggx", "gltf-anisotropic", "gaussian", TORUS)
+
+
+@pytest.mark.parametrize("source", MODELS)
+def test_directions_are_made_of_tensors(source: str) -> None:
+    """Whose lobes are stretched already, a network that reads tensors bakes."""
+    stored = np.asarray(convert(of_model("ggx", 16, 16), "ggx", source))
+    network = trained_like(config_of("ggx"))
+    tensors = network.bake(stored, source, "ggx", "gaussian", TORUS)
+    lines = network.bake(stored, source, "gltf-anisotropic", "gaussian", TORUS)
+    for level, given in zip(lines, tensors, strict=True):
+        assert level.shape[-1] == 11 and (np.linalg.norm(level[..., 8:10], axis=-1) > 0.99).all()
+        again = convert(level, "gltf-anisotropic", "ggx")
+        narrow = given[..., 8] + given[..., 9] < -4  # neither axis beyond what directions can say
+        np.testing.assert_allclose(again[narrow][..., 6:8], given[narrow][..., 6:8], atol=1e-3)
 
 
 def test_kernels_first_asked_for_by_validation_serve_training_too() -> None:
@@ -284,9 +414,6 @@ def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> Non
     assert float(found.axes.norm()) <= 1.001
 
 
-ANISOTROPIC = dataclasses.replace(SMALL, decoders=("gltf-anisotropic",))
-
-
 def test_an_anisotropic_constant_stays_round() -> None:
     for roughness in (0.05, 0.5, 1.0):
         stored = np.broadcast_to(np.float32([0.5, 0.2, 0.1, 1.0, roughness, 0.3, 0.0, np.sqrt(0.91)]), (8, 8, 8))
@@ -309,6 +436,19 @@ def test_lobes_are_wider_across_brushing(angle: float) -> None:
     assert abs(top[8:10] @ [np.cos(turn), np.sin(turn)]) > 0.99
     across, along = top[4] ** 2, top[4] ** 2 + (1 - top[4] ** 2) * top[10] ** 2
     assert 1.2 < along / across < 4
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0])
+def test_tensors_are_wider_across_brushing(angle: float) -> None:
+    stored, turn = of_model("ggx", 16, 16, 9), np.deg2rad(angle)
+    slope = np.random.default_rng(0).normal(0, 0.15, (16, 16, 1)) * [np.cos(turn), np.sin(turn)]
+    stored[..., 6:8] = slope / np.sqrt(1 + np.square(slope).sum(-1, keepdims=True))
+    stored[..., 8:11] = 4 * np.log(0.3), 4 * np.log(0.3), 0
+    network = MomentNetwork(config_of("ggx")).eval().requires_grad_(False)
+    a, b, c = network.bake(stored, "ggx", "ggx", "gaussian", TORUS)[-1][0, 0, 8:11]
+    along = np.array([(a - b) / 2, c])
+    assert along @ [np.cos(2 * turn), np.sin(2 * turn)] > 0.99 * np.linalg.norm(along)
+    assert 1.2 < np.exp(np.linalg.norm(along)) < 4
 
 
 def test_directions_of_levels_agree() -> None:

@@ -10,9 +10,11 @@ import torch
 
 import mipbake.training
 from mipbake.errors import UsageError
+from mipbake.material import convert
 from mipbake.metrics import LightViewPairs
 from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.models import registry
+from mipbake.models.moment_config import MADE
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.pixel_filter import FILTERS
 from mipbake.reference.estimate import reference
@@ -73,6 +75,18 @@ def test_weighted_pairs_stand_for_both_pair_sets() -> None:
         np.testing.assert_allclose(found, right, rtol=0.06, atol=2e-4)
 
 
+def test_pairs_are_drawn_around_the_lobes_of_any_model() -> None:
+    """The same surface in another model has the same lobes, so the same pairs."""
+    patches = patches_of(0)
+    tensors = torch.from_numpy(convert(patches.numpy(), "gltf", "ggx"))
+    given, found = (
+        draw_pairs(each, model, SETTINGS, np.random.default_rng(0))
+        for each, model in ((patches, "gltf"), (tensors, "ggx"))
+    )
+    torch.testing.assert_close(found.light, given.light, atol=1e-3, rtol=0)
+    torch.testing.assert_close(found.weights, given.weights, atol=1e-3, rtol=1e-2)
+
+
 def test_rooms_see_several_lights_from_one_view() -> None:
     pairs = draw_pairs(patches_of(0), "gltf", SETTINGS, np.random.default_rng(0))
     rooms = pairs.view[:, pairs.weights.shape[2] :].reshape(2, SETTINGS.rooms, SETTINGS.room_lights, 3)
@@ -106,15 +120,16 @@ def test_brightness_counts_apart() -> None:
     assert _room_error(brighter, brighter, target, 1, None, 4e-4) > 0.9
 
 
-@pytest.mark.parametrize("pixel_filter", ["gaussian", "box"])
-def test_targets_are_the_reference(pixel_filter: str) -> None:
+@pytest.mark.parametrize(("pixel_filter", "model"), [("gaussian", "gltf"), ("box", "gltf"), ("gaussian", "ggx")])
+def test_targets_are_the_reference(pixel_filter: str, model: str) -> None:
     """Targets are nearer to it than to the reference of another pixel filter, even at pixels smaller than a texel."""
     settings = BalancedLossConfig(crops=1, crop_size=16, pixel_filter=pixel_filter, any_filter=0.0, below=1.0)
     patches = patches_of(3, 1)
     patches[..., 4] = 0.5 + 0.5 * patches[..., 4]  # narrow lobes would drown all in noise
+    patches = torch.from_numpy(convert(patches.numpy(), "gltf", model))
     signal, errors = 0.0, {"gaussian": 0.0, "box": 0.0}
     for seed in range(4):
-        batch = settings.draw(patches, "gltf", np.random.default_rng(seed))
+        batch = settings.draw(patches, model, np.random.default_rng(seed))
         assert batch.pixel_filter == pixel_filter
         single = batch.pairs.weights.shape[2]  # rooms are seen at a slant
         pairs = LightViewPairs(batch.pairs.light[0, :single].numpy(), batch.pairs.view[0, :single].numpy())
@@ -125,7 +140,7 @@ def test_targets_are_the_reference(pixel_filter: str) -> None:
                 found = (seen.target[0, :single, some] + seen.independent[0, :single, some]).numpy() / 2
                 for name in errors:
                     rng = np.random.default_rng(5)
-                    source = FilteredSource(patches[0].numpy(), "gltf", TORUS, name)
+                    source = FilteredSource(patches[0].numpy(), model, TORUS, name)
                     right = reference(source, uv, lod, pairs, 256, rng)
                     # Means of pixels side by side: the noise of single samples averages out.
                     difference = (found - right).reshape(len(found), -1, 4, 3).mean(2)
@@ -135,15 +150,16 @@ def test_targets_are_the_reference(pixel_filter: str) -> None:
     assert errors[pixel_filter] == min(errors.values())
 
 
-def test_a_constant_material_costs_nothing() -> None:
+@pytest.mark.parametrize("model", ["gltf", "ggx", "beckmann"])
+def test_a_constant_material_costs_nothing(model: str) -> None:
     patches = patches_of(0)
     patches[:] = torch.tensor([0.5, 0.2, 0.1, 0.0, 0.4, 0.0, 0.0, 1.0])
-    batch = SETTINGS.draw(patches, "gltf", np.random.default_rng(0))
-    network = MomentNetwork(tiny().network)  # type: ignore[arg-type]
+    batch = SETTINGS.draw(torch.from_numpy(convert(patches.numpy(), "gltf", model)), model, np.random.default_rng(0))
+    network = MomentNetwork(tiny(network={"decoders": [model]}).network)  # type: ignore[arg-type]
     assert float(SETTINGS.value(network, batch).detach()) < 1e-3
 
 
-@pytest.mark.parametrize("model", ["gltf", "gltf-anisotropic"])
+@pytest.mark.parametrize("model", MADE)
 def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None:
     config = tiny(run={"steps": 80}, network={"decoders": [model]})
     materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
@@ -157,7 +173,7 @@ def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None
         for batch in held:
             assert isinstance(batch, BalancedBatch)
             with torch.no_grad():
-                levels = state.network(batch.patches, "gltf", batch.pixel_filter)[model]
+                levels = state.network(batch.patches, batch.source, batch.pixel_filter)[model]
                 for seen in batch.seen:
                     shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view, model)
                     total += float((shaded - seen.target).square().mean().log())
@@ -230,7 +246,7 @@ def test_a_training_starts_from_another_ones_weights(tmp_path: Path) -> None:
         loop.start_from(other, tmp_path / "round" / loop.LAST)
 
 
-@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic"])
+@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-ggx"])
 def test_the_configuration_lists_every_field(name: str) -> None:
     path = Path(mipbake.training.__file__).parent / "configs" / f"{name}.toml"
     config, text = read_config(path), path.read_text(encoding="utf-8")
@@ -246,7 +262,7 @@ def test_the_configuration_lists_every_field(name: str) -> None:
         ("loss", {"kind": "single-lights"}, "loss.kind"),
         ("loss", {"kind": "loud"}, "loss.kind"),
         ("network", {"architecture": "deep"}, "network.architecture"),
-        ("network", {"decoders": ["ggx"]}, "network.decoders"),
+        ("network", {"decoders": ["gltf", "ggx"]}, "network.decoders"),
         ("loss", {"near_mirror": 5}, "multiple of 6"),
         ("loss", {"grazing": 1.5}, "loss.grazing"),
         ("data", {"plain": -1.0}, "data.plain"),
