@@ -9,9 +9,9 @@ network differs from theirs in five ways.
 - The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
   will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
 - The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
-  material is constant: there the result is the averaged input, exactly.
+  material is constant: there the result is the averaged input, exactly (corrections.py).
 - The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
-- Colours of dielectrics stay averages, whose diffuse light is right from every direction; colours of metals may change.
+- Colours of diffuse light stay averages, right from every direction; colours of highlights may change.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
 """
