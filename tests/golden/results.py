@@ -77,6 +77,7 @@ def trainings() -> Iterator[tuple[str, Callable[[], Arrays]]]:
         "latent error weighting": tiny(loss={"weighting": "error"}),
         "moments": tiny_balanced(),
         "moments anisotropic": tiny_balanced(network={"decoders": ["gltf-anisotropic"]}),
+        "moments ggx": tiny_balanced(network={"decoders": ["ggx"]}),
         "moments signed filter": tiny_balanced(loss={"pixel_filter": "mitchell", "any_filter": 0.0}),
     }
     for name, config in kinds.items():
