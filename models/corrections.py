@@ -1,7 +1,7 @@
 """What a decoder may change about the averages of a level's texel: every change vanishes where a material is constant.
 
 Colours that diffuse light is seen in stay averages, because diffuse light is linear in them. Colours of highlights may
-change: those of metals, and a specular reflectance.
+change: the colours of metals, and a specular reflectance.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from mipbake.metrics.pairs import PAIR_SETS
 Array = NDArray[np.float64]
 
 BRIGHT = ("grazing", "highlights")
-"""Kinds of groups of bright pairs (bright_pairs.py). Near the mirror, views graze in the first kind, and not in the
+"""Kinds of groups of bright pairs (pairs.py). Near the mirror, views graze in the first kind, and not in the
 second; over the hemisphere both kinds are drawn alike."""
 
 LIT = "lit"
