@@ -58,8 +58,10 @@ class Searching:
 
     Args:
         weights: trained weights by name; None for the default ones, and without a network where there are none.
-        seconds: wall-clock limit; None for none. Only without one are results reproducible.
+        budget: time as users write it (time_budget.py); None for what is usual. Only without a limit of time are
+            results reproducible.
         seed: seed of all that is drawn.
+        effort: of the renders that judge. descent: effort on the levels; None for what is usual.
         judged_by: what errors count.
     """
 
@@ -68,10 +70,23 @@ class Searching:
     averages = False
     learned = True
     """Whether a network is among the ingredients."""
+    usual_seconds: float | None = None
+    usual_descent: Budget
 
-    def __init__(self, weights: str | None, seconds: float | None, seed: int, judged_by: Weights) -> None:
+    def __init__(
+        self,
+        weights: str | None = None,
+        budget: str | None = None,
+        seed: int = 0,
+        effort: Effort = EFFORT,
+        descent: Budget | None = None,
+        judged_by: Weights = WEIGHTS,
+    ) -> None:
         self._neural, self._named = Neural(weights), weights is not None
-        self.seconds, self._seed, self._judged_by = seconds, seed, judged_by
+        self.budgeted = budget is not None
+        self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
+        self._seed, self._effort, self._judged_by = seed, effort, judged_by
+        self._descent = self.usual_descent if descent is None else descent
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -113,28 +128,12 @@ class Searching:
 
 
 class Refine(Searching):
-    """Every texel optimised, from the best blend of all methods.
-
-    Args:
-        weights, seed, judged_by: see Searching.
-        budget: time as users write it (time_budget.py); None for REFINE_SECONDS.
-        effort: of the renders that judge. descent: effort on the levels.
-    """
+    """Every texel optimised, from the best blend of all methods."""
 
     name = "refine"
     summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
-
-    def __init__(
-        self,
-        weights: str | None = None,
-        budget: str | None = None,
-        seed: int = 0,
-        effort: Effort = EFFORT,
-        descent: Budget = REFINING,
-        judged_by: Weights = WEIGHTS,
-    ) -> None:
-        super().__init__(weights, REFINE_SECONDS if budget is None else seconds_of(budget), seed, judged_by)
-        self._effort, self._descent = effort, descent
+    usual_seconds = REFINE_SECONDS
+    usual_descent = REFINING
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -148,36 +147,20 @@ class Refine(Searching):
 
 
 class Auto(Searching):
-    """The best blend of all methods, with coarse levels optimised; with a budget, as `refine`.
-
-    Args:
-        weights, budget, seed, effort, judged_by: see Refine. descent: effort on the coarse levels.
-    """
+    """The best blend of all methods, with coarse levels optimised; with a budget, as `refine`."""
 
     name = "auto"
     summary = (
         "the best blend of neural and all closed forms, by measurement, coarse levels optimised (several times as long "
         "as neural)"
     )
-
-    def __init__(
-        self,
-        weights: str | None = None,
-        budget: str | None = None,
-        seed: int = 0,
-        effort: Effort = EFFORT,
-        descent: Budget = COARSE,
-        judged_by: Weights = WEIGHTS,
-    ) -> None:
-        super().__init__(weights, None if budget is None else seconds_of(budget), seed, judged_by)
-        self._effort, self._descent = effort, descent
-        self._refine = None if budget is None else Refine(weights, budget, seed, effort, judged_by=judged_by)
+    usual_descent = COARSE
 
     @property
     def steps(self) -> Sequence[Step]:
         """The stages."""
-        if self._refine is not None:
-            return self._refine.steps
+        if self.budgeted:
+            return Refine(seed=self._seed, effort=self._effort).steps
         return (
             Step(Gather(self._effort), 0.5),
             Step(Make(blend), 0.0),
@@ -187,26 +170,12 @@ class Auto(Searching):
 
 
 class Optimum(Searching):
-    """The per-material optimum of a single-lobe stack, from the best closed form of each level.
-
-    Args:
-        budget, seed, judged_by: see Searching. effort: of the renders that judge. descent: effort on the levels.
-    """
+    """The per-material optimum of a single-lobe stack, from the best closed form of each level."""
 
     name = "optimum"
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
     learned = False
-
-    def __init__(
-        self,
-        budget: str | None = None,
-        seed: int = 0,
-        effort: Effort = EFFORT,
-        descent: Budget = OPTIMISING,
-        judged_by: Weights = WEIGHTS,
-    ) -> None:
-        super().__init__(None, None if budget is None else seconds_of(budget), seed, judged_by)
-        self._effort, self._descent = effort, descent
+    usual_descent = OPTIMISING
 
     @property
     def steps(self) -> Sequence[Step]:
