@@ -1,9 +1,12 @@
-"""`auto` and `refine`: no worse than the best closed form, better where there is a prize, and what they promise."""
+"""`auto` and `refine`: no worse than the best closed form, better where there is a prize, and what they promise.
+
+Seeds are fixed. Beside each limit of a figure that hangs on chance stands what 8 other seeds gave, of the method and of
+the pairs and points that measure: the limit is the mean and four standard deviations.
+"""
 
 from __future__ import annotations
 
 import itertools
-import math
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -28,7 +31,7 @@ from mipbake.prefilter.search.blending import best, blend, gathered
 from mipbake.prefilter.search.budget import Budget
 from mipbake.prefilter.search.ingredients import closed_forms
 from mipbake.prefilter.search.level_fit import Term, columns, fit_level
-from mipbake.prefilter.search.methods import Refine
+from mipbake.prefilter.search.methods import Auto, Refine
 from mipbake.prefilter.search.regions import parts
 from mipbake.prefilter.search.settling import settle
 from mipbake.reference.estimate import reference
@@ -102,25 +105,26 @@ def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, sol
     for lod, name in itertools.product((0.0, 0.5, 1.0, 2.0, 3.5, 5.0), PAIR_SETS):
         found = measured({"auto": solved.levels, **forms}, two, lod, name)
         gains.append(found.pop("auto") - max(found.values()))
-        assert gains[-1] > -0.25, (lod, name, found)
-    assert np.mean(gains) > 1
+    assert min(gains) > 0.6, gains  # mean 1.25, standard deviation 0.16
+    assert np.mean(gains) > 5.1  # mean 6.04, standard deviation 0.23
 
 
 def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
+    """Standard errors of single figures come from four groups of pairs, too few to tell what is far: all figures are
+    held against what others measure at once."""
     promise = solved.promise
     assert promise is not None and [each.level for each in promise.levels] == list(range(6))
-    for each, name in itertools.product(promise.levels, PAIR_SETS):
-        found = measured({"auto": solved.levels}, two, each.level, name, 12)["auto"]
-        # Groups are what these figures are means over, so twelve sets scatter as much as as many groups do.
-        error = each.standard_error[name] * math.sqrt(1 + promise.pairs / 64 / 12)
-        assert abs(each.snr[name] - found) < 4 * error + 0.3, (each.level, name)
-        assert each.gain(name) > -2 * each.gain_error[name] - 0.1
-        assert each.best_closed_form[name].split(" ")[0] in METHODS
     assert [each.lod for each in promise.between] == [level + 0.5 for level in range(5)]
-    for between, name in itertools.product(promise.between, PAIR_SETS):
-        found = measured({"auto": solved.levels}, two, between.lod, name, 12)["auto"]
-        error = between.standard_error[name] * math.sqrt(1 + promise.pairs / 64 / 12)
-        assert abs(between.snr[name] - found) < 4 * error + 0.3, (between.lod, name)
+    for each, name in itertools.product(promise.levels, PAIR_SETS):
+        assert each.gain(name) > -0.7, (each.level, name)  # the least of all: mean 1.66, standard deviation 0.60
+        assert each.best_closed_form[name].split(" ")[0] in METHODS
+    places = [(each.level, each) for each in promise.levels] + [(each.lod, each) for each in promise.between]
+    off = {
+        (lod, name): each.snr[name] - measured({"auto": solved.levels}, two, lod, name, 12)["auto"]
+        for (lod, each), name in itertools.product(places, PAIR_SETS)
+    }
+    assert max(map(abs, off.values())) < 5.1, off  # mean 2.20, standard deviation 0.72
+    assert np.sqrt(np.mean(np.square([*off.values()]))) < 2.2, off  # mean 0.93, standard deviation 0.32
 
 
 @pytest.mark.parametrize("model", material.MODELS)
@@ -149,7 +153,7 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     for index, (score, other) in enumerate(zip(made.check.of_stack(made.levels), safe, strict=True)):
         rivals = np.stack(made.judge.asked[index].rows[: len(PAIR_SETS)])
         behind = [(score.log_errors - each).mean(1) for each in (rivals, other.log_errors)]
-        assert np.minimum(*behind).max() < 0.25, index
+        assert np.minimum(*behind).max() < 0.22, index  # of all levels: mean 0.03, standard deviation 0.05
 
 
 def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
@@ -193,7 +197,8 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     asked = Asked.of(scores.of(base, 0))
     scores.probes = [shown]
     found = fit_level([Term(0, 1.0, None, base, made)], scores, Judge([asked]))
-    assert found[2:] == pytest.approx(true[2:], abs=0.02)
+    assert found[2] == pytest.approx(true[2], abs=2e-4)  # off by 2e-5 in the mean, standard deviation 3e-5
+    assert found[3] == pytest.approx(true[3], abs=0.021)  # 0.0040, standard deviation 0.0043
 
 
 def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
@@ -211,9 +216,15 @@ def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
             height = plain.view[some, 2]
             inside = [(height > 0.03) & (height < 0.1), height > 0.1][kind] if index == 0 else height > 0.03
             values = seen(plain.light[some], plain.view[some])
-            expected = values[inside].mean(0) if index == 0 else (values * inside[:, None]).mean(0)
-            found = weights[index] @ seen(pairs.light[some], pairs.view[some])
-            assert found == pytest.approx(expected, abs=0.01), (kind, index)
+            values = values[inside] if index == 0 else values * inside[:, None]
+            drawn = seen(pairs.light[some], pairs.view[some])
+            weight = weights[index][:, None]
+            found = (weight * drawn).sum(0)
+            # Weights of the first set sum to 1, weights of the second one to the share of what is inside.
+            spread = weight * (drawn - found) if index == 0 else weight * drawn - found / count
+            error = np.sqrt(values.var(0) / len(values) + np.square(spread).sum(0))
+            # Whatever the seed, the weights of the second kind near the mirror sum to 0.9987.
+            assert (np.abs(found - values.mean(0)) < 4 * error + 0.0015).all(), (kind, index)
 
 
 @pytest.mark.parametrize("each", [False, True])
@@ -257,12 +268,16 @@ def test_candidates_that_would_take_too_long_are_left_out(two: np.ndarray) -> No
     assert names and not any(name.split()[0] in slow for name in names)
 
 
-def test_weights_are_named_only_where_the_network_has_a_share(two: np.ndarray) -> None:
-    assert run("auto", two).weights is not None
-    assert run("optimum", two).weights is None
+def test_weights_are_named_only_where_the_network_has_a_share(solved: PrefilterResult) -> None:
+    assert solved.weights is not None
+    assert run("optimum", material_of_two(8)).weights is None
 
 
-def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solved: PrefilterResult) -> None:
+def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> None:
+    """Beside the blend that it starts from. What `auto` gives for so small a set is refined already."""
+    blended = Auto(effort=SMALL, descent=replace(SHORT, rounds=0))(
+        two, "gltf", "gltf", "gaussian", WRAP, lambda _: None
+    )
     notes: list[str] = []
     shares: list[float] = []
 
@@ -280,15 +295,16 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray, solve
     assert max(each.refined for each in result.promise.levels) > 0
     gains = []
     for lod, name in itertools.product((0.0, 1.0, 2.5), PAIR_SETS):
-        found = measured({"start": solved.levels, "refined": result.levels}, two, lod, name)
+        found = measured({"start": blended.levels, "refined": result.levels}, two, lod, name)
         gains.append(found["refined"] - found["start"])
-    assert min(gains) > -0.3
+    assert min(gains) > -0.15, gains  # mean 0.27, standard deviation 0.11
+    assert np.mean(gains) > 0.05, gains  # mean 0.53, standard deviation 0.12
     room = Scores(Problem(two, "gltf", "gltf", "gaussian", WRAP), SMALL, 9, [0.0, 1.0, 2.0])
     for level in range(3):
         before, after = (
-            room.of(room.looked_up(levels[level], level), level).lit for levels in (solved.levels, result.levels)
+            room.of(room.looked_up(levels[level], level), level).lit for levels in (blended.levels, result.levels)
         )
-        assert after < before + 0.2
+        assert after < before + 0.2, level
 
 
 def test_without_time_the_blend_stays(two: np.ndarray) -> None:

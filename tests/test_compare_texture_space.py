@@ -187,7 +187,8 @@ def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale() -> None:
         found = measured(bumpy(32), ["linear (box)"], lods=(0.0,), scales=("1:1",), **effort)
         return [figure(found, "linear (box)", "flicker", view, "1:1").value for view in PAIR_SETS]
 
-    assert pooled(2048, 128) == pytest.approx(pooled(128, 2048), rel=0.15)
+    # Off by 0.056 in the mean of 8 seeds, standard deviation 0.040; by 0.39 where points count, not levels.
+    assert pooled(2048, 128) == pytest.approx(pooled(128, 2048), rel=0.22)
 
 
 def test_curves_run_to_the_far_scale_or_to_the_last_level() -> None:

@@ -161,17 +161,22 @@ def test_a_source_whose_signs_agree_stays_as_it_is() -> None:
 @pytest.mark.parametrize("method", [name for name, each in METHODS.items() if each.averages] + ["neural"])
 @pytest.mark.parametrize("name", ["round", "waves"])
 def test_lookups_between_levels_lie_between_the_levels(method: str, name: str) -> None:
-    """This holds for every method: signs of levels that disagree cost 10 dB and more."""
+    """This holds for every method: signs of levels that disagree cost 10 dB and more.
+
+    Lookups between levels are at least as good as the worse of both levels, but for chance. Of all methods and both
+    fields, 8 seeds of pairs and points gave 0.67 dB above it at least, standard deviation 0.25: the limit is four
+    of them less.
+    """
     stored = brushed(name, 3).material("gltf-anisotropic")
     levels = METHODS[method](stored, "gltf-anisotropic", "gltf-anisotropic", "gaussian", CLAMP, lambda _: None).levels
-    pairs, rng = pair_set("near-mirror", 0), np.random.default_rng(7)
+    pairs, rng = pair_set("near-mirror", 0, 128), np.random.default_rng(7)
     uv = rng.random((400, 2))
     snr = []
     for lod in (0.0, 0.5, 1.0, 1.5, 2.0):
         wanted = reference(FilteredSource(stored, "gltf-anisotropic", CLAMP, "gaussian"), uv, lod, pairs, 64, rng)
         error = candidate(levels, "gltf-anisotropic", CLAMP, uv, lod, pairs) - wanted
         snr.append(10 * np.log10(np.square(wanted).sum() / np.square(error).sum()))
-    assert snr[1] > min(snr[0], snr[2]) - 1.5 and snr[3] > min(snr[2], snr[4]) - 1.5, snr
+    assert snr[1] > min(snr[0], snr[2]) - 0.35 and snr[3] > min(snr[2], snr[4]) - 0.35, snr
 
 
 def test_less_anisotropy_along_a_cut_keeps_the_height_of_the_lobe() -> None:

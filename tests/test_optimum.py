@@ -1,4 +1,8 @@
-"""The per-material optimum: better than its start where there is a prize, never worse, and only what it may change."""
+"""The per-material optimum: better than its start where there is a prize, never worse, and only what it may change.
+
+Seeds are fixed. Beside each limit of a figure that hangs on chance stands what 8 other seeds gave, of the method and of
+the pairs and points that measure: the limit is the mean less four standard deviations.
+"""
 
 from __future__ import annotations
 
@@ -80,16 +84,18 @@ def solved() -> Search:
 
 
 def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved: Search) -> None:
-    task = solved.work.problem
+    task, gains = solved.work.problem, []
     for lod, name in itertools.product(range(6), PAIR_SETS):
-        pairs, rng = pair_set(name, 17, 64), np.random.default_rng(lod)
+        pairs, rng = pair_set(name, 17, 256), np.random.default_rng(lod)
         uv = random_points(rng, 256)
-        first, second = (reference(task.filtered, uv, lod, pairs, 128, rng) for _ in range(2))
+        first, second = (reference(task.filtered, uv, lod, pairs, 32, rng) for _ in range(2))
         before, after = (
             snr_db(candidate(levels, "gltf", WRAP, uv, lod, pairs), first, second)
             for levels in (solved.blend.levels, solved.levels)
         )
-        assert after > before + 1, (lod, name)
+        gains.append(after - before)
+    assert min(gains) > 0.58, gains  # mean 1.98, standard deviation 0.35
+    assert np.mean(gains) > 3.3, gains  # mean 5.17, standard deviation 0.46
 
 
 def test_the_promise_says_what_was_kept() -> None:
@@ -131,7 +137,7 @@ def test_steps_that_are_far_too_long_do_no_harm(solved: Search) -> None:
     result = Keep()(changing(far)(solved, lambda _: None), lambda _: None)
     for index, before in enumerate(solved.before):
         after = solved.blend.check.of_stack(result.levels)[index]
-        assert (after.decibels > before.decibels - 0.25).all()
+        assert (after.decibels > before.decibels - 0.01).all()  # 0 with each of the 8 seeds: where nothing is kept
 
 
 def test_results_hang_on_the_seed_alone() -> None:
@@ -205,7 +211,8 @@ def test_a_block_changes_its_own_texels_alone() -> None:
 def test_large_sets_are_worked_on_in_windows() -> None:
     result = searched(problem(bumpy(16, 16)), *stages(replace(SMALL, window=8), coarse=4))
     after = result.blend.check.of_stack(result.levels)
-    assert all(b.decibels.mean() > a.decibels.mean() + 1 for a, b in zip(result.before, after, strict=True))
+    gains = [b.decibels.mean() - a.decibels.mean() for a, b in zip(result.before, after, strict=True)]
+    assert min(gains) > 2.2, gains  # mean 3.45, standard deviation 0.30
 
 
 def test_time_ends_it() -> None:
