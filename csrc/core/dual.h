@@ -130,6 +130,17 @@ MIPBAKE_INLINE auto operator>=(const Dual<T, N, D>& a, S s) {
     return a.v >= T(s);
 }
 
+// With packets that are constants: the directions of each texel.
+template <class T, int N, class D, std::enable_if_t<!std::is_arithmetic_v<T>, int> = 0>
+MIPBAKE_INLINE Dual<T, N, D> operator+(Dual<T, N, D> a, const T& s) {
+    a.v = a.v + s;
+    return a;
+}
+template <class T, int N, class D, std::enable_if_t<!std::is_arithmetic_v<T>, int> = 0>
+MIPBAKE_INLINE Dual<T, N, D> operator*(const Dual<T, N, D>& a, const T& s) {
+    return dual::chain(a.v * s, a, narrow<D>(s));
+}
+
 template <class C, class T, int N, class D>
 MIPBAKE_INLINE Dual<T, N, D> select(const C& condition, const Dual<T, N, D>& yes, const Dual<T, N, D>& no) {
     Dual<T, N, D> out;

@@ -14,6 +14,7 @@ from mipbake.material.kinds import FACTS, LOG, MIN_ROUGHNESS, Facts, Kind
 from mipbake.material.tensors import (
     Array,
     axes_to_tensor,
+    full_tensor,
     lift_normal,
     mean_eigenvalue,
     positive_definite,
@@ -282,9 +283,7 @@ class MaterialModel:
             return {Kind.LOG_TENSOR: tensor_log(positive_definite(tensor, self.least_alpha2))}
         if self.lines is None:
             return {Kind.ROUGHNESS: np.sqrt(np.sqrt(np.maximum(mean_eigenvalue(tensor), 0)))}
-        if tensor.shape[-1] == 1:
-            tensor = np.concatenate([tensor, tensor, np.zeros_like(tensor)], -1)
-        alpha, strength, direction = tensor_to_axes(tensor)
+        alpha, strength, direction = tensor_to_axes(full_tensor(tensor))
         return {
             Kind.ROUGHNESS: np.sqrt(alpha)[..., None],
             Kind.DIRECTION: direction,

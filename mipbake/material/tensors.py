@@ -54,6 +54,11 @@ def tensor_log(tensor: Array) -> Array:
     return np.stack([m + slope * d, m - slope * d, slope * s12], -1)
 
 
+def full_tensor(tensor: Array) -> Array:
+    """(..., 3) S11, S22, S12 of a roughness tensor that may be (..., 1), the eigenvalue of a round lobe."""
+    return tensor if tensor.shape[-1] == 3 else np.concatenate([tensor, tensor, np.zeros_like(tensor)], -1)
+
+
 def axes_to_tensor(alpha: Array, strength: Array, direction: Array) -> Array:
     """KHR_materials_anisotropy to the roughness tensor (..., 3) S11, S22, S12.
 

@@ -133,6 +133,22 @@ void duals_are_derivatives() {
         }
 }
 
+// A model without an adjoint of its own is differentiated so: directions of each texel are packets that are constants.
+void duals_take_packets_that_are_constants() {
+#ifdef MIPBAKE_VECTORS
+    using P = typename Lanes<double>::Real;
+    using D = Dual<P, 1>;
+    double values[P::lanes], found[P::lanes], slopes[P::lanes];
+    for (int i = 0; i < P::lanes; ++i) values[i] = 0.5 + i;
+    const P constant = P::load(values);
+    const D x = D::input(P(2.0), 0);
+    const D f = x * x * constant + constant;
+    f.v.store(found);
+    P(f.d[0]).store(slopes);
+    for (int i = 0; i < P::lanes; ++i) CHECK(found[i] == 5 * values[i] && slopes[i] == 4 * values[i]);
+#endif
+}
+
 }  // namespace
 
 int main() {
@@ -143,5 +159,6 @@ int main() {
     triples_are_interleaved<float>();
     triples_are_interleaved<double>();
     duals_are_derivatives();
+    duals_take_packets_that_are_constants();
     return report();
 }

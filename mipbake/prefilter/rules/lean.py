@@ -40,7 +40,8 @@ class Lean:
             x, y = slopes[..., 0], slopes[..., 1]
             # Slopes reach 50 and their squares 2500: the moments add up in place, so one tensor carries S and slopes.
             own = material.convert(texels, source, target)
-            tensor = lobes_of.roughness_tensor(material.convert(texels, source, lobes_of.name))
+            lobes = material.convert(texels, source, lobes_of.name)
+            tensor = material.full_tensor(lobes_of.roughness_tensor(lobes))
             tensor += 2 * np.stack([x * x, y * y, x * y], -1)
             return np.concatenate([own[..., wanted.averaged], slopes, tensor], -1)
 
