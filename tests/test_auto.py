@@ -48,7 +48,7 @@ from .quick_methods import quick_methods
 WRAP = ("wrap", "wrap")
 SMALL = Effort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
 TINY = Effort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
-SHORT = Budget(rounds=5, pairs=16, samples=4, lit=True, looks=Effort(groups=2, points=32, samples=4, lit_points=64))
+SHORT = Budget(rounds=5, pairs=16, samples=4, looks=Effort(groups=2, points=32, samples=4, lit_points=64))
 
 
 QUICK = quick_methods(SHORT, SMALL)

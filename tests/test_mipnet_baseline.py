@@ -245,7 +245,7 @@ def test_training_moves_every_parameter(target: str) -> None:
 def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
     """The error is the error of levels that the network makes; lobes become as wide across ridges as the ridges
     scatter."""
-    batch = batches.draw_batch(ridges(), tiny(target), 0)
+    batch = batches.draw_batch(ridges(), tiny(target), 1)  # other batches hold a highlight that outweighs all else
     assert isinstance(batch, BalancedBatch)
     torch.manual_seed(0)
     network = small(target).build()
@@ -261,7 +261,7 @@ def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
         optimiser.zero_grad()
         error().backward()
         optimiser.step()
-    assert float(error().detach()) < 0.9 * before
+    assert float(error().detach()) < 0.7 * before  # 0.5 for both targets
     if target == "gltf-anisotropic":
         axes, _ = lobes(network(batch.patches)[target][2].detach().numpy())
         assert np.median(axes[..., 0] / axes[..., 1]) > 1.02  # untrained: 1.002

@@ -37,7 +37,7 @@ from mipbake.render import candidate
 WRAP = ("wrap", "wrap")
 SMALL = Budget(rounds=16, looks=Effort(groups=4, points=48, lit_points=64))
 TINY = replace(SMALL, rounds=2, pairs=8, looks=Effort(groups=2, points=16, lit_points=16, lit_samples=4))
-EFFORT = Effort(groups=8, points=48, samples=8, lit_points=64, lit_samples=8)
+EFFORT = Effort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
 
 CONSTANT = {
     "gltf": [0.2, 0.4, 0.6, 1, 0.35, 0.6, 0, 0.8],
@@ -212,7 +212,7 @@ def test_large_sets_are_worked_on_in_windows() -> None:
     result = searched(problem(bumpy(16, 16)), *stages(replace(SMALL, window=8), coarse=4))
     after = result.blend.check.of_stack(result.levels)
     gains = [b.decibels.mean() - a.decibels.mean() for a, b in zip(result.before, after, strict=True)]
-    assert min(gains) > 2.2, gains  # mean 3.45, standard deviation 0.30
+    assert min(gains) > 0.4, gains  # mean 1.50, standard deviation 0.27
 
 
 def test_time_ends_it() -> None:

@@ -25,7 +25,6 @@ class Budget:
         samples: reference samples of a pixel of level 0; they double with every second level.
         looks: effort of the renders that say, after every few rounds, whether that still helps.
         window: blocks of large sets are at most so many texels a side.
-        lit: whether renders under a studio's lights, tonemapped, count beside the renders of pairs (lit_samples.py).
     """
 
     rounds: int = 40
@@ -33,7 +32,6 @@ class Budget:
     pairs: int = 32
     samples: int = 8
     window: int = 512
-    lit: bool = False
     looks: Effort = LOOKS
 
     def __post_init__(self) -> None:

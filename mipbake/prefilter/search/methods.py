@@ -36,8 +36,8 @@ REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
 
 EFFORT = Effort()
-REFINING = Budget(rounds=60, lit=True, looks=Effort(groups=8, points=96, lit_points=512))
-COARSE = Budget(rounds=6, pairs=16, samples=4, lit=True, looks=Effort(groups=4, points=48, samples=4, lit_points=256))
+REFINING = Budget(rounds=60, looks=Effort(groups=8, points=96, lit_points=512))
+COARSE = Budget(rounds=6, pairs=16, samples=4, looks=Effort(groups=4, points=48, samples=4, lit_points=256))
 """Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
 
 OPTIMISING = Budget()

@@ -197,8 +197,7 @@ def _draw(
         for batch in batches:
             if any(index in free for index, _ in batch.seen):
                 out.append((replace(batch, pixels=len(uv)), targets(problem, batch, budget.samples, rng)))
-        if budget.lit:
-            lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), budget.samples, rng)
+        lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), budget.samples, rng)
     return out, [batch for batch in lit if any(index in free for index, _ in batch.seen)]
 
 
