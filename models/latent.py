@@ -37,12 +37,6 @@ def _matrix(n_in: int, n_out: int, latent_filter: str, wrap: str, first: bool) -
         return torch.from_numpy(matrix)
 
 
-def pixel_taps(latent_filter: str) -> list[float]:
-    """Weights of the texels around a pixel of level 0, its own in the middle."""
-    _, weights = resample_weights(16, 16, latent_filter, "wrap")
-    return [float(w) for w in weights[0]]
-
-
 def downsample(latent: Tensor, size: tuple[int, int], latent_filter: str, wrap: Wrap, first: bool) -> Tensor:
     """(B, H, W, Z) latents of a level to (B, size[0], size[1], Z) of the next; linear, differentiable."""
     batch, height, width, channels = latent.shape

@@ -31,8 +31,6 @@ class LatentConfig(Architecture):
         encoder_layers: dense 3 x 3 layers; also the encoder's halo in texels.
         decoder_layers: dense 1 x 1 layers.
         growth: new maps a layer.
-        residual: whether some latents are fixed to the filtered parameters and their second moment, and the decoder
-            predicts a correction (mipbake.models.residual), for one material model alone; the paper has no such thing.
     """
 
     architecture: ClassVar[str] = "latent"
@@ -45,7 +43,6 @@ class LatentConfig(Architecture):
     encoder_layers: int = 6
     decoder_layers: int = 4
     growth: int = 16
-    residual: bool = False
 
     def __post_init__(self) -> None:
         for name in ("encoders", "decoders"):
@@ -55,21 +52,12 @@ class LatentConfig(Architecture):
                 f"unknown latent filter {self.latent_filter!r}: expected one of {', '.join(LATENT_FILTERS)}"
             )
         check_counts(self)
-        if not isinstance(self.residual, bool):
-            raise UsageError(f"network.residual must be true or false, got {self.residual!r}")
-        if self.residual and (len(self.encoders) > 1 or self.decoders != self.encoders):
-            raise UsageError("network.residual needs one encoder, and one decoder of the same material model")
-        least = max(self.fixed_latents + 1, sum(PARAMETERS[model] for model in self.encoders))
+        least = sum(PARAMETERS[model] for model in self.encoders)
         if self.latent_channels < least:
             raise UsageError(
                 f"network.latent_channels must be at least {least} for {', '.join(self.encoders)}, "
                 f"got {self.latent_channels}"
             )
-
-    @property
-    def fixed_latents(self) -> int:
-        """How many latents are not learned; only a residual network has some."""
-        return PARAMETERS[self.encoders[0]] + 1 if self.residual else 0
 
     def read_as(self, source: str) -> str:
         """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
@@ -79,21 +67,16 @@ class LatentConfig(Architecture):
 
     def build(self) -> LatentNetwork:
         """See Architecture."""
-        if self.residual:
-            from mipbake.models.residual import ResidualNetwork
-
-            return ResidualNetwork(self)
         from mipbake.models.latent_network import LatentNetwork
 
         return LatentNetwork(self)
 
     def describe(self) -> Description:
         """See Architecture."""
-        fixed = f", {self.fixed_latents} of them not learned" if self.residual else ""
         return Description(
-            method=f"averages of parameters, corrected; after {PAPER}" if self.residual else PAPER,
+            method=PAPER,
             encoder=layers(self.encoder_layers, "3 x 3", self.growth),
-            latents=f"{self.latent_channels} channels{fixed}, downsampled with `{self.latent_filter}`",
+            latents=f"{self.latent_channels} channels, downsampled with `{self.latent_filter}`",
             decoder=layers(self.decoder_layers, "1 x 1", self.growth),
         )
 

@@ -73,11 +73,10 @@ def bake_levels(
     with torch.inference_mode():
         for level, (height, width) in enumerate(sizes):
             down = sizes[level + 1] if level + 1 < len(sizes) else None
-            first = level == 0 and not network.filtered
-            columns = _pieces(width, down and down[1], tile, network, wrap[0], first)
+            columns = _pieces(width, down and down[1], tile, network, wrap[0], level == 0)
             coarser = torch.zeros(*down, network.config.latent_channels) if down else None
             out: NDArray[np.float32] | None = None
-            for row in _pieces(height, down and down[0], tile, network, wrap[1], first):
+            for row in _pieces(height, down and down[0], tile, network, wrap[1], level == 0):
                 for column in columns:
                     part = slice(row.start, row.stop), slice(column.start, column.stop)
                     z = _encode_tile(network, stored, wrap, row, column, source) if latent is None else latent[part]

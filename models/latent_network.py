@@ -75,7 +75,7 @@ class Encoder(nn.Module):
         super().__init__()
         inputs, growth = PARAMETERS[model], config.growth
         self.layers = nn.ModuleList(nn.Conv2d(inputs + growth * i, growth, 3) for i in range(config.encoder_layers))
-        self.project = nn.Linear(inputs + growth * config.encoder_layers, config.latent_channels - config.fixed_latents)
+        self.project = nn.Linear(inputs + growth * config.encoder_layers, config.latent_channels)
         _initialise(self.layers)
         nn.init.kaiming_normal_(self.project.weight, nonlinearity="linear")
         nn.init.zeros_(self.project.bias)
@@ -133,9 +133,6 @@ class LatentNetwork(Network):
     """Encoders, latent downsampling and decoders."""
 
     config: LatentConfig
-
-    filtered = False
-    """Whether the latents of level 0 have been averaged under the pixel filter before the encoder hands them on."""
 
     def __init__(self, config: LatentConfig) -> None:
         super().__init__(config)
@@ -229,13 +226,9 @@ class LatentNetwork(Network):
     def encode(self, stored: Tensor, wrap: Wrap, source: str | None = None) -> Tensor:
         """(B, H, W, C) stored channels of a source (default: the only one) to (B, H, W, Z) latents, any size."""
         source = source or self._only("encoders")
-        if wrap == _PERIODIC:
-            return self._encode_periodic(stored, source)
+        if wrap == _PERIODIC:  # faster
+            return self.encoder_of(source).periodic(self.whitening_of(source)(to_parameters(stored, source)))
         return self.encode_extended(extend(stored, self.halo, wrap), source)
-
-    def _encode_periodic(self, stored: Tensor, source: str) -> Tensor:
-        """The same as `encode_extended` of images that repeat, and faster."""
-        return self.encoder_of(source).periodic(self.whitening_of(source)(to_parameters(stored, source)))
 
     def encode_extended(self, stored: Tensor, source: str | None = None) -> Tensor:
         """(B, H + 2 halo, W + 2 halo, C) stored channels, borders included, to (B, H, W, Z) latents."""
@@ -246,12 +239,7 @@ class LatentNetwork(Network):
     def decode(self, latent: Tensor, target: str | None = None) -> Tensor:
         """(..., Z) latents of any level to (..., C) stored channels of a target, valid as they are; differentiable."""
         target = target or self._only("decoders")
-        return to_stored(self.whitening_of(target).inverse(self.whitened(latent, target)), target)
-
-    def whitened(self, latent: Tensor, target: str) -> Tensor:
-        """(..., Z) latents to (..., P) whitened parameters of a target."""
-        out: Tensor = self.decoder_of(target)(latent)
-        return out
+        return to_stored(self.whitening_of(target).inverse(self.decoder_of(target)(latent)), target)
 
     def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:  # noqa: ARG002
         """See Network. The pixel filter is the one that the network is trained for."""
@@ -262,8 +250,7 @@ class LatentNetwork(Network):
         latent = self.encode(stored, wrap, source)
         latents = [latent]
         for level, size in enumerate(level_sizes(*stored.shape[1:3])[1:], 1):
-            first = level == 1 and not self.filtered
-            latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, first))
+            latents.append(downsample(latents[-1], size, self.config.latent_filter, wrap, first=level == 1))
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         flat = [z.reshape(len(z), -1, z.shape[-1]) for z in latents]
         texels, counts = torch.cat(flat, 1), [z.shape[1] for z in flat]

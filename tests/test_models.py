@@ -22,7 +22,7 @@ from mipbake.models.latent_inference import bake_levels
 from mipbake.models.latent_network import LatentNetwork, Whitening
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.parameters import clamp, to_parameters, to_stored
-from mipbake.pixel_filter import FILTERS, level_sizes, resample
+from mipbake.pixel_filter import FILTERS, level_sizes
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
@@ -183,35 +183,14 @@ def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
 @pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "clamp"), ("clamp", "wrap")])
 @pytest.mark.parametrize("size", [(37, 23), (1, 9), (64, 40)])
-@pytest.mark.parametrize("residual", [False, True])
-def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int], residual: bool) -> None:
-    network, stored = perturbed(model, residual=residual), material_of(model, *size)
+def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int, int]) -> None:
+    network, stored = perturbed(model), material_of(model, *size)
     whole = network.stacks(torch.from_numpy(stored)[None], wrap, model)[model]
     tiled = bake_levels(network, stored, wrap, tile=11)
     assert [level.shape for level in tiled] == [tuple(level.shape[1:]) for level in whole]
     for left, right in zip(tiled, whole, strict=True):
         # The direction of a texel that is nearly isotropic is made of small differences.
         np.testing.assert_allclose(left, right[0], atol=1e-4 if model == ANISOTROPIC else 1e-5)
-
-
-@pytest.mark.parametrize("model", MODEL_NAMES)
-def test_trained_residual_network_leaves_a_constant_material_alone(model: str) -> None:
-    """Black and white texels too: no squashing keeps 0 and 1 out of reach."""
-    texel = material_of(model, 1, 1, 3)
-    texel[..., :4] = [0, 1, 0.5, 1]
-    for level in bake_levels(perturbed(model, residual=True), np.tile(texel, (10, 13, 1)), ("wrap", "clamp")):
-        np.testing.assert_allclose(level, np.broadcast_to(texel, level.shape), atol=2e-4)
-        np.testing.assert_allclose(level[..., :2], np.broadcast_to(texel[..., :2], level[..., :2].shape), atol=1e-5)
-
-
-@pytest.mark.parametrize("model", MODEL_NAMES)
-def test_untrained_residual_network_averages_its_parameters_under_the_pixel_filter(model: str) -> None:
-    stored = combed(material_of(model, 16, 16), model)
-    network = untrained(model, residual=True)
-    parameters = to_parameters(torch.from_numpy(stored), model).numpy()
-    averaged = torch.from_numpy(resample(parameters, (16, 16), "gaussian", ("wrap", "wrap")))
-    level = bake_levels(network, stored, ("wrap", "wrap"))[0]
-    np.testing.assert_allclose(signed(level, model), signed(to_stored(averaged, model).numpy(), model), atol=2e-5)
 
 
 def test_wrapping_network_is_shift_equivariant() -> None:
@@ -242,7 +221,7 @@ def test_progress_ends_at_one() -> None:
 @pytest.mark.parametrize(
     ("change", "word"),
     [({"encoders": ("phong",)}, "phong"), ({"decoders": ()}, "decoders"), ({"decoders": ("gltf", "gltf")}, "decoders"),
-     ({"residual": True, "encoders": ("ggx",)}, "residual"), ({"latent_filter": "sinc"}, "sinc"),
+     ({"latent_filter": "sinc"}, "sinc"),
      ({"growth": 0}, "growth"), ({"latent_channels": 3}, "latent_channels")],
 )  # fmt: skip
 def test_impossible_architectures(change: dict[str, object], word: str) -> None:

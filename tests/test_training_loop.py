@@ -171,7 +171,7 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
 def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
-    config = read_config(CONFIGS / f"{'default-ggx' if info.name == 'residual-ggx' else info.name}.toml")
+    config = read_config(CONFIGS / f"{info.name}.toml")
     text = info.tensors.with_suffix(".md").read_text(encoding="utf-8")
     validated = re.search(r"mean SNR (\S+) dB", text)  # the one figure that stands nowhere else
     assert validated and config.network == info.network
