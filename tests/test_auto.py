@@ -327,15 +327,15 @@ def test_results_hang_on_the_seed_alone() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
 
 
-def test_filters_without_weights_blend_closed_forms_alone() -> None:
+def test_models_without_weights_blend_closed_forms_alone() -> None:
     stored = material_of_two(8)
-    result = QUICK["auto"](stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
+    result = QUICK["auto"](stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
     assert result.weights is None
     assert result.promise is not None and not result.promise.left_out
     assert not any("neural" in each.sources for each in result.promise.levels)
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
-        method_named("auto", weights=info.name)(stored, "gltf", "ggx", "mitchell", WRAP, lambda _: None)
+        method_named("auto", weights=info.name)(stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
 
 
 def test_the_promise_is_kept_in_files(tmp_path) -> None:

@@ -53,7 +53,7 @@ def test_neural_is_left_out_where_it_has_no_weights() -> None:
     assert names[:2] == ("auto", "neural")
     assert default_names("gltf", "gltf", "gaussian", opened=True)[0] == names[1:]
     assert notes == ()
-    names, notes = default_names("gltf", "ggx", "mitchell")
+    names, notes = default_names("gltf", "beckmann", "mitchell")
     assert "neural" not in names
     assert "linear (mitchell)" in names
     assert "left out: no trained weights" in notes[0]

@@ -130,9 +130,9 @@ def test_neural_says_which_weights_it_used() -> None:
     assert len(result.weights_sha256 or "") == 64
 
 
-def test_neural_refuses_a_filter_it_was_not_trained_for() -> None:
+def test_neural_refuses_what_it_was_not_trained_for() -> None:
     with pytest.raises(UsageError, match=r"no trained weights.*'mitchell'"):
-        run("neural", bumpy(), "ggx", pixel_filter="mitchell")
+        run("neural", bumpy(), "beckmann", pixel_filter="mitchell")
 
 
 def test_unknown_method_lists_the_known_ones() -> None:
