@@ -199,7 +199,7 @@ def test_records_survive_their_file(module: Callable[[str], ModuleType], tmp_pat
 
 
 def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType]) -> None:
-    script = module("records.making")._script
+    script = module("records.scripts").script
     commands = script("benchmarks", "commands")
     losses = {"exr": {"near": 0.01, "over": -0.02}}
     run = commands.Run("tiles", "bake, all formats", 0, "", 3.0, 1.5, 2.0, costs=losses, warnings=())
