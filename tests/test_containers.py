@@ -11,8 +11,10 @@ import OpenImageIO
 import pytest
 
 from mipbake.errors import InputError
-from mipbake.io.containers import FORMATS, format_named
+from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.io.file_info import file_info
+from mipbake.io.gpu_files import GpuFile
+from mipbake.io.layout import FileLayout
 from mipbake.manifest import read_output
 from mipbake.output import Output
 from mipbake.packing import SEPARATE
@@ -22,9 +24,9 @@ from .gpu_textures import halved, line_psnr, openimageio_levels, psnr, read_ktx2
 from .stacks import made_stack
 
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]
-EXACT = [name for name in NAMES if name.split(":")[1] in ("half", "float", "8", "16", "rgba8", "rgba16f")]
+EXACT = [name for name in NAMES if format_named(name).exact]
 BLOCKS = [name for name in NAMES if name not in EXACT]
-GPU = [name for name in NAMES if name.startswith(("ktx2", "dds"))]
+GPU = [name for name in NAMES if isinstance(format_named(name), GpuFile)]
 SIZES = [(8, 8), (7, 5), (1, 9), (12, 1), (1, 1)]
 """(height, width)."""
 
@@ -57,14 +59,11 @@ def texels_of(values: np.ndarray, fmt: str) -> np.ndarray:
     return np.floor(values * most + 0.5).astype(np.uint16 if kind == "16" else np.uint8)
 
 
-def texels_in(folder: Path, map: str, fmt: str, count: int, levels: int) -> list[np.ndarray]:
-    """Texels of a file as others read them."""
-    name, kind = fmt.split(":")
-    types = {"half": "half", "float": "float", "16": "uint16", "rgba16f": "half"}
-    if name == "png":
-        files = [folder / f"{map}_mip{level:02}.png" for level in range(levels)]
-        return [openimageio_levels(file, count, types.get(kind, "uint8"))[0] for file in files]
-    return openimageio_levels(folder / f"{map}.{name}", count, types.get(kind, "uint8"))
+def texels_in(folder: Path, layout: FileLayout, fmt: str, levels: int) -> list[np.ndarray]:
+    """Texels of a map as others read them, from a file for all levels or from one for each."""
+    kind = {"half": "half", "float": "float", "16": "uint16", "rgba16f": "half"}.get(fmt.split(":")[1], "uint8")
+    files = format_named(fmt).files(layout, levels)
+    return [level for name in files for level in openimageio_levels(folder / name, len(layout.channels), kind)]
 
 
 @every_format
@@ -77,7 +76,8 @@ def test_advice_leads_from_every_format_to_the_most_precise(fmt: str) -> None:
         better = container.finer
         said.append(f"{container.name}:{container.texels}")
     assert len(set(said)) == len(said)
-    assert said[-1] in ("exr:float", "tx:float")
+    layout = made_stack((1, 1)).files(Output(DEFAULT_FORMAT, SEPARATE))[0].layout
+    assert format_named(said[-1]).quantise(np.zeros((1, 1, len(layout.channels))), layout).dtype == np.float32
     exact = [format_named(each).exact for each in said]
     assert exact == sorted(exact)  # blocks are left and never come back
 
@@ -110,14 +110,14 @@ def _values(level: np.ndarray, name: str, fmt: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("fmt", [name for name in EXACT if "16f" not in name and "ktx2" not in name])
+@pytest.mark.parametrize("fmt", [name for name in EXACT if format_named(name).openimageio])
 def test_others_read_the_same_texels(tmp_path, fmt: str, size: tuple[int, int]) -> None:
     """Through OpenImageIO, which reads neither KTX 2 nor half floats in DDS."""
     stack = made_stack(size)
     stack.save(tmp_path / "s", format=fmt)
-    for map in ("base_color", "normal", "roughness", "occlusion"):
-        wanted = [texels_of(level, fmt) for level in in_file(stack, map, fmt)]
-        found = texels_in(tmp_path / "s", map, fmt, wanted[0].shape[2], len(wanted))
+    for layout in (file.layout for file in read_output(tmp_path / "s", 0)):
+        wanted = [texels_of(level, fmt) for level in in_file(stack, layout.name, fmt)]
+        found = texels_in(tmp_path / "s", layout, fmt, len(wanted))
         assert len(found) == len(wanted)
         for theirs, ours in zip(found, wanted, strict=True):
             np.testing.assert_array_equal(theirs.astype(ours.dtype), ours)
@@ -168,18 +168,13 @@ def test_colours_are_not_multiplied_by_alpha(tmp_path, fmt: str) -> None:
     stack.save(tmp_path / "s", [Output(fmt, "orm")])
     (file,) = (file for file in read_output(tmp_path / "s", 0) if file.layout.name == "base_color")
     assert file.levels[0].shape == (8, 8, 4)
-    near = 0.12 if "bc" in fmt or "uastc" in fmt else 0.005
+    near = 0.005 if file.container.exact else 0.12
     for index, level in enumerate(file.levels):
         assert np.abs(srgb(level[..., :3]) - srgb(stack.levels[index][..., :3])).max() < near
         assert np.abs(level[..., 3:] - opacity[index]).max() <= (near / 4 if near > 0.1 else 1e-4)
-    if fmt.startswith(("exr", "tx", "png")) or fmt == "dds:rgba8":  # as OpenImageIO reads them
-        kind = {"half": "half", "float": "float", "16": "uint16"}.get(fmt.split(":")[1], "uint8")
-        name = "base_color_mip00" if fmt.startswith("png") else "base_color"
-        (theirs, *_) = openimageio_levels(tmp_path / "s" / f"{name}.{fmt.split(':', maxsplit=1)[0]}", 4, kind)
-        integers = kind.startswith("uint")
-        values = srgb(stack.levels[0][..., :3]) if integers else stack.levels[0][..., :3]
-        texels = texels_of(values, "x:" + {"uint8": "8", "uint16": "16"}.get(kind, kind))
-        np.testing.assert_array_equal(theirs[..., :3], texels)
+    if file.container.exact and file.container.openimageio:
+        (theirs, *_) = texels_in(tmp_path / "s", file.layout, fmt, len(stack.levels))
+        np.testing.assert_array_equal(theirs[..., :3], texels_of(in_file(stack, "base_color", fmt)[0], fmt))
 
 
 @pytest.mark.parametrize("fmt", [name for name in NAMES if name.startswith(("tx", "exr"))])
@@ -223,15 +218,27 @@ def test_the_texture_system_samples_our_levels(tmp_path, fmt: str) -> None:
 
 
 @every_format
+def test_info_knows_the_levels_of_every_container(tmp_path, fmt: str) -> None:
+    stack = made_stack((4, 8))
+    stack.save(tmp_path / "s", format=fmt)
+    for file in read_output(tmp_path / "s", 0):
+        names = file.container.files(file.layout, len(file.levels))
+        found = [size for name in names for size in file_info(tmp_path / "s" / name).levels]
+        assert found == [(level.shape[1], level.shape[0]) for level in file.levels]
+
+
+@every_format
 def test_every_container_says_how_it_was_made(tmp_path, fmt: str) -> None:
-    """DDS has no place for it."""
+    """The first file of every map does, where the container has a place for it: DDS has none."""
     stack = made_stack((4, 8))
     files = stack.save(tmp_path / "s", format=fmt)
+    maps = read_output(tmp_path / "s", 0)
+    first = {file.container.files(file.layout, len(file.levels))[0] for file in maps}
     told = {"set": "sample", "model": "gltf", "method": "linear", "pixel_filter": "gaussian", "version": "0"}
+    assert format_named(fmt).tells == (not fmt.startswith("dds"))
     for path in files[1:]:
         about = file_info(path).about
-        first = fmt.split(":", maxsplit=1)[0] != "png" or "_mip00" in path.name
-        wanted = {} if fmt.startswith("dds") or not first else told
+        wanted = told if format_named(fmt).tells and path.name in first else {}
         assert {key: about[key] for key in wanted} == wanted
         assert bool(about) == bool(wanted)
         if wanted:
@@ -274,18 +281,21 @@ def test_values_above_one_take_half_floats(tmp_path, fmt: str) -> None:
 @every_format
 def test_fewer_levels(tmp_path, fmt: str) -> None:
     """EXR files hold every level down to 1 x 1, whatever is asked for; readers count on it."""
+    complete = format_named(fmt).complete
+    assert complete or not fmt.startswith("exr")
     made_stack((8, 16)).save(tmp_path / "s", format=fmt, levels=2)
     for file in read_output(tmp_path / "s", 0):
-        assert len(file.levels) == (5 if fmt.startswith("exr") else 2)
-    assert len(open_stack(tmp_path / "s").levels) == (5 if fmt.startswith("exr") else 2)
+        assert len(file.levels) == (5 if complete else 2)
+    assert len(open_stack(tmp_path / "s").levels) == (5 if complete else 2)
 
 
 @every_format
 def test_files_of_another_stack_are_told(tmp_path, fmt: str) -> None:
     """Files that are whole, and not those that stack.json describes: of another size, with other channels."""
-    suffix = "_mip00.png" if fmt.startswith("png") else f".{fmt.split(':', maxsplit=1)[0]}"
     made_stack((8, 8)).save(tmp_path / "s", format=fmt)
     made_stack((8, 16)).save(tmp_path / "other", format=fmt)
+    (file,) = (file for file in read_output(tmp_path / "s", 0) if file.layout.name == "normal")
+    suffix = file.container.files(file.layout, len(file.levels))[0].removeprefix("normal")
     target, other = (tmp_path / name / f"normal{suffix}" for name in ("s", "other"))
     whole = target.read_bytes()
     wrong = [other]

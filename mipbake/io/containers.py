@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
+from mipbake.io.file_records import FileInfo
 from mipbake.io.gpu_files import GPU_CONTAINERS, GpuFile
 from mipbake.io.layout import FileLayout
 from mipbake.io.mip_exr import MipExr
@@ -54,6 +55,18 @@ class Container(Protocol):
     def complete(self) -> bool:
         """Whether files always hold every level down to 1 x 1."""
 
+    @property
+    def signature(self) -> bytes:
+        """How its files begin, by which `info` is found for them; empty: OpenImageIO tells what they are."""
+
+    @property
+    def openimageio(self) -> bool:
+        """Whether OpenImageIO reads its files."""
+
+    @property
+    def tells(self) -> bool:
+        """Whether its files have a place for how they were made."""
+
     def precision(self, layout: FileLayout) -> str:
         """What a texel of a file is stored as, for stack.json."""
 
@@ -81,11 +94,15 @@ class Container(Protocol):
         about: str,
     ) -> None:
         """Writes quantised levels, each (H_L, W_L, C), finest first, and `about`, JSON that tells how they were made,
-        where there is a place for it. OutputError when that fails; containers that compress compare what was written.
+        where there is a place for it (`tells`). OutputError when that fails; containers that compress compare what was
+        written.
         """
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """Reads what write wrote: a level of (H_L, W_L, C) for each (height, width). InputError when that fails."""
+
+    def info(self, path: Path) -> FileInfo:
+        """What is in a file of this kind, whoever wrote it, with no texels decoded. InputError when it is broken."""
 
 
 _ALL: tuple[Container, ...] = (

@@ -7,7 +7,7 @@ import struct
 from mipbake.errors import InputError
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture, level_size
 
-_MAGIC = b"DDS "
+MAGIC = b"DDS "
 _HEADER = struct.Struct("<7I44s8I4I I")  # DDS_HEADER: sizes, 11 reserved, DDS_PIXELFORMAT, caps, reserved
 _DX10 = struct.Struct("<5I")
 
@@ -39,12 +39,12 @@ def encoded(texture: GpuTexture) -> bytes:
         *(caps, 0, 0, 0),
         0,
     )
-    return _MAGIC + header + _DX10.pack(made.dxgi, _TEXTURE_2D, 0, 1, 0) + b"".join(texture.levels)
+    return MAGIC + header + _DX10.pack(made.dxgi, _TEXTURE_2D, 0, 1, 0) + b"".join(texture.levels)
 
 
 def decoded(data: bytes, name: str) -> GpuTexture:
     """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
-    if data[:4] != _MAGIC or len(data) < 4 + _HEADER.size + _DX10.size:
+    if data[:4] != MAGIC or len(data) < 4 + _HEADER.size + _DX10.size:
         raise InputError(f"{name} is not a DDS file with a Direct3D 10 header")
     fields = _HEADER.unpack_from(data, 4)
     height, width, count, four_cc = fields[2], fields[3], max(1, fields[6]), fields[10]

@@ -3,71 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mipbake.errors import InputError
-from mipbake.io import dds, disk, ktx2
+from mipbake.io import disk, ktx2
+from mipbake.io.containers import FORMATS
+from mipbake.io.file_records import FileInfo, ImageInfo, colour_space
 from mipbake.io.gltf import container
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import KTX2, stored_image
-from mipbake.io.gpu_format import GpuTexture, level_size
-from mipbake.io.json_text import parsed
 from mipbake.io.layout import INVERTED
-from mipbake.io.oiio_levels import ABOUT, reader
-from mipbake.io.read import PNG_SIGNATURE, check_png
+from mipbake.io.oiio_levels import image_info
 
-_PNG_HEAD = 128
-"""Bytes that hold the first chunks of a PNG file, among them the chunk of the colour space."""
-
-
-@dataclass(frozen=True)
-class ImageInfo:
-    """What is known of an image within a document, without a look at its pixels.
-
-    Args:
-        name: that the document gives it, else its number.
-        mime: media type that its bytes have.
-        texels, colour_space, levels: the same as in a `FileInfo`; empty for anything but KTX 2.
-        bytes: of the image.
-    """
-
-    name: str
-    mime: str
-    texels: str
-    colour_space: str
-    levels: tuple[tuple[int, int], ...]
-    bytes: int
-
-
-@dataclass(frozen=True)
-class FileInfo:
-    """What is in a file.
-
-    Args:
-        path: of the file.
-        container: what it is.
-        texels: what a texel is stored as.
-        channels: names of its channels, where the container has names.
-        levels: (width, height) of every level, finest first; empty for documents.
-        colour_space: of its texels, where it says one.
-        bytes: of the file.
-        about: what mipbake wrote into it about how it was made; empty in files of others.
-        attributes: what else it says that matters to who samples it.
-        images: within a document.
-    """
-
-    path: Path
-    container: str
-    texels: str
-    channels: tuple[str, ...]
-    levels: tuple[tuple[int, int], ...]
-    colour_space: str
-    bytes: int
-    about: Mapping[str, Any] = field(default_factory=dict)
-    attributes: Mapping[str, str] = field(default_factory=dict)
-    images: tuple[ImageInfo, ...] = ()
+_START = 12
+"""Bytes at the beginning that tell what a file is."""
 
 
 @dataclass(frozen=True)
@@ -160,16 +111,16 @@ def file_info(path: Path) -> FileInfo:
     Pixels of KTX 2, DDS and documents are not decoded.
     """
     with disk.opened(path, "a file of a stack, or its folder") as file:
-        start = file.read(12)
-    if start == ktx2.IDENTIFIER:
-        return _ktx2(path)
-    if path.suffix.lower() == ".ktx2":
-        raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
-    if start.startswith(b"DDS "):
-        return _gpu(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
-    if start.startswith(container.MAGIC) or path.suffix.lower() in (".gltf", ".glb"):
+        start = file.read(_START)
+    suffix = path.suffix.lower()
+    for each in (next(iter(kinds.values())) for kinds in FORMATS.values()):
+        # OpenImageIO tells the files that it reads by what is in them.
+        named = not each.openimageio and suffix == f".{each.name}"
+        if named or (each.signature and start.startswith(each.signature)):
+            return each.info(path)
+    if start.startswith(container.MAGIC) or suffix in (".gltf", ".glb"):
         return _document(path, "GLB (glTF 2.0)" if start.startswith(container.MAGIC) else "glTF 2.0")
-    return _image(path)
+    return image_info(path)
 
 
 def _document(path: Path, kind: str) -> FileInfo:
@@ -191,71 +142,4 @@ def _document_image(document: Document, index: int) -> ImageInfo:
     outline = ktx2.outline(data, what)
     if outline.readable:
         ktx2.stored(data, what)  # whether it is complete
-    return ImageInfo(name, kind.mime, outline.texels, _space(outline.srgb), outline.levels, len(data))
-
-
-def _ktx2(path: Path) -> FileInfo:
-    data = disk.read_bytes(path)
-    outline = ktx2.outline(data, str(path))
-    if outline.readable:
-        return _gpu(path, "KTX 2", ktx2.stored(data, str(path)))
-    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, _space(outline.srgb), len(data))
-
-
-def _space(srgb: bool) -> str:
-    return "sRGB" if srgb else "linear"
-
-
-def _sizes(texture: GpuTexture | ktx2.StoredTexture) -> tuple[tuple[int, int], ...]:
-    return tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
-
-
-def _gpu(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> FileInfo:
-    values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
-    made = texture.format
-    return FileInfo(
-        path,
-        kind,
-        made.name,
-        (),
-        _sizes(texture),
-        _space(made.srgb),
-        path.stat().st_size,
-        _about(values.pop(ABOUT, "")),
-        values,
-    )
-
-
-def _image(path: Path) -> FileInfo:
-    start = disk.read_bytes(path) if path.suffix.lower() == ".png" else b""
-    if start.startswith(PNG_SIGNATURE):
-        check_png(path, start)
-    source = reader(path)
-    try:
-        spec = source.spec()
-
-        def said(name: str) -> str:
-            value = spec.getattribute(name)
-            return value if isinstance(value, str) else ""  # broken files have numbers in places of texts
-
-        attributes = {name: said(name) for name in ("textureformat", "wrapmodes", "compression") if said(name)}
-        about = _about(said(ABOUT) or said("ImageDescription"))
-        channels, kind = tuple(spec.channelnames), str(spec.format)
-        # The library takes PNG files that say nothing for sRGB.
-        silent = path.suffix.lower() == ".png" and b"sRGB" not in start[:_PNG_HEAD]
-        space = "" if silent else said("oiio:ColorSpace")
-        levels = [(spec.width, spec.height)]
-        while source.seek_subimage(0, len(levels)):
-            levels.append((source.spec().width, source.spec().height))
-        name = source.format_name()
-    finally:
-        source.close()
-    return FileInfo(path, name, kind, channels, tuple(levels), space, path.stat().st_size, about, attributes)
-
-
-def _about(text: str) -> Mapping[str, Any]:
-    try:
-        content = parsed(text)
-    except ValueError:
-        return {}
-    return content if isinstance(content, dict) else {}
+    return ImageInfo(name, kind.mime, outline.texels, colour_space(outline.srgb), outline.levels, len(data))

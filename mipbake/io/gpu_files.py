@@ -14,6 +14,7 @@ from mipbake._version import __version__
 from mipbake.errors import InputError, OutputError
 from mipbake.io import dds, disk, ktx2
 from mipbake.io.blocks import from_blocks, to_blocks, widened
+from mipbake.io.file_records import FileInfo, colour_space, told
 from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
 from mipbake.io.oiio_levels import ABOUT
@@ -47,6 +48,7 @@ class GpuContainer:
         encode: the bytes of a file that holds a texture.
         decode: the texture that the bytes of a file hold; InputError, which calls the file by the name that is given,
             where there is none.
+        signature, info, openimageio, tells: see Container.
         ladder: texels from the smallest to the most precise, to choose from where users name none.
     """
 
@@ -55,6 +57,10 @@ class GpuContainer:
     texels: tuple[str, ...]
     encode: Callable[[GpuTexture], bytes]
     decode: Callable[[bytes, str], GpuTexture]
+    signature: bytes
+    info: Callable[[Path], FileInfo]
+    openimageio: bool
+    tells: bool
     ladder: tuple[str, ...] = _LADDER
 
     def more_precise(self, texels: str) -> str:
@@ -65,12 +71,39 @@ class GpuContainer:
         return "exr:float" if texels == self.ladder[-1] else self.name
 
 
+def _ktx2_info(path: Path) -> FileInfo:
+    """Of files of kinds that are not read, what their header tells."""
+    data = disk.read_bytes(path)
+    if not data.startswith(ktx2.IDENTIFIER):
+        raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
+    outline = ktx2.outline(data, str(path))
+    if outline.readable:
+        return _gpu_info(path, "KTX 2", ktx2.stored(data, str(path)))
+    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, colour_space(outline.srgb), len(data))
+
+
+def _dds_info(path: Path) -> FileInfo:
+    return _gpu_info(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
+
+
+def _gpu_info(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> FileInfo:
+    values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
+    made, about = texture.format, told(values.pop(ABOUT, ""))
+    levels = tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
+    space = colour_space(made.srgb)
+    return FileInfo(path, kind, made.name, (), levels, space, path.stat().st_size, about, values)
+
+
 KTX2 = GpuContainer(
     "ktx2",
     "one KTX 2 file for each map, supercompressed with Zstandard",
     ("bc", "uastc", "rgba8", "rgba16f"),
     partial(ktx2.encoded, supercompress=True),
     ktx2.decoded,
+    ktx2.IDENTIFIER,
+    _ktx2_info,
+    openimageio=False,
+    tells=True,
 )
 DDS = GpuContainer(
     "dds",
@@ -78,6 +111,10 @@ DDS = GpuContainer(
     ("bc", "bc1", "rgba8", "rgba16f"),
     dds.encoded,
     dds.decoded,
+    dds.MAGIC,
+    _dds_info,
+    openimageio=True,
+    tells=False,
 )
 GPU_CONTAINERS = (KTX2, DDS)
 
@@ -98,8 +135,10 @@ class GpuFile:
         self._container = container
         self.name, self.texels = container.name, texels
         self.summary, self.ladder = container.summary, container.ladder
+        self.signature, self.info, self.tells = container.signature, container.info, container.tells
         self.finer = container.more_precise(texels)
         stored = GPU_FORMATS[_FORMATS[texels][0]]
+        self.openimageio = container.openimageio and not stored.is_float
         self.exact = stored.side == 1
         self._kind = "half" if stored.is_float else "8"
         self.encodings = ENCODINGS if stored.is_float else ENCODINGS - {LOG}

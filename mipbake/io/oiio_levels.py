@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
+from mipbake.io.file_records import FileInfo, told
 from mipbake.io.layout import FileLayout
 from mipbake.io.messages import told_by
 from mipbake.io.publish import check_room
 from mipbake.io.quantise import dequantised, quantised
+from mipbake.io.read import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -26,6 +28,8 @@ TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 """What OpenImageIO calls texels, by the name that users give."""
 
 _PNG_END = b"IEND\xaeB`\x82"
+_PNG_HEAD = 128
+"""Bytes that hold the first chunks of a PNG file, among them the chunk of the colour space."""
 
 ABOUT = "mipbake"
 """Attribute, key or chunk that holds how a file was made, as JSON."""
@@ -41,6 +45,9 @@ class PlainTexels:
     name: str
     exact = True
     ladder: tuple[str, ...] = ()
+    signature = b""
+    openimageio = True
+    tells = True
 
     def __init__(self, texels: str) -> None:
         self.texels = texels
@@ -80,6 +87,10 @@ class PlainTexels:
         """See Container."""
         del layout
         return list(levels)
+
+    def info(self, path: Path) -> FileInfo:
+        """See Container."""
+        return image_info(path)
 
 
 def specification(
@@ -247,3 +258,31 @@ def take_all(
         return levels
     finally:
         source.close()
+
+
+def image_info(path: Path) -> FileInfo:
+    """What is in an image that OpenImageIO reads, whoever wrote it. InputError where it reads none."""
+    start = disk.read_bytes(path) if path.suffix.lower() == ".png" else b""
+    if start.startswith(PNG_SIGNATURE):
+        check_png(path, start)
+    source = reader(path)
+    try:
+        spec = source.spec()
+
+        def said(name: str) -> str:
+            value = spec.getattribute(name)
+            return value if isinstance(value, str) else ""  # broken files have numbers in places of texts
+
+        attributes = {name: said(name) for name in ("textureformat", "wrapmodes", "compression") if said(name)}
+        about = told(said(ABOUT) or said("ImageDescription"))
+        channels, kind = tuple(spec.channelnames), str(spec.format)
+        # The library takes PNG files that say nothing for sRGB.
+        silent = path.suffix.lower() == ".png" and b"sRGB" not in start[:_PNG_HEAD]
+        space = "" if silent else said("oiio:ColorSpace")
+        levels = [(spec.width, spec.height)]
+        while source.seek_subimage(0, len(levels)):
+            levels.append((source.spec().width, source.spec().height))
+        name = source.format_name()
+    finally:
+        source.close()
+    return FileInfo(path, name, kind, channels, tuple(levels), space, path.stat().st_size, about, attributes)

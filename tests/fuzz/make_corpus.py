@@ -1,11 +1,15 @@
-"""`python -m tests.fuzz.make_corpus`: writes the corpus anew. Every file is made here, and as small as it can be."""
+"""Writes the corpus anew, or the folders of some readers: every file is made here, and as small as it can be."""
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import shutil
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -15,45 +19,72 @@ from mipbake.convert import convert
 from .. import gltf_files, mesh_files, mtlx_documents
 from ..input_files import pixels_for, write_image
 from .campaign import CORPUS
+from .readers import STACKS
 
 SIZE = 8
-_FORMATS = {"exr": "exr", "tx": "tx", "png": "png", "ktx2": "ktx2", "uastc": "ktx2:uastc", "dds": "dds"}
 
 
 def main() -> None:
-    for folder in [p for p in CORPUS.iterdir() if p.name != "found"] if CORPUS.exists() else ():
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.make_corpus", description=__doc__)
+    parser.add_argument("readers", nargs="*", metavar="READER", help="these folders alone (default: all)")
+    names = parser.parse_args().readers or list(MAKERS)
+    unknown = [name for name in names if name not in MAKERS]
+    if unknown:
+        parser.error(f"no reader is called {', '.join(unknown)}: expected some of {', '.join(MAKERS)}")
+    for name in names:
+        write(CORPUS, name)
+
+
+def write(corpus: Path, name: str) -> None:
+    """Writes the folder of one reader anew, and nothing else."""
+    folder = corpus / name
+    if folder.exists():
         shutil.rmtree(folder)
-    _images(_made("images"))
-    source = _made("set")
+    folder.mkdir(parents=True)
+    MAKERS[name](folder)
+
+
+def _set(folder: Path) -> None:
     for role in ("base_color", "normal", "roughness", "metallic"):
-        write_image(source / f"wood_{role}.png", pixels_for(role, SIZE))
-    texture_set = mipbake.load(source)
-    stack = mipbake.bake(texture_set, method="linear")
-    for name, formats in _FORMATS.items():
-        stack.save(CORPUS / f"stack-{name}", formats)
-    for name in ("dds", "tx"):  # sources may be such files, too
-        shutil.copy(CORPUS / f"stack-{name}" / f"wood_base_color.{name}", CORPUS / "images")
-    convert(texture_set, "ggx").save(CORPUS / "material")
+        write_image(folder / f"wood_{role}.png", pixels_for(role, SIZE))
+
+
+def _loaded() -> mipbake.TextureSet:
+    with TemporaryDirectory() as scratch:
+        source = Path(scratch) / "set"
+        source.mkdir()
+        _set(source)
+        return mipbake.load(source)
+
+
+def _stack(format: str, folder: Path) -> None:
+    mipbake.bake(_loaded(), method="linear").save(folder, format)
+
+
+def _material(folder: Path) -> None:
+    convert(_loaded(), "ggx").save(folder)
+
+
+def _gltf(folder: Path) -> None:
     document = _document()
-    document.write(_made("gltf") / "small.glb")
-    document.write(CORPUS / "gltf" / "embedded.gltf", "embedded")
-    _materialx(_made("mtlx"))
-    mesh = _made("mesh")
-    mesh_files.quad().write(mesh / "quad.glb")
-    mesh_files.quad().write(mesh / "quad.gltf", "embedded")
-    (mesh / "quad.obj").write_text(mesh_files.obj_text(mesh_files.shapes.plane()), encoding="utf-8")
+    document.write(folder / "small.glb")
+    document.write(folder / "embedded.gltf", "embedded")
+
+
+def _mesh(folder: Path) -> None:
+    mesh_files.quad().write(folder / "quad.glb")
+    mesh_files.quad().write(folder / "quad.gltf", "embedded")
+    (folder / "quad.obj").write_text(mesh_files.obj_text(mesh_files.shapes.plane()), encoding="utf-8")
+
+
+def _environment(folder: Path) -> None:
     for suffix in ("hdr", "exr"):
         radiance = np.random.default_rng(0).random((4, 8, 3)).astype(np.float32)
-        write_image(_made("environment", new=False) / f"light.{suffix}", radiance)
-    lists = _made("list")
-    (lists / "list.txt").write_text("# sets\nwood\nwood/*.png\n**\n@list.txt\nwood_<UDIM>.png\n", encoding="utf-8")
-    _weights(_made("weights"))
+        write_image(folder / f"light.{suffix}", radiance)
 
 
-def _made(name: str, new: bool = True) -> Path:
-    folder = CORPUS / name
-    folder.mkdir(parents=True, exist_ok=not new)
-    return folder
+def _list(folder: Path) -> None:
+    (folder / "list.txt").write_text("# sets\nwood\nwood/*.png\n**\n@list.txt\nwood_<UDIM>.png\n", encoding="utf-8")
 
 
 def _images(folder: Path) -> None:
@@ -69,6 +100,10 @@ def _images(folder: Path) -> None:
         write_image(folder / f"{compression}.exr", (rgb / 255).astype(np.float16), "half", compression=compression)
     write_image(folder / "float.exr", (grey / 255).astype(np.float32))
     write_image(folder / "rgb.hdr", (rgb / 255).astype(np.float32))
+    with TemporaryDirectory() as scratch:
+        for name in ("dds", "tx"):  # sources may be such files, too
+            _stack(name, Path(scratch) / name)
+            shutil.copy(Path(scratch) / name / f"wood_base_color.{name}", folder)
 
 
 def _document() -> gltf_files.GltfFile:
@@ -130,6 +165,21 @@ def _weights(folder: Path) -> None:
     info = WeightsInfo("small", config, ("gaussian",), False, 0, "none", *about, folder)
     info.tensors.write_bytes(content)
     (folder / "small.json").write_text(json.dumps(json.loads(info.to_json())), encoding="utf-8")
+
+
+MAKERS: Mapping[str, Callable[[Path], None]] = {
+    "set": _set,
+    **{name: partial(_stack, format) for name, format in STACKS.items()},
+    "images": _images,
+    "material": _material,
+    "gltf": _gltf,
+    "mtlx": _materialx,
+    "mesh": _mesh,
+    "environment": _environment,
+    "list": _list,
+    "weights": _weights,
+}
+"""What writes the folder of each reader."""
 
 
 if __name__ == "__main__":

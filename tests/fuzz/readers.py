@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import mipbake
 from mipbake.convert import open_material
 from mipbake.intake import jobs
+from mipbake.io.containers import FORMATS
 from mipbake.io.file_info import file_info
 from mipbake.io.gltf.write import check_images, rewritten
 from mipbake.io.inputs import expand
@@ -85,15 +86,13 @@ def _weights(folder: Path, file: Path) -> None:
         load_network(replace(info, sha256=hashlib.sha256(info.tensors.read_bytes()).hexdigest()))
 
 
+STACKS: Mapping[str, str] = {**{f"stack-{name}": name for name in FORMATS}, "stack-uastc": "ktx2:uastc"}
+"""By the name of a folder in the corpus, what the stack in it is written as: every container, and UASTC."""
+
 READERS: Mapping[str, Reader] = {
     "images": _image,
     "set": _texture_set,
-    "stack-exr": _stack,
-    "stack-tx": _stack,
-    "stack-png": _stack,
-    "stack-ktx2": _stack,
-    "stack-uastc": _stack,
-    "stack-dds": _stack,
+    **dict.fromkeys(STACKS, _stack),
     "material": _material,
     "gltf": _document,
     "mtlx": _document,
