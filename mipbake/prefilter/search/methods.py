@@ -128,7 +128,7 @@ class Searching:
 
 
 class Refine(Searching):
-    """Every texel optimised, from the best blend of all methods."""
+    """Every texel optimised, from the best blend that `auto` finds."""
 
     name = "refine"
     summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
@@ -147,12 +147,12 @@ class Refine(Searching):
 
 
 class Auto(Searching):
-    """The best blend of all methods, with coarse levels optimised; with a budget, as `refine`."""
+    """The best blend of a network and closed forms, with coarse levels optimised; with a budget, as `refine`."""
 
     name = "auto"
     summary = (
-        "the best blend of neural and all closed forms, by measurement, coarse levels optimised (several times as long "
-        "as neural)"
+        "the best blend of neural and four closed forms, held against all of them by measurement, coarse levels "
+        "optimised (several times as long as neural)"
     )
     usual_descent = COARSE
 
