@@ -36,7 +36,7 @@ from mipbake.packing import Normals
 from mipbake.texture_set import TextureSet
 
 SIDE = 4
-"""KHR_texture_basisu takes images whose sides are multiples of it."""
+"""The specification of KHR_texture_basisu takes images whose sides are multiples of it."""
 
 _OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 

@@ -24,7 +24,8 @@ from mipbake.models.workers import in_order
 from mipbake.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
 
 _FROM_TOP = 3
-"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""
+"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is. A
+guess."""
 
 
 def bake(

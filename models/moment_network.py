@@ -43,12 +43,12 @@ from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 _CODE = 3 + len(FILTERS)
 
 _STEP = 0.1
-"""Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
+"""Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights. A guess."""
 
 _FIRST_GUESS = 0.7
-"""Share of `to_widened` that an untrained network applies."""
+"""Share of `to_widened` that an untrained network applies. A guess."""
 
-_DETAIL_SCALE = 8.0
+_DETAIL_SCALE = 8.0  # of what sharpening added, as an input of the decoder; a guess
 
 
 class MomentNetwork(Network):

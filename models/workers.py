@@ -18,8 +18,8 @@ import torch
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")
 
-_MOST = 16  # workers: each holds tens of megabytes
-_AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up
+_MOST = 16  # workers: each holds tens of megabytes; a guess
+_AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up; a guess
 
 
 class _Alone:

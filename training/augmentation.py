@@ -18,15 +18,15 @@ Patches = NDArray[np.float32]
 Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
 
 # Spreads of the random changes. The centres lean to gloss and steep normals, which are rare in real sets.
-_LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2
-_LOG_ANISOTROPY_SPREAD = 0.8
-_LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4
-_LOG_ECCENTRICITY_SPREAD = 0.3
-_LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
+_LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2  # a guess
+_LOG_ANISOTROPY_SPREAD = 0.8  # a guess
+_LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4  # a guess
+_LOG_ECCENTRICITY_SPREAD = 0.3  # a guess
+_LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4  # a guess
 _UNCHANGED = 0.25
-"""Share of patches whose roughness, and of others whose normals, are left as they are."""
+"""Share of patches whose roughness, and of others whose normals, are left as they are. A guess."""
 
-_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly
+_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly; a guess
 
 
 def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:

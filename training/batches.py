@@ -13,8 +13,8 @@ from mipbake.training.config import TrainingConfig
 from mipbake.training.data import Materials, draw_crops, step_generator
 from mipbake.training.drawing import Drawer
 
-_KEPT = 8  # batches that are kept for another use
-_REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's
+_KEPT = 8  # batches that are kept for another use; a guess
+_REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's; a seed
 
 
 def draw_batch(materials: Materials, config: TrainingConfig, index: int) -> Batch:

@@ -17,8 +17,8 @@ from mipbake.training.procedural import procedural_set
 
 Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
 
-_STRIDES = (2, 4, 8)
-_VALIDATION_SEEDS = 1_000_000  # procedural sets from here on are for validation
+_STRIDES = (2, 4, 8)  # texels of a set from one texel of a patch to the next; a guess
+_VALIDATION_SEEDS = 1_000_000  # procedural sets from here on are for validation; a seed
 
 
 @dataclass(frozen=True)

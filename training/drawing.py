@@ -25,7 +25,7 @@ from mipbake.errors import MipbakeError
 
 T = TypeVar("T")
 
-_ALIGNMENT = 64
+_ALIGNMENT = 64  # bytes, a line of the cache: not tuned
 
 
 class _Pickler(pickle.Pickler):

@@ -26,8 +26,8 @@ from mipbake.training.validation import Effort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
-_WHITENING_SAMPLES = 16
-_WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's
+_WHITENING_SAMPLES = 16  # patches; a guess
+_WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's; a seed
 
 
 def threads_beside_batches() -> int:

@@ -34,9 +34,9 @@ from mipbake.training.checks import require, require_power_of_two, require_share
 
 EPSILON = 1e-4
 """Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
-patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
+patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others. A guess."""
 
-_CEILING = 1e-4  # relative error below which a render counts as right: 40 dB
+_CEILING = 1e-4  # relative error below which a render counts as right: 40 dB; a guess
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,9 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
 from mipbake.training.data import Materials
 
-LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
-_SEED = 20230
-_PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)
+LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # levels of detail; a guess
+_SEED = 20230  # not tuned
+_PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)  # sets and levels of detail in pictures; a guess
 _TORUS: Wrap = ("wrap", "wrap")
 _SETS = tuple(PAIR_SETS)
 

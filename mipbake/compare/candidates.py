@@ -30,9 +30,9 @@ ORIGIN_KERNEL = "box"
 """The averaging kernel that closed forms have where they come from: engines and their tools."""
 
 MEMORY_LIMIT = 1 << 30
-"""Bytes of levels that stay in memory; where all levels together need more, they are kept in files."""
+"""Bytes of levels that stay in memory; where all levels together need more, they are kept in files. A guess."""
 
-_LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
+_LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory; a guess
 
 StageProgress = Callable[[str, float], None]
 """Is told the name of the stage and its finished share, from 0 to 1."""

@@ -27,15 +27,16 @@ from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Cache, Frame, Passes, Reference, Shot
 
 MAX_PASSES = 768
-"""Most samples for each pixel of a reference, by default."""
+"""Most samples for each pixel of a reference, by default. A guess."""
 
 SHIFT = (0.5, 0.0)
-"""Pixels, to the right and upwards, between the two renders that flicker is measured of."""
+"""Pixels, to the right and upwards, between the two renders that flicker is measured of. Not tuned: flicker is
+defined by half a pixel (docs/validation.md)."""
 
 SHIFTED_SCALES = ("near", "1:1")
 """Scales whose views are rendered a second time for flicker: coarser levels show no more than texture space does."""
 
-_MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window
+_MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window; not tuned
 
 Progress = Callable[[str, float], None]
 """Is told what is under way, in a few words, and the finished share of it."""

@@ -23,11 +23,11 @@ from mipbake.render import candidate as looked_up
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
-"""Samples for each pixel in the reference of a temporal slice, both halves together."""
+"""Samples for each pixel in the reference of a temporal slice, both halves together. A guess."""
 
-_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
+_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to; a guess
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
-_RIM = 0.999  # radius of the disc of directions, off the horizon by a little
+_RIM = 0.999  # radius of the disc of directions, off the horizon by a little; a guess
 
 
 class Slice(NamedTuple):

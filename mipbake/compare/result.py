@@ -20,7 +20,8 @@ SCALES: Mapping[str, tuple[float, float]] = {
     "middle": (3.0, 3.0),
     "far": (7.0, 7.0),
 }
-"""Name and range of levels of detail of every scale; a set with fewer levels has `far` at its last one."""
+"""Name and range of levels of detail of every scale; a set with fewer levels has `far` at its last one. Not tuned:
+figures are defined by them."""
 
 SNR_GAIN = "snr-gain"
 """Measure of a figure that is the subject's SNR minus the SNR of the figure's method, over the same light-view

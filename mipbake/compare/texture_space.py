@@ -44,21 +44,24 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate as looked_up
 from mipbake.texture_set import TextureSet
 
-DEFAULT_SEED = 0
-DEFAULT_POINTS = 8192
-DEFAULT_SAMPLES = 64
+DEFAULT_SEED = 0  # not tuned
+DEFAULT_POINTS = 8192  # a guess
+DEFAULT_SAMPLES = 64  # a guess
 
 STEP = 0.25
-"""Levels of detail between points of a curve, and within a scale."""
+"""Levels of detail between points of a curve, and within a scale. A guess."""
 
 SHIFTS = ((0.5, 0.0), (0.0, 0.5))
-"""How far pixels move for flicker, in pixels: along u, and along v."""
+"""How far pixels move for flicker, in pixels: along u, and along v. Not tuned: flicker is
+defined by half a pixel."""
 
 _BLOCKS = PAIRS // BLOCK
-_POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail
-_FEW_PIXELS_WORK = 8  # times the samples are spent on flicker there: the reference hardly changes, and noise drowns it
-_LEAST_CHANGE_POINTS = 1024
-_TONE_POINTS = 2048  # encoding costs far more than a lookup, and no square gives few bright pixels all the weight
+_POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail; a guess
+# Times the samples are spent on flicker there: the reference hardly changes, and noise drowns it; a guess.
+_FEW_PIXELS_WORK = 8
+_LEAST_CHANGE_POINTS = 1024  # a guess
+# Encoding costs far more than a lookup, and no square gives few bright pixels all the weight; a guess.
+_TONE_POINTS = 2048
 
 StageProgress = Callable[[str, float], None]
 """Is told the name of the stage and its finished share, from 0 to 1."""

@@ -25,11 +25,15 @@ from mipbake.shading import shade_lit
 
 Array = NDArray[np.float64]
 
-EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views
-_ANGLES = 8  # groups of pixels by their angle of view, each of whose brightness is compared
-_DARKER = 0.02  # share of a group's brightness: an error that is as good as none
-_BRIGHTNESS = 0.5  # share of brightness in what is measured
-_LEAST = 1e-7  # squared value as displayed that is as good as none
+EXPOSURE = 1.5  # a white matte sphere's radiance under the studio's lights, as in compare's views; not tuned here
+# Groups of pixels by their angle of view, each of whose brightness is compared; a guess (docs/research.md says what
+# brightness by angle brought).
+_ANGLES = 8
+# Share of a group's brightness: an error that is as good as none; a guess, the floor that the training has too
+# (docs/research.md).
+_DARKER = 0.02
+_BRIGHTNESS = 0.5  # share of brightness in what is measured; a guess (docs/research.md)
+_LEAST = 1e-7  # squared value as displayed that is as good as none; a guess
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,13 +22,15 @@ from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, PAIR_SETS, LightViewPairs,
 Array = NDArray[np.float64]
 
 SET_SIZE = 64
-"""Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set), and of a group."""
+"""Pairs of the sets that figures are quoted for (mipbake.metrics.pairs.pair_set), and of a group. Not tuned: figures
+are defined by it."""
 
 KINDS = 2
-"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second."""
+"""Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second. Not tuned:
+there are so many."""
 
-_GRAZING = 0.03, 0.1  # cosines of views
-_TIGHT = 0.03  # spread of the lights closest to the mirror direction
+_GRAZING = 0.03, 0.1  # cosines of views; a guess
+_TIGHT = 0.03  # spread of the lights closest to the mirror direction; a guess
 
 
 def draw_pairs(rng: np.random.Generator, each: int) -> LightViewPairs:

@@ -31,11 +31,12 @@ from mipbake.render.environment import Lighting
 
 Array = NDArray[np.float64]
 
-_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
-_NOISY = 0.03  # noise energy over the signal's at which samples are doubled
-_FINE = 2.0  # level of detail below which stacks come so near the reference that its noise counts: twice the samples
-_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
-_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
+_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
+_NOISY = 0.03  # noise energy over the signal's at which samples are doubled; a guess
+# Level of detail below which stacks come so near the reference that its noise counts: twice the samples; a guess.
+_FINE = 2.0
+_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others; a guess
+_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups; a guess
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Effort:
         samples: of the reference at each point, twice; more where there are fewer points.
         lit_points, lit_samples: under the studio's lights.
         doublings: how often samples are doubled, at most, where the reference stays noisy.
+
+    The numbers are guesses.
     """
 
     groups: int = 32

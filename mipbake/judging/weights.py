@@ -51,6 +51,8 @@ class Weights:
         chance: standard errors by which a row of errors may be behind.
         tie: nepers below which two errors measure the same. lit_tie: the same, of the error under the studio's lights.
         group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
+
+    The ties are guesses.
     """
 
     terms: Mapping[str, Weight]

@@ -16,8 +16,8 @@ Image = NDArray[np.float32]
 
 _T = TypeVar("_T", bound=np.generic)
 
-_BITS = 14
-_BINS = 1 << _BITS
+_BITS = 14  # of the number of bins; a guess
+_BINS = 1 << _BITS  # not tuned
 
 
 @dataclass(frozen=True, eq=False)

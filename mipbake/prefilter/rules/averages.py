@@ -26,10 +26,10 @@ Array = NDArray[np.floating]
 Image = NDArray[np.float32]
 
 BAND = 1 << 17
-"""Texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB."""
+"""Texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB. A guess."""
 
 _MIN_LENGTH = 1e-3
-"""Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length."""
+"""Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
 
-_SCALE, _LIMIT = 0.5, 0.2**2
+_SCALE, _LIMIT = 0.5, 0.2**2  # Filament's own numbers
 
 FILAMENT = RoughnessRule(
     name="filament",

@@ -14,7 +14,7 @@ import numpy as np
 
 from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
 
-_SCALE, _LIMIT = 0.75, 0.4**2
+_SCALE, _LIMIT = 0.75, 0.4**2  # Godot's own numbers
 
 GODOT = RoughnessRule(
     name="godot",

@@ -20,7 +20,7 @@ import numpy as np
 from mipbake.prefilter.rules.averages import Array, RoughnessRule
 from mipbake.prefilter.rules.toksvig import excess, widened
 
-_DEAD_ZONE = 4e-5
+_DEAD_ZONE = 4e-5  # Unreal Engine's own number
 
 
 def _widened(alpha2: Array, variance: Array) -> Array:

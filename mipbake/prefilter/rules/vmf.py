@@ -18,7 +18,7 @@ import numpy as np
 
 from mipbake.prefilter.rules.averages import Array, RoughnessRule, inverse_kappa
 
-_NEWTON_STEPS = 4
+_NEWTON_STEPS = 4  # a guess
 
 
 def shortening(alpha2: Array) -> Array:

@@ -9,9 +9,9 @@ from mipbake.judging.probes import Effort
 from mipbake.metrics.pairs import PAIR_SETS
 
 LOBES = 2
-"""Lobes that half vectors of pixels are drawn from (pixel_samples.py)."""
+"""Lobes that half vectors of pixels are drawn from (pixel_samples.py). Not tuned: what is drawn from has so many."""
 
-LOOKS = Effort(groups=16)
+LOOKS = Effort(groups=16)  # groups of the renders that say whether rounds still help; a guess
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Budget:
         samples: reference samples of a pixel of level 0; they double with every second level.
         looks: effort of the renders that say, after every few rounds, whether that still helps.
         window: blocks of large sets are at most so many texels a side.
+
+    The numbers are guesses.
     """
 
     rounds: int = 40

@@ -35,11 +35,13 @@ every group of pairs."""
 BLENDED = ("linear", "lean", "unreal", "godot")
 """Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
 
-_FAR = 0.35  # logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge
-_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice
-_PILOT = 256  # texels a side of the part that says how long an ingredient will take
-_MARGIN = 1.1  # factor on what that part says
-_SIDE_BY_SIDE = 1 << 25  # values of a stack up to which two ingredients are baked at a time
+# Logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge; a guess.
+_FAR = 0.35
+_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice; a guess
+_PILOT = 256  # texels a side of the part that says how long an ingredient will take; a guess
+_MARGIN = 1.1  # factor on what that part says; a guess
+# Values of a stack up to which two ingredients are baked at a time; a guess.
+_SIDE_BY_SIDE = 1 << 25
 
 
 @dataclass(frozen=True)

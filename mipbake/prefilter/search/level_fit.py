@@ -31,10 +31,10 @@ from mipbake.reference.problem import Image
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
-_ITERATIONS, _ENOUGH = 10, 4e-3
-_STRIDE = 8  # one in so many pairs takes part in curvature
-_DAMPING = 1e-3
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree
+_ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on; guesses
+_STRIDE = 8  # one in so many pairs takes part in curvature; a guess
+_DAMPING = 1e-3  # in units of a block's own curvature; a guess
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree; guesses
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
-_LIGHTS = 16  # lights of the room: it is turned at random for every pixel, so few stand for all
+_LIGHTS = 16  # lights of the room: it is turned at random for every pixel, so few stand for all; a guess
 
 
 @dataclass(frozen=True)

@@ -33,16 +33,18 @@ from mipbake.prefilter.search.time_budget import seconds_of
 from mipbake.reference.problem import Image, Problem
 
 REFINE_SECONDS = 120.0
-"""Budget of `refine` where none is given."""
+"""Budget of `refine` where none is given. A guess."""
 
 EFFORT = Effort()
 REFINING = Budget(rounds=60, looks=Effort(groups=8, points=96, lit_points=512))
 COARSE = Budget(rounds=6, pairs=16, samples=4, looks=Effort(groups=4, points=48, samples=4, lit_points=256))
-"""Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more."""
+"""Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more. The numbers of
+REFINING and COARSE are guesses."""
 
 OPTIMISING = Budget()
 
-_TRUST = 12.0  # rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24
+# Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
+_TRUST = 12.0
 
 
 @dataclass(frozen=True)

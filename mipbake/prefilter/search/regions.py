@@ -12,9 +12,10 @@ import numpy as np
 from mipbake.reference.problem import Problem, Region
 
 COARSE = 128
-"""Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing."""
+"""Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing. A
+guess."""
 
-_OVERHEAD = 1000.0  # texels that would take as long as what a round does for a level of any size
+_OVERHEAD = 1000.0  # texels that would take as long as what a round does for a level of any size; a guess
 
 
 @dataclass(frozen=True)

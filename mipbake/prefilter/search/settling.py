@@ -12,7 +12,7 @@ from mipbake.judging.scores import Score, Scores, between_levels
 from mipbake.reference.problem import Image
 
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Shares of a level's change that may be kept."""
+"""Shares of a level's change that may be kept. A guess."""
 
 Texels = Callable[[int, int, float], Image]
 """The (N, C) lookups at a probe, by its index, of a level of which a share is kept."""

@@ -26,10 +26,11 @@ from mipbake.prefilter.search.regions import COARSE, Part, parts
 from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
 
-_BAKING = 0.75  # most of the time that ingredients take; in a large set, an ingredient that takes longer is left out
-_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
-_FEWEST = 3  # rounds that are worth beginning with a part
-_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
+# Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out; a guess.
+_BAKING = 0.75
+_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained; a guess
+_FEWEST = 3  # rounds that are worth beginning with a part; a guess
+_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve; a guess
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,10 @@ from mipbake.models import parameters
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.problem import Image, Region
 
-_LEAST_ALPHA = 0.02
-_RING = 4  # texels around a block that its pixels read: one of their own level, two or three of the finer one, a half
+_LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
+# Texels around a block that its pixels read: one of their own level, two or three of the finer one, a half; not
+# tuned.
+_RING = 4
 
 
 def to_coordinates(stored: Tensor, model: str) -> Tensor:

@@ -39,17 +39,18 @@ from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
 CHECK = 5
-"""Rounds between two looks at what the stack is worth."""
+"""Rounds between two looks at what the stack is worth. A guess."""
 
-_LIT_PIXELS = 1024  # pixels of a level and round, at least
-_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving
-_OWN_PAIRS = 3  # levels whose pixels have pairs of their own
-_COMMON, _COMMON_PIXELS = 4, 2048  # times as many common pairs, at most; where pixels are more than this, fewer
-_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
-_MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
-_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
-_DAMPING = 0.02  # in units of a texel's own curvature
-_STRIDE = 2  # one in so many pairs takes part in curvature after the first round
+_LIT_PIXELS = 1024  # pixels of a level and round, at least; a guess
+_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving; a guess
+_OWN_PAIRS = 3  # levels whose pixels have pairs of their own; a guess
+# Times as many common pairs, at most; where pixels are more than this, fewer; a guess.
+_COMMON, _COMMON_PIXELS = 4, 2048
+_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two; a guess
+_MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round; a guess
+_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds); a guess
+_DAMPING = 0.02  # in units of a texel's own curvature; a guess
+_STRIDE = 2  # one in so many pairs takes part in curvature after the first round; a guess
 
 
 @dataclass
