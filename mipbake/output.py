@@ -52,13 +52,9 @@ GLB_TEXELS = ("uastc", "rgba8")
 """Texels of a GLB's textures, the default first. KHR_texture_basisu allows for no others; some engines load them."""
 
 
-def outputs_from(
-    format: str,
-    packing: str = SOURCE,
-    normals: Normals = Normals(),  # noqa: B008
-) -> tuple[Output, ...]:
+def outputs_from(format: str) -> tuple[Output, ...]:
     """Outputs for formats separated by commas, such as "exr,ktx2:uastc". UsageError when one is unknown or twice."""
-    found = [Output(part, packing, normals) for part in split_formats(format)]
+    found = [Output(part) for part in split_formats(format)]
     names = [output.container.name for output in found]
     for name in names:
         if names.count(name) > 1:

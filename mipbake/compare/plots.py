@@ -27,6 +27,7 @@ SLICE_PASSES = 384
 
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to; a guess
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
+_SIDE, _LIGHTS, _SAMPLES = 24, 256, 64  # effort on the search for the worst pixel; a guess
 _RIM = 0.999  # radius of the disc of directions, off the horizon by a little; a guess
 
 
@@ -157,25 +158,17 @@ def apparent_brdf(
     return Plot("apparent-brdf", "Apparent BRDF of a pixel", caption, disc(expected), images)
 
 
-def _worst(
-    source: FilteredSource,
-    subject: Candidate,
-    seed: int,
-    lod: float,
-    side: int = 24,
-    lights: int = 256,
-    samples: int = 64,
-) -> tuple[float, float]:
-    """(u, v) on a grid of `side` x `side` points where the subject's SNR, seen from straight above, is the lowest."""
-    grid = (np.arange(side) + 0.5) / side
+def _worst(source: FilteredSource, subject: Candidate, seed: int, lod: float) -> tuple[float, float]:
+    """(u, v) on a grid of _SIDE x _SIDE points where the subject's SNR, seen from straight above, is the lowest."""
+    grid = (np.arange(_SIDE) + 0.5) / _SIDE
     uv = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
     rng = np.random.default_rng([seed, 1])
-    light = cosine_directions(rng, lights)
+    light = cosine_directions(rng, _LIGHTS)
     # Half of them near the mirror direction, where lobes are.
     light[::2, :2] *= 0.4
     light[:, 2] = np.sqrt(1 - np.square(light[:, :2]).sum(-1))
     pairs = LightViewPairs(light.astype(np.float32), np.broadcast_to(_ABOVE, light.shape))
-    r = reference(source, uv, lod, pairs, samples, rng).astype(np.float64)
+    r = reference(source, uv, lod, pairs, _SAMPLES, rng).astype(np.float64)
     p = looked_up(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
     error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
     u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]

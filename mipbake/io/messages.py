@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 
-def one_line(message: str, otherwise: str = "no reason given") -> str:
-    """The first line of an error message, without the full stop; `otherwise` where there is none."""
+def one_line(message: str) -> str:
+    """The first line of an error message, without the full stop, or that there is none."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
-    return lines[0].rstrip(".") if lines else otherwise
+    return lines[0].rstrip(".") if lines else "no reason given"
 
 
 def listed(names: Iterable[object]) -> str:

@@ -75,18 +75,17 @@ def stored_image(document: Document, index: object, where: str = "a texture") ->
     return data, kind
 
 
-def image_bytes(document: Document, index: object, where: str = "a texture") -> tuple[bytes, str]:
+def image_bytes(document: Document, index: object) -> tuple[bytes, str]:
     """The bytes of an image that can be baked from, and the suffix that its files have (".png").
 
     Args:
         document: with its images in a bufferView, an external file or a data URI.
         index: of the image.
-        where: what names it, for messages.
 
     Raises:
         InputError: there is no such image, or its file is missing.
     """
-    data, kind = stored_image(document, index, where)
+    data, kind = stored_image(document, index)
     return data, kind.suffix
 
 

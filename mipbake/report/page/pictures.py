@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 IMAGES = "images"
 """The folder of the files."""
 
+_STOPS = 24  # places on a ramp that a page is told of
 _SHADES = 64  # shades of error maps: fewer than a byte has, so that maps compress
 
 
@@ -148,9 +149,9 @@ def heat(values: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
     return coloured
 
 
-def gradient_stops(count: int = 24) -> Iterator[tuple[float, str]]:
+def gradient_stops() -> Iterator[tuple[float, str]]:
     """Share from 0 to 1 and colour, `#rrggbb`, of evenly spaced places on the ramp."""
-    for index in range(count):
-        share = index / (count - 1)
+    for index in range(_STOPS):
+        share = index / (_STOPS - 1)
         red, green, blue = ramp()[round(255 * share)]
         yield share, f"#{red:02x}{green:02x}{blue:02x}"

@@ -202,10 +202,10 @@ def _light_set(light: LightSet) -> dict[str, Any]:
     }
 
 
-def texel_bytes(model: str, half: bool = False) -> int:
-    """Bytes of a texel in the view's textures; `half` as in `viewer_page`."""
+def texel_bytes(model: str) -> int:
+    """Bytes of a texel in the view's textures."""
     layout = model_named(model)
-    return len(layout.view.textures) * 4 * (2 if half or layout.logarithms else 1)
+    return len(layout.view.textures) * 4 * (2 if layout.logarithms else 1)
 
 
 def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: Wrap, half: bool) -> dict[str, Any]:
