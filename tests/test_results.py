@@ -50,7 +50,7 @@ def test_names_of_methods(module: Callable[[str], ModuleType], tmp_path: Path) -
 def test_networks_are_taken_by_name_where_they_make_the_target(module: Callable[[str], ModuleType]) -> None:
     methods = module("results_methods")
     named = methods.named_weights("mipbake-1")
-    assert sorted(named) == ["neural:mipbake-1", "neural:mipbake-1-anisotropic"]  # one of them makes gltf
+    assert sorted(named) == [f"neural:mipbake-1{each}" for each in ("", "-anisotropic", "-ggx")]  # one makes gltf
     (spec,) = methods.specs(named, "gltf", DEFAULT_FILTER)
     (default,) = methods.specs(("neural",), "gltf", DEFAULT_FILTER)
     assert (spec.name, default.name) == ("mipbake-1", "neural") and len(spec.sha256) == 64
