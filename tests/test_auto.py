@@ -151,7 +151,7 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
     safe = made.check.of_stack(best(found).levels)
     for index, (score, other) in enumerate(zip(made.check.of_stack(made.levels), safe, strict=True)):
-        rivals = np.stack(made.judge.asked[index].rows[: len(PAIR_SETS)])
+        rivals = made.judge.asked[index].log_errors
         behind = [(score.log_errors - each).mean(1) for each in (rivals, other.log_errors)]
         assert np.minimum(*behind).max() < 0.56, index  # of all levels: mean 0.14, standard deviation 0.10
 
@@ -169,10 +169,9 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
             return Score(rows, np.zeros((2 * sets, 4)), 0.0)
 
     check = Check()
-    rows = [np.zeros(16)] * sets + [np.zeros(4)] * (2 * sets)
     nothing = np.zeros((sets, 16))
     for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
-        judge = Judge([Asked(rows, 0.0, plain)])
+        judge = Judge([Asked(np.zeros((sets, 16)), np.zeros((2 * sets, 4)), 0.0, plain)])
         found = settle(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
         assert found == [kept]
 

@@ -25,7 +25,7 @@ def score_of(seed: int, shift: float = 0.0) -> Score:
 
 
 def judge_of(score: Score, plain: bool = True) -> Judge:
-    return Judge([Asked(score.rows, score.lit, score.log_errors if plain else None)])
+    return Judge([Asked(score.log_errors, score.pooled, score.lit, score.log_errors if plain else None)])
 
 
 def test_every_term_has_a_weight_and_no_other_name_is_taken() -> None:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mipbake.judging.scores import Score, certainty
 from mipbake.judging.weights import TERMS, WEIGHTS, Weights
-from mipbake.metrics.pairs import PAIR_SETS
 
 Array = NDArray[np.float64]
 
@@ -27,26 +26,25 @@ class Asked:
     """What is asked for at a level of detail: what a stack must not be behind.
 
     Args:
-        rows: for every row of a Score, the row of what is best there, measured by the same probe.
-        lit: of Score.lit.
+        log_errors, pooled, lit: as a Score has them, measured by the same probe; each row is the best one there.
         plain: (S, G) least log_errors of the rules of engines and tools in every group; None where groups are not
             looked at one by one.
     """
 
-    rows: Sequence[Array]
+    log_errors: Array
+    pooled: Array
     lit: float
     plain: Array | None = None
 
     @property
     def sure(self) -> Array:
         """(T,) what each term counts of its weight: 1, and less for bright pairs on which chance decides."""
-        sets = len(PAIR_SETS)
-        return np.array([*(1.0 for _ in self.rows[:sets]), *(float(certainty(row)) for row in self.rows[sets:]), 1.0])
+        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), [1.0]])
 
     @classmethod
     def of(cls, score: Score) -> Asked:
         """That nothing becomes worse than it is."""
-        return cls(score.rows, score.lit)
+        return cls(score.log_errors, score.pooled, score.lit)
 
 
 @dataclass(frozen=True)
@@ -106,9 +104,9 @@ class Judge:
     def behind(self, score: Score, index: int) -> Array:
         """(T,) by how much each term is behind what is asked for, beyond chance; below 0 where it is ahead."""
         asked, weights = self.asked[index], self.weights
-        lost = [row - best for row, best in zip(score.rows, asked.rows, strict=True)]
-        rows = [each.mean() - weights.chance * standard_error(each) - weights.tie for each in lost]
-        return np.array([*rows, score.lit - asked.lit - weights.lit_tie])
+        lost = score.log_errors - asked.log_errors, score.pooled - asked.pooled
+        rows = [each.mean(-1) - weights.chance * standard_error(each) - weights.tie for each in lost]
+        return np.concatenate([*rows, [score.lit - asked.lit - weights.lit_tie]])
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""

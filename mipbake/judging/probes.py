@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,16 @@ class Probe:
     def energies(self, squares: Array) -> Array:
         """(S, G) means over the pairs of each group and pair set, of (G, K) mean squares of pairs."""
         return weighed(squares, self.weights)
+
+    @cached_property
+    def noise_energies(self) -> Array:
+        """(S, G) of `noise`."""
+        return self.energies(self.noise)
+
+    @cached_property
+    def signal_energies(self) -> Array:
+        """(S, G) of `signal`."""
+        return self.energies(self.signal)
 
 
 def probe(

@@ -58,7 +58,7 @@ class Score:
     @property
     def terms(self) -> Array:
         """(T,) the terms of weights.TERMS: means of the rows, and lit."""
-        return np.array([*(row.mean() for row in self.rows), self.lit])
+        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), [self.lit]])
 
     @property
     def decibels(self) -> Array:
@@ -93,7 +93,7 @@ class Errors:
             by_log: (S, G) its derivatives by log_errors. by_pooled: (2 S,) by the means of pooled.
         """
         probe, energies = self.probe, self.probe.energies(self.squares)
-        own, signal = probe.groups, probe.energies(probe.signal)
+        own, signal = probe.groups, probe.signal_energies
         at_least = _relative(energies, probe) * signal[:, :own]
         out = np.empty_like(energies)
         # Unlit pairs have no figure, so nothing to gain either.
@@ -195,8 +195,7 @@ def spoken_snr(snr: Array) -> str:
 
 def _relative(energies: Array, probe: Probe) -> Array:
     """(S, G') errors of groups of pair sets in units of their signal, of (S, G) energies; 1 where nothing is lit."""
-    ours = (each[:, : probe.groups] for each in (energies, probe.energies(probe.noise), probe.energies(probe.signal)))
-    error, noise, signal = ours
+    error, noise, signal = (each[:, : probe.groups] for each in (energies, probe.noise_energies, probe.signal_energies))
     ratio = np.maximum(error, 2 * _RESOLVED * noise) / np.maximum(signal, 1e-30)
     return np.where(signal > UNLIT, np.maximum(ratio, _FLOOR), 1.0)
 
@@ -209,7 +208,7 @@ def _pseudo_values(energies: Array, probe: Probe) -> Array:
         ratio = np.maximum(parts[0], 2 * _RESOLVED * parts[1]) / np.maximum(parts[2], 1e-30)
         return np.where(parts[2] > UNLIT, np.log(np.maximum(ratio, _FLOOR)), 0.0)
 
-    every = energies, probe.energies(probe.noise), probe.energies(probe.signal)
+    every = energies, probe.noise_energies, probe.signal_energies
     ours = np.stack([each[:, probe.groups :] for each in every])
     parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
     total, count = parts.sum(-1), parts.shape[-1]

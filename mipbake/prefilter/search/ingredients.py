@@ -223,7 +223,8 @@ class Bench:
         forms = self._forms(which, index)
         rows = [each.log_errors for each in self.rivals(which, index)]
         plain = np.min([forms[name].log_errors for name in self._plain], 0)
-        return Asked(rows, min(each.lit for each in forms.values()), plain)
+        sets, lit = len(PAIR_SETS), min(each.lit for each in forms.values())
+        return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), lit, plain)
 
     def _forms(self, which: int, index: int) -> dict[str, Score]:
         """Scores of closed forms: all as fitted to, and those that are not far behind as the judge sees them."""

@@ -229,7 +229,7 @@ class Keep:
 
         # Nothing becomes worse than the start, which itself was held against every closed form.
         asked = [
-            Asked(score.rows, max(before.lit, score.lit), before.plain)
+            Asked(score.log_errors, score.pooled, max(before.lit, score.lit), before.plain)
             for before, score in zip(start.judge.asked, search.before, strict=True)
         ]
         shares = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
