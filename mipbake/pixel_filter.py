@@ -180,10 +180,11 @@ def slanted_axes(view: NDArray[np.floating]) -> NDArray[np.floating]:
     """Axes of a pixel on the surface that it shows: (..., 3) unit views in the tangent frame to (..., 2, 2).
 
     A pixel that is square on the screen reaches farthest along the view, by which its level of detail is chosen: that
-    is the first axis, a unit vector. The second, across, is as long as the cosine of the view.
+    is the first axis, a unit vector. The second, across, is as long as the cosine of the view. Axes are (u, v), and v
+    runs against +y of the tangent frame.
     """
     length = np.linalg.norm(view[..., :2], axis=-1, keepdims=True)
-    along = np.where(length > _FACE_ON, view[..., :2] / np.maximum(length, _FACE_ON), [1.0, 0.0])
+    along = np.where(length > _FACE_ON, view[..., :2] / np.maximum(length, _FACE_ON) * [1.0, -1.0], [1.0, 0.0])
     across = np.stack([-along[..., 1], along[..., 0]], -1) * np.maximum(view[..., 2:], _LEAST_SLANT)
     return np.stack([along, across], -2).astype(view.dtype)
 

@@ -226,6 +226,14 @@ def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
             assert (np.abs(found - values.mean(0)) < 4 * error + 0.0035).all(), (kind, index)
 
 
+def test_weights_of_pairs_over_the_hemisphere_sum_to_the_share_of_what_is_inside_however_few_there_are() -> None:
+    rng, each, times = np.random.default_rng(0), 64, 2000
+    row = list(PAIR_SETS).index("hemisphere")
+    sums = [draw_pool(rng, each, 1)[1][row].sum() for _ in range(times)]
+    # 0.9991 of all views do not graze beyond the range: cosines above 0.03.
+    assert np.mean(sums) == pytest.approx(1 - 0.03**2, abs=4 * np.std(sums) / np.sqrt(times))
+
+
 @pytest.mark.parametrize("each", [False, True])
 @pytest.mark.parametrize("model", material.MODELS)
 def test_the_adjoint_of_shading_is_the_gradient_of_the_op(model: str, each: bool) -> None:

@@ -48,8 +48,11 @@ def test_slanted_pixels_are_narrow_across_the_view() -> None:
     face_on, leaning, grazing = slanted_axes(np.array([[0, 0, 1], [0.8, 0, 0.6], [0, 1, 0]], np.float32))
     np.testing.assert_allclose(face_on, [[1, 0], [0, 1]])
     np.testing.assert_allclose(leaning, [[1, 0], [0, 0.6]], atol=1e-6)
-    np.testing.assert_allclose(grazing, [[0, 1], [-0.1, 0]], atol=1e-6)  # never a line
+    np.testing.assert_allclose(grazing, [[0, -1], [0.1, 0]], atol=1e-6)  # never a line
     assert face_on.dtype == np.float32
+    (diagonal,) = slanted_axes(np.array([[0.48, 0.64, 0.6]], np.float32))
+    # The view leans along +y, which is up in the image: v runs down.
+    np.testing.assert_allclose(diagonal, [[0.6, -0.8], [0.48, 0.36]], atol=1e-6)
 
 
 def test_pixels_under_the_studio_are_slanted() -> None:
@@ -89,33 +92,40 @@ def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:
 
 
 def displayed_pixels(count: int) -> tuple[np.ndarray, ...]:
-    """What is shown, what is off, frames and views."""
+    """What is shown, what is off, and cosines of views."""
     rng = np.random.default_rng(4)
     frame, view = placed(rng, count)
     shown = rng.uniform(0.1, 0.9, (count, 3)).astype(np.float32)
-    return shown, (0.05 * rng.normal(size=(count, 3))).astype(np.float32), frame, view
+    off = (0.05 * rng.normal(size=(count, 3))).astype(np.float32)
+    return shown, off, np.einsum("nj,nj->n", frame[:, 2], view)
+
+
+def test_noise_of_what_is_right_is_no_error() -> None:
+    shown, off, cosine = displayed_pixels(512)
+    square = float(np.square(off).mean())
+    assert lit_error(off, shown, cosine, 0.75 * square).square == pytest.approx(square / 4, rel=1e-4)
+    assert lit_error(off, shown, cosine, 2 * square).square == pytest.approx(0.2 * square, rel=1e-4)
 
 
 def test_what_is_darker_as_a_whole_counts_more_than_what_is_off_here_and_there() -> None:
-    shown, off, frame, view = displayed_pixels(512)
-    scattered = lit_error(off - off.mean(), shown, frame, view)
-    darker = lit_error(np.full_like(off, -off.std()), shown, frame, view)
+    shown, off, cosine = displayed_pixels(512)
+    scattered = lit_error(off - off.mean(), shown, cosine)
+    darker = lit_error(np.full_like(off, -off.std()), shown, cosine)
     assert darker.square == pytest.approx(scattered.square, rel=1e-3)
     assert darker.logarithm > scattered.logarithm + 0.5
     assert (darker.brightness < 0).all()
-    steep = np.einsum("nj,nj->n", frame[:, 2], view)
-    ends = steep[darker.groups]
+    ends = cosine[darker.groups]
     assert (ends[:-1].max(1) <= ends[1:].min(1)).all()  # groups by the angle of view
 
 
 @pytest.mark.parametrize("count", [1, 5, 100])
 def test_slopes_and_curvature_of_what_pixels_are_off_by(count: int) -> None:
-    shown, off, frame, view = displayed_pixels(count)
-    error = lit_error(off, shown, frame, view)
+    shown, off, cosine = displayed_pixels(count)
+    error = lit_error(off, shown, cosine)
     rng = np.random.default_rng(5)
     along = rng.normal(size=off.shape).astype(np.float32)
     step = 1e-3
-    ahead, behind = (lit_error(off + turn * step * along, shown, frame, view).logarithm for turn in (1, -1))
+    ahead, behind = (lit_error(off + turn * step * along, shown, cosine).logarithm for turn in (1, -1))
     assert float((error.slopes(off) * along).sum()) == pytest.approx((ahead - behind) / (2 * step), rel=2e-2)
     rows = np.einsum("nc->n", along)[:, None]
     brightness = np.square(along[error.groups].mean((1, 2)))

@@ -33,6 +33,7 @@ _ANGLES = 8
 # (docs/research.md).
 _DARKER = 0.02
 _BRIGHTNESS = 0.5  # share of brightness in what is measured; a guess (docs/research.md)
+_RESOLVED = 0.1  # share of the noise below which an error is chance; a guess
 _LEAST = 1e-7  # squared value as displayed that is as good as none; a guess
 
 
@@ -75,7 +76,7 @@ class LitError:
 
     @property
     def pixel_weight(self) -> float:
-        """What the square of one value counts in the curvature."""
+        """What the mean square of pixels counts in the curvature."""
         return 2 * pixel_slope(self.square)
 
 
@@ -84,13 +85,16 @@ def pixel_slope(square: float) -> float:
     return (1 - _BRIGHTNESS) / max(square, _LEAST)
 
 
-def lit_error(off: Image, shown: Image, frame: Image, view: Image) -> LitError:
-    """The error of (P, 3) differences to what is shown (P, 3), at (P, 3, 3) frames and (P, 3) views."""
-    cosine = np.einsum("nj,nj->n", frame[:, 2], view)
+def lit_error(off: Image, shown: Image, cosine: Image, noise: float = 0.0) -> LitError:
+    """The error of (P, 3) differences to what is shown (P, 3), at (P,) cosines of the angle of view.
+
+    Args:
+        noise: mean square of the noise of what is shown. What is left of it below a tenth counts as that tenth.
+    """
     angles = min(_ANGLES, len(off))
     groups = np.argsort(cosine, kind="stable")[: len(off) // angles * angles].reshape(angles, -1)
     brightness, right = (each[groups].mean((1, 2), dtype=np.float64) for each in (off, shown))
-    square = max(float(np.square(off).mean()), _LEAST)
+    square = max(float(np.square(off).mean()) - noise, _RESOLVED * noise, _LEAST)
     return LitError(square, groups, brightness, np.maximum(np.square(_DARKER * right), _LEAST))
 
 

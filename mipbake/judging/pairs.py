@@ -74,10 +74,12 @@ def _hemisphere(rng: np.random.Generator, count: int) -> tuple[Array, Array, Arr
     for kind, spread in enumerate((NEAR_MIRROR_SPREAD, _TIGHT)):
         some = slice(kind, None, 3)
         light[some] = _around(rng, view[some], spread)
-    densities = [_around_mirror(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT)]
     cosine = np.maximum(light[:, 2], 0) / np.pi
+    densities = [_around_mirror(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT)] + [cosine]
+    shares = [len(range(kind, count, len(densities))) / count for kind in range(len(densities))]
+    mixed = np.einsum("d,dk->k", shares, densities)
     of_views = np.where(height > _GRAZING[0], 2 * height / (height + 0.5), 0)
-    return light, view, of_views * cosine / np.maximum((sum(densities) + cosine) / 3, 1e-12)
+    return light, view, of_views * cosine / np.maximum(mixed, 1e-12)
 
 
 def _around(rng: np.random.Generator, view: Array, spread: float) -> Array:

@@ -73,6 +73,8 @@ class Probe:
         weights: (S, G, 64) of the pairs of a group, one pair set after the other, in the mean over the pair set.
         mean: (G, K, P, 3) mean of two estimates of the reference. noise: (G, K) what their difference says of it.
         signal: (G, K) mean square of what is right.
+        lit_uv, frame, lit_view: (Q, 2), (Q, 3, 3) and (Q, 3) of pixels under the studio's lights. displayed: (Q, 3)
+            what is right there, and lit_noise: the mean square of its noise.
     """
 
     lod: float
@@ -88,6 +90,7 @@ class Probe:
     frame: Image
     lit_view: Image
     displayed: Image
+    lit_noise: float
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -98,6 +101,11 @@ class Probe:
     def energies(self, squares: Array) -> Array:
         """(S, G) means over the pairs of each group and pair set, of (G, K) mean squares of pairs."""
         return weighed(squares, self.weights)
+
+    @cached_property
+    def lit_cosine(self) -> Array:
+        """(Q,) cosines of the angles at which pixels under the studio's lights are seen."""
+        return np.asarray(np.einsum("nj,nj->n", self.frame[:, 2], self.lit_view))
 
     @cached_property
     def noise_energies(self) -> Array:
@@ -142,12 +150,15 @@ def probe(
     lit = min(effort.lit_points, max(16 * height * width, 64))
     lit_uv = np.resize(region_points(problem, region, 0, lit, rng), (lit, 2))
     frame, lit_view = placed(rng, lit)
-    many = effort.lit_samples * max(1, effort.lit_points // lit)
+    many = max(1, effort.lit_samples // 2) * max(1, effort.lit_points // lit)
     # Pixels that are smaller than the texels of level 0 look level 0 up as well.
     seen = lod - _MAGNIFIED * rng.random(lit) if lod == 0 else lod
-    shown = displayed(lit_reference(problem, room(lighting, frame, lit_view), lit_uv, seen, many, rng))
+    where = room(lighting, frame, lit_view)
+    first, second = (lit_reference(problem, where, lit_uv, seen, many, rng) for _ in range(2))
+    shown = displayed((first + second) / np.float32(2))
+    lit_noise = float(np.square(displayed(first) - displayed(second)).mean()) / 4
     signal = mean_squares(mean) - noise
-    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, lit_uv, frame, lit_view, shown)
+    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, lit_uv, frame, lit_view, shown, lit_noise)
 
 
 def weighed(squares: Array, weights: Array) -> Array:

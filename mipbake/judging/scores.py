@@ -41,8 +41,8 @@ class Score:
     Args:
         log_errors: (S, G) natural logarithms of the error relative to the signal, of S pair sets and G groups.
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
-            signal; values whose mean it is, and whose scatter says how sure (Tukey's pseudo-values: the jackknife over
-            groups).
+            signal; values whose mean is its logarithm, and whose scatter says how sure (Tukey's pseudo-values, the
+            jackknife over groups, moved to that mean).
         lit: LitError.logarithm of the tonemapped error under the studio's lights, half of it brightness by angle.
     """
 
@@ -142,14 +142,15 @@ class Scores:
         """What (G * P + Q, C) stored channels of the target are off by at a probe, as `looked_up` has them."""
         probe, model = self.probes[index], self.problem.target
         groups, points = probe.uv.shape[:2]
-        single, lit = texels[: groups * points].reshape(groups, points, -1), texels[groups * points :]
+        single, lit_texels = texels[: groups * points].reshape(groups, points, -1), texels[groups * points :]
         squares = np.empty(probe.noise.shape)
         for some in blocks(probe):
             off = shade(model, single[some], probe.light[some], probe.view[some])
             off -= probe.mean[some]
             squares[some] = mean_squares(off)
-        apart = displayed(lit_radiance(model, lit, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
-        return Errors(probe, squares - probe.noise, lit_error(apart, probe.displayed, probe.frame, probe.lit_view))
+        apart = displayed(lit_radiance(model, lit_texels, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
+        lit = lit_error(apart, probe.displayed, probe.lit_cosine, probe.lit_noise)
+        return Errors(probe, squares - probe.noise, lit)
 
     def of(self, texels: Image, index: int) -> Score:
         """The score of looked-up texels, as `errors` takes them."""
@@ -201,7 +202,7 @@ def _relative(energies: Array, probe: Probe) -> Array:
 
 
 def _pseudo_values(energies: Array, probe: Probe) -> Array:
-    """(2 S, H) pseudo-values of the logarithms of the pooled errors, of (S, G) energies of all groups."""
+    """(2 S, H) values of the logarithms of the pooled errors, as Score.pooled, of (S, G) energies of all groups."""
 
     def log(parts: Array) -> Array:
         """Logarithms from sums over groups: error, noise and signal (3, ...)."""
@@ -212,4 +213,6 @@ def _pseudo_values(energies: Array, probe: Probe) -> Array:
     ours = np.stack([each[:, probe.groups :] for each in every])
     parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
     total, count = parts.sum(-1), parts.shape[-1]
-    return np.asarray(count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts))
+    values = count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts)
+    # Their own mean may fall while an error rises, where one group rules the others.
+    return np.asarray(values - values.mean(-1, keepdims=True) + log(total)[:, None])

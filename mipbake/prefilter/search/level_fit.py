@@ -116,7 +116,7 @@ class _Term:
         single, lit = texels[: self._single].reshape(self._groups, self._points, -1), texels[self._single :]
         radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._scores.lighting)
         by_radiance, lit_off = display_slope(radiance), displayed(radiance) - probe.displayed
-        error = lit_error(lit_off, probe.displayed, probe.frame, probe.lit_view)
+        error = lit_error(lit_off, probe.displayed, probe.lit_cosine, probe.lit_noise)
         squares, by_set = self._off(single)
         errors = Errors(probe, squares - probe.noise, error)
         slopes = self._judge.slopes(errors.score, self._term.index)

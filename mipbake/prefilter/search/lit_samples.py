@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.judging.lit_renders import EXPOSURE, displayed, lit_reference, placed, room
-from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, share_of
+from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, samples_at, share_of
 from mipbake.reference.problem import Image, Problem
 from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade
@@ -89,8 +89,9 @@ def _lighting() -> Lighting:
 def lit_pixels(
     problem: Problem, level: int, uv: NDArray[np.float64], samples: int, rng: np.random.Generator
 ) -> Iterator[LitBatch]:
-    """Batches of pixels (P, 2) of a level, with `samples` of the reference each."""
-    lighting = _lighting()
+    """Batches of pixels (P, 2) of a level; a pixel of level 0 has `samples` of the reference, others as samples_at
+    says."""
+    lighting, samples = _lighting(), samples_at(level, samples)
     for place, lods, lower in chunks(problem, level, len(uv), max(_LIGHTS, samples), rng):
         centres = uv[place]
         frame, view = placed(rng, len(place))

@@ -3,13 +3,15 @@
 The figure of a set of pairs is the logarithm of the sum of their errors e_k, and what counts is its mean over sets. Its
 derivative by the error of one pair is phi(e_k) = E[1 / (e_k + the sum of 63 others)]: pairs that rule their set
 (grazing views, highlights of mirrors) weigh less than the rest, by what they have more. Plain sums of squares follow
-only these few pairs. They are half of it all the same: sets that hold such a pair are ruled by it, and the logarithm of
+only these few pairs. They count all the same: sets that hold such a pair are ruled by it, and the logarithm of
 the expected energy, whose derivative is the same for all pairs, is gained as well.
 
 phi comes from a set of common pairs that are rendered at some hundred pixels. Pairs of a pixel's own are not among
 them; their errors are predicted, by a gamma regression with a logarithmic link on the common ones.
 
-How much each level of detail and pair set counts is what the judge says: more while it is behind.
+How much each level of detail and pair set counts is what the judge says: more while it is behind. Terms of bright
+pairs count in the expected energy of all pairs of their pair set, and groups that are behind by themselves do not count
+here: which pairs those are, pixels with few pairs cannot tell.
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ class PairWeights:
         self._lods = np.array(scores.lods)
         self._common = {int(probe.lod): _Common(probe, self) for probe in scores.probes if probe.lod == int(probe.lod)}
         self._slopes = np.zeros((len(TERMS), len(scores.lods)))
+        self._lit_squares = np.ones(len(scores.lods))
 
     def pairs(self, level: int) -> LightViewPairs:
         """The common pairs of a level, as many of each pair set, one set after the other."""
@@ -59,16 +62,19 @@ class PairWeights:
         """Takes the errors of a stack, one for every level of detail, for those that count now."""
         slopes = [self._judge.slopes(each.score, index).terms for index, each in enumerate(errors)]
         self._slopes = np.stack(slopes, 1)
+        self._lit_squares = np.array([each.lit.square for each in errors])
         for lod, each in zip(self._lods, errors, strict=True):
             if lod == int(lod):
                 self._common[int(lod)].update(each.squares)
 
-    def lit(self, level: int) -> float:
-        """What a neper of the error under the studio's lights counts at a level."""
-        return float(np.interp(level, self._lods, self._slopes[-1]))
+    def lit(self, level: int) -> tuple[float, float]:
+        """What a neper of the error under the studio's lights counts at a level, and the mean square of that error."""
+        of_level = (np.interp(level, self._lods, row) for row in (self._slopes[-1], self._lit_squares))
+        counts, square = (float(each) for each in of_level)
+        return counts, square
 
     def of(self, batch: Batch) -> Tensor:
-        """(K, P): what the squared error of each render counts in the mean over pixels."""
+        """(K, P): what the squared error of each render, summed over colours, counts in the mean over pixels."""
         common, lods = self._common[batch.level], batch.lods
         slopes = [np.interp(lods, self._lods, each) for each in self._by_set()]
         typical, pooled = torch.from_numpy(np.stack(slopes).astype(np.float32)).reshape(2, len(PAIR_SETS), -1)
@@ -76,14 +82,14 @@ class PairWeights:
             part = len(batch.common) // len(typical)
             own, every = (each.repeat_interleave(part, 0) for each in (typical, pooled))
             weight: Tensor = common.phi[batch.common] * own + common.pooled[batch.common] * every
-            return weight * (SET_SIZE / part)
+            return weight * (SET_SIZE / part / 3)
         assert batch.importance is not None
         basis = self.basis(batch.light, batch.view)
         out = torch.zeros_like(basis[0])
         for kind, importance in enumerate(batch.importance):
             phi = 1 / (_predicted(basis, common.fits[:, kind]) + common.others[kind])
             every = common.pooled[kind * (len(common.pooled) // len(PAIR_SETS))]
-            out += importance * SET_SIZE * (typical[kind] * phi + pooled[kind] * every)
+            out += importance * (SET_SIZE / 3) * (typical[kind] * phi + pooled[kind] * every)
         return out
 
     def _by_set(self) -> NDArray[np.float64]:

@@ -112,10 +112,10 @@ def own_pairs(
     Pixels in the same places of `uv` continue their sequences of pairs from turn to turn: together they are spread
     more evenly than chance has it, which for smooth lobes is worth several times as many.
     """
+    shifts = np.random.default_rng([_SHIFTS, level]).random((_DIMENSIONS, len(uv)), np.float32)
     for place, lods, lower in chunks(problem, level, len(uv), count, rng):
-        shifts = np.random.default_rng([_SHIFTS, level, int(place[0])]).random((_DIMENSIONS, len(place)), np.float32)
         lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
-        light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts))
+        light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts[:, place]))
         yield Batch(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
 
 
@@ -197,8 +197,13 @@ def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor,
     return light, view, torch.stack([around.near_mirror_density(light, view) * scale, hemisphere * scale])
 
 
+def samples_at(level: int, samples: int) -> int:
+    """Reference samples of a pixel of a level, where a pixel of level 0 has `samples`."""
+    return max(samples, min(samples << (level + 1) // 2, _MOST_SAMPLES))
+
+
 def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Image:
     """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level."""
-    samples = max(samples, min(samples << (batch.level + 1) // 2, _MOST_SAMPLES))
+    samples = samples_at(batch.level, samples)
     lighting = PixelPairs(batch.light.numpy(), batch.view.numpy())
     return np.asarray(estimate(problem.filtered, Pixels(batch.uv, batch.lods), lighting, samples, rng)[0])

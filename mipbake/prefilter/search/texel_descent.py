@@ -102,7 +102,7 @@ def descend(
     Returns:
         The rounds that were worked.
     """
-    problem, moving, budget, lobes = descent.problem, descent.moving, descent.budget, descent.lobes
+    problem, moving, budget = descent.problem, descent.moving, descent.budget
     near = range(max(0, block.levels.start - 1), min(len(levels), block.levels.stop + 1))
     crops = {i: Crop(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
     free = {i: crop for i, crop in crops.items() if crop.free}
@@ -111,15 +111,15 @@ def descend(
     scores = _looks(problem, block, budget, int(rng.integers(1 << 31)))
     errors = scores.stack_errors(levels)
     judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
-    weights = PairWeights(scores, judge, lobes[-1].levels[-1][0, 0])
+    weights = PairWeights(scores, judge, descent.lobes[-1].levels[-1][0, 0])
     weights.update(errors)
     states = {i: _State() for i in free}
     last = _values(judge, errors)
-    done, still, began = 0, 0, time.monotonic()
-    seed = int(rng.integers(1 << 31))
+    least, best = last.sum(), _within(levels, free)
+    done, still, began, seed = 0, 0, time.monotonic(), int(rng.integers(1 << 31))
 
     def draw(turn: int) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
-        return _draw(problem, crops, free, weights, lobes, block, budget, turn, np.random.default_rng([seed, turn]))
+        return _draw(descent, crops, weights, block, turn, np.random.default_rng([seed, turn]))
 
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
     with ThreadPoolExecutor(1) as ahead_of_time:
@@ -130,7 +130,7 @@ def descend(
             more = done + 1 < budget.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
             round_ = _Drawn.of(crops, renders, weights, lit)
-            _round(problem.target, free, states, round_, budget.steps, done, descent.trust, rng)
+            _round(descent, free, states, round_, done, rng)
             del round_
             del renders, lit
             done += 1
@@ -150,12 +150,22 @@ def descend(
             say(progress, spoken_snr(np.mean([each.score.decibels for each in errors], 0)))
             gains = _per_level(last - now, block, scores.lods)
             last = now
+            if now.sum() < least:
+                least, best = now.sum(), _within(levels, free)
             still = still + 1 if (gains < _CONVERGED).all() else 0
             if still == 2 or late:
                 if drawn is not None:
                     drawn.cancel()
                 break
+    # Where the last rounds lost more than they gained, the texels are as the best look found them.
+    for i, crop in free.items():
+        levels[i][crop.window] = best[i]
     return done
+
+
+def _within(levels: Sequence[Image], free: dict[int, Crop]) -> dict[int, Image]:
+    """Copies of what crops hold of each level."""
+    return {i: levels[i][crop.window].copy() for i, crop in free.items()}
 
 
 def _looks(problem: Problem, block: Region, budget: Budget, seed: int) -> Scores:
@@ -176,22 +186,21 @@ def _per_level(gains: NDArray[np.float64], block: Region, lods: Sequence[float])
 
 
 def _draw(
-    problem: Problem,
+    descent: Descent,
     crops: dict[int, Crop],
-    free: dict[int, Crop],
     weights: PairWeights,
-    lobes: Sequence[Lobes],
     block: Region,
-    budget: Budget,
     turn: int,
     rng: np.random.Generator,
 ) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
     """The batches of a round, with (K, P, 3) estimates of the reference."""
+    problem, budget = descent.problem, descent.budget
+    free = {i for i, crop in crops.items() if crop.free}
     out, lit = list[tuple[Batch, Image]](), list[LitBatch]()
     for level in block.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
-            batches = own_pairs(problem, lobes, level, uv, budget.pairs, turn, rng)
+            batches = own_pairs(problem, descent.lobes, level, uv, budget.pairs, turn, rng)
         else:
             times = max(1, min(_COMMON, _COMMON_PIXELS // len(uv)))
             batches = common_pairs(problem, weights.pairs(level), level, uv, times * budget.pairs, rng)
@@ -208,12 +217,14 @@ class _Drawn:
 
     Args:
         renders: batches, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        lit: batches under the studio's lights, and what a neper of their error counts.
+        lit: batches under the studio's lights. lit_counts: by level, what a neper of their error counts, and the mean
+            square of that error.
         lookups: of all pixels, renders first.
     """
 
     renders: list[tuple[Batch, Image, Image]]
-    lit: list[tuple[LitBatch, float]]
+    lit: list[LitBatch]
+    lit_counts: dict[int, tuple[float, float]]
     lookups: Lookups
 
     @classmethod
@@ -225,30 +236,40 @@ class _Drawn:
         lit: list[LitBatch],
     ) -> _Drawn:
         weighed = [(batch, target, (weights.of(batch) / batch.pixels).numpy()) for batch, target in renders]
-        counted = [(batch, weights.lit(batch.level)) for batch in lit]
-        return cls(weighed, counted, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
+        counts = {batch.level: weights.lit(batch.level) for batch in lit}
+        return cls(weighed, lit, counts, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
+
+
+@dataclass(frozen=True)
+class _LitSlopes:
+    """A batch under the studio's lights: half the slopes of what is minimised, and half of what bounds its curvature.
+
+    Args:
+        by_radiance: (P, 3). bounds: (P, 3) for squares of the radiance.
+    """
+
+    by_radiance: Image
+    bounds: Image
 
 
 def _round(
-    model: str,
+    descent: Descent,
     free: dict[int, Crop],
     states: dict[int, _State],
     drawn: _Drawn,
-    steps: int,
     turn: int,
-    trust: float,
     rng: np.random.Generator,
 ) -> None:
     """One round on its batches: curvature where the texels are, then steps."""
+    model, trust = descent.problem.target, descent.trust
     texels = drawn.lookups.texels()
-    lit_weights = _lit_weights(drawn.lit, texels[len(drawn.renders) :], model)
-    curvature = _curvature(model, free, drawn, texels, lit_weights, turn, rng)
+    curvature = _curvature(model, free, drawn, texels, turn, rng)
     for i, state in states.items():
         if state.held is None and trust:
             state.held, state.mean = _MEMORY * trust * curvature[i], free[i].coordinates
     systems = {i: _system(crop, curvature[i], states[i].held) for i, crop in free.items()}
-    for step in range(steps):
-        rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels, lit_weights)
+    for step in range(descent.budget.steps):
+        rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels)
         for i, crop in free.items():
             by_texel = drawn.lookups.scattered(i, rows)
             if by_texel is not None:
@@ -262,10 +283,8 @@ def _round(
         state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + age + 1))
 
 
-def _gradients(
-    model: str, drawn: _Drawn, texels: Sequence[Image], lit_weights: dict[int, float]
-) -> list[NDArray[np.float32]]:
-    """(P, C) of each batch: gradients of half the weighted squared errors by what its pixels see."""
+def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArray[np.float32]]:
+    """(P, C) of each batch: half the gradients of what is minimised by what its pixels see."""
     rows = []
     for (batch, target, weight), seen in zip(drawn.renders, texels, strict=False):
         light, view = batch.light.numpy()[None], batch.view.numpy()[None]
@@ -273,21 +292,26 @@ def _gradients(
         off -= target
         off *= weight[..., None]
         rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
-    for (lit, _), seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
-        radiance = lit.pixels.radiance(seen, model)
-        off = (displayed(radiance) - lit.target) * display_slope(radiance)
-        rows.append(lit.pixels.adjoint(seen, model, np.float32(lit_weights[lit.level]) * off))
+    lit_texels = texels[len(drawn.renders) :]
+    for lit, seen, slopes in zip(drawn.lit, lit_texels, _lit_slopes(drawn, lit_texels, model), strict=True):
+        rows.append(lit.pixels.adjoint(seen, model, slopes.by_radiance))
     return rows
 
 
-def _lit_weights(lit: Sequence[tuple[LitBatch, float]], texels: Sequence[Image], model: str) -> dict[int, float]:
-    """What the squared error of a value of a lit pixel counts at each level."""
-    sums: dict[int, tuple[float, int, float]] = {}
-    for (batch, counts), seen in zip(lit, texels, strict=True):
-        square = np.square(displayed(batch.pixels.radiance(seen, model)) - batch.target).sum()
-        total, size, _ = sums.get(batch.level, (0.0, 0, 0.0))
-        sums[batch.level] = total + float(square), size + batch.target.size, counts
-    return {level: counts * pixel_slope(total / size) / size for level, (total, size, counts) in sums.items()}
+def _lit_slopes(drawn: _Drawn, texels: Sequence[Image], model: str) -> list[_LitSlopes]:
+    """What each batch under the studio's lights says of the errors of its pixels. Brightness by angle is left to the
+    judge: a round has too few pixels of an angle."""
+    size = {level: sum(b.target.size for b in drawn.lit if b.level == level) for level in drawn.lit_counts}
+    out = []
+    for batch, seen in zip(drawn.lit, texels, strict=True):
+        radiance = batch.pixels.radiance(seen, model)
+        # The mean square is the judge's, of many renders; here the noise of the reference would be in it.
+        counts, square = drawn.lit_counts[batch.level]
+        weight = np.float32(counts * pixel_slope(square) / size[batch.level])
+        slope = display_slope(radiance)
+        off = displayed(radiance) - batch.target
+        out.append(_LitSlopes(weight * off * slope, weight * np.square(slope)))
+    return out
 
 
 def _curvature(
@@ -295,7 +319,6 @@ def _curvature(
     free: dict[int, Crop],
     drawn: _Drawn,
     texels: Sequence[Image],
-    lit_weights: dict[int, float],
     turn: int,
     rng: np.random.Generator,
 ) -> dict[int, Tensor]:
@@ -314,9 +337,9 @@ def _curvature(
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
         packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
-    for (lit, _), seen in zip(drawn.lit, texels[len(drawn.renders) :], strict=True):
-        turned = signs((len(seen), 3), rng) * display_slope(lit.pixels.radiance(seen, model))
-        by_pixel = lit.pixels.adjoint(seen, model, np.float32(math.sqrt(lit_weights[lit.level])) * turned)
+    lit_texels = texels[len(drawn.renders) :]
+    for lit, seen, slopes in zip(drawn.lit, lit_texels, _lit_slopes(drawn, lit_texels, model), strict=True):
+        by_pixel = lit.pixels.adjoint(seen, model, signs((len(seen), 3), rng) * np.sqrt(slopes.bounds))
         rows = without_heights(torch.from_numpy(by_pixel), torch.from_numpy(seen), model)
         packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
