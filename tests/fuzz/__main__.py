@@ -1,4 +1,4 @@
-"""`python -m tests.fuzz`: damaged files through every reader, until the time is over; see docs/architecture.md."""
+"""`python -m tests.fuzz`: damaged files through every reader, until the time is over; see docs/testing.md."""
 
 from __future__ import annotations
 
