@@ -209,7 +209,7 @@ def page_of(data: Mapping[str, Any]) -> str:
 
 `python benchmarks/commands.py` on {data["machine"]}, Python {data["python"]}: {len({r.set for r in runs})} sets,
 {len(runs)} processes, {len(failed)} failed. All formats are baked by the default method, the rest by `{fast}`. Times
-are of whole processes on a machine that had other work, too; memory is that of the largest process.
+are of whole processes on a machine that had other work, too; memory is what the largest process took.
 
 {_table(("command", "sets", "failed", "median s", "largest s", "peak GiB", "median MB"), _commands(runs))}
 

@@ -1,4 +1,4 @@
-"""Messages, docstrings and comments name what they speak of, so that a reader need not look for a noun."""
+"""Messages, docstrings, comments and pages name what they speak of, so that a reader need not look for a noun."""
 
 from __future__ import annotations
 
@@ -17,7 +17,14 @@ from mipbake.texture_set import TextureSet
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = "mipbake", "cli", "models", "training"
-ELLIPTIC = re.compile(r"\b(?:those of|(?<!so )that of|each its|thereof|whereof)\b")
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for folder in (".", "docs", "examples", "benchmarks", "models", "tests")
+    for path in ((ROOT / folder).glob("*.md") if folder == "." else (ROOT / folder).rglob("*.md"))
+    if "node_modules" not in path.parts
+)
+ELLIPTIC = re.compile(r"\b(?:those\s+of|(?<!so )that\s+of|each\s+its|thereof|whereof)\b")
+FENCED = re.compile(r"```.*?```", re.DOTALL)
 
 
 def texts(path: Path) -> Iterator[tuple[int, str]]:
@@ -36,6 +43,13 @@ def test_nouns_are_repeated(folder: str) -> None:
         for line, text in texts(path):
             if ELLIPTIC.search(text):
                 found.append(f"{name}:{line}: {ELLIPTIC.search(text)[0]}")
+    assert not found, "\n".join(["name the thing instead:", *found])
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_nouns_are_repeated_in_pages(page: str) -> None:
+    text = FENCED.sub(lambda code: "\n" * code[0].count("\n"), (ROOT / page).read_text(encoding="utf-8"))
+    found = [f"{page}:{text.count(chr(10), 0, each.start()) + 1}: {each[0]}" for each in ELLIPTIC.finditer(text)]
     assert not found, "\n".join(["name the thing instead:", *found])
 
 

@@ -32,15 +32,15 @@ with the box and with the pixel filter.
 """
 
 _COSTS = """\
-Each bake ran in a process of its own on {threads}. Seconds are those of the bake alone, with the import of what it
+Each bake ran in a process of its own on {threads}. Seconds are for the bake alone, with the import of what it
 needs. The machine had other work, so compare processor seconds; wall seconds are an order of magnitude. Peak memory is
-that of the whole process. SNR is the mean over sets and levels.
+for the whole process. SNR is the mean over sets and levels.
 """
 
 _LIMIT = """\
 On the middle {side} x {side} texels of each of {sets} sets, every texel of every level is optimised against the
 reference (`mipbake bake --method optimum`). This shows what a stack of one lobe a texel can reach. It is a lower bound
-of that limit. The descent ends after 40 rounds, settled or not, and other pairs than those of this table decide what it
+of that limit. The descent ends after 40 rounds, settled or not, and pairs that are not in this table decide what it
 keeps. The best of four is picked on the pairs of this table. {shortfall} The closed gap is how much of the way from the
 best of four to the optimum a method goes, in the means over sets. It is negative where the method is behind the best
 of four, and above 100 % where it is ahead of the optimum. `refine` has the time that two minutes for a set of 512 x 512
