@@ -59,7 +59,7 @@ def one_step(state: loop.TrainingState, materials: Materials, step: int, watch: 
     watch.lap("network forward")
     texels = loss.look_up(levels, views)
     watch.lap("prediction: lookups")
-    value = loss.render_loss(texels, model, views, target, None, settings.mirror_pairs)
+    value = loss.render_loss(texels, model, views, target)
     watch.lap("shading, loss, their gradient")
     (gradient,) = torch.autograd.grad(value, texels, retain_graph=True)
     gradients = torch.autograd.grad(texels, levels, gradient, retain_graph=True)

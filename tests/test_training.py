@@ -114,7 +114,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     assert (optimiser.ramp, optimiser.halve_every, run.steps) == (100, 50_000, 310_000)
     assert (optimiser.clip, optimiser.ema_decay, optimiser.fall_until, run.uses) == (0, 0, 0, 1)
     assert (made.pairs, made.crop_size, made.crops, made.lods) == (64, 32, 1, 5)
-    assert (made.target_samples, made.near_mirror_fraction, made.weighting) == (1, 0, "prediction")
+    assert (made.target_samples, made.near_mirror_fraction) == (1, 0)
     adam = FlatAdam(LatentConfig().build(), None, optimiser)._adam.defaults
     assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
@@ -124,6 +124,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     [
         ({"optimizer": {}}, r"section 'optimizer'.*optimiser"),
         ({"loss": {"pears": 3}}, r"field of \[loss\] 'pears'.*pairs"),
+        ({"loss": {"weighting": "error"}}, r"unknown field of \[loss\] 'weighting': expected one of crops"),
         ({"loss": {"pairs": "many"}}, r"loss\.pairs must be a whole number, got 'many'"),
         ({"loss": {"pairs": 2.5}}, r"loss\.pairs must be a whole number"),
         ({"loss": {"crop_size": 33}}, r"loss\.crop_size must be a power of two"),
@@ -337,18 +338,13 @@ def test_views_follow_their_distributions() -> None:
     assert ((texel[..., 0] >= column) & (texel[..., 0] <= column + 1)).all()
 
 
-def loss_case(model: str = "ggx") -> tuple[torch.Tensor, loss.Views, torch.Tensor, torch.Tensor]:
-    """Texels (B, S, N, C) with a gradient, views of 6 pairs, and two targets that differ from what the texels give."""
+def loss_case(model: str = "ggx") -> tuple[torch.Tensor, loss.Views, torch.Tensor]:
+    """Texels (B, S, N, C) with a gradient, views of 6 pairs, and targets that differ from what the texels give."""
     config = SingleLightsLossConfig(crops=2, crop_size=4, pairs=6, lods=3)
     views = loss.draw_views(config, np.random.default_rng(0))
     texels = torch.from_numpy(patches_of(model, 6, 4)).reshape(2, 3, 16, -1)
-    generator = torch.Generator().manual_seed(0)
-    targets = [
-        torch.stack([shade(model, texels[:, s], views.light, views.view) for s in range(3)], 1)
-        * torch.empty(2, 3, 6, 16, 3).uniform_(0.5, 2, generator=generator)
-        for _ in range(2)
-    ]
-    return texels.clone().requires_grad_(), views, *targets
+    apart = torch.empty(2, 3, 6, 16, 3).uniform_(0.5, 2, generator=torch.Generator().manual_seed(0))
+    return texels.clone().requires_grad_(), views, renders(texels, views, model) * apart
 
 
 def renders(texels: torch.Tensor, views: loss.Views, model: str = "ggx") -> torch.Tensor:
@@ -356,8 +352,8 @@ def renders(texels: torch.Tensor, views: loss.Views, model: str = "ggx") -> torc
 
 
 def test_loss_is_equation_5() -> None:
-    texels, views, target, _ = loss_case()
-    value = loss.render_loss(texels, "ggx", views, target, None, 0)
+    texels, views, target = loss_case()
+    value = loss.render_loss(texels, "ggx", views, target)
     (gradient,) = torch.autograd.grad(3 * value, texels)
     prediction = renders(texels, views)
     norm = prediction.detach().square().sum((3, 4)) + loss.EPSILON * 48
@@ -366,26 +362,4 @@ def test_loss_is_equation_5() -> None:
     (by_hand,) = torch.autograd.grad(3 * expected, texels)
     assert torch.allclose(gradient, by_hand, rtol=1e-3, atol=1e-5 * float(by_hand.abs().max()))
     with torch.no_grad():
-        assert float(loss.render_loss(texels, "ggx", views, target, None, 0)) == value.item()
-
-
-def test_error_loss_descends_the_mean_error_in_decibels() -> None:
-    """With exact targets its gradient equals the gradient of the mean logarithm of every group's error."""
-    texels, views, target, _ = loss_case()
-    (gradient,) = torch.autograd.grad(loss.render_loss(texels, "ggx", views, target, target, 2), texels)
-    errors = (renders(texels, views) - target).square().sum((3, 4))
-    total = errors + 1e-4 * target.square().sum((3, 4)) + loss.EPSILON * 48
-    groups = [g.mean(2).log().mean() * g.shape[2] / 6 for g in (total[:, :, :2], total[:, :, 2:])]
-    (by_hand,) = torch.autograd.grad(sum(groups, torch.zeros(())), texels)
-    assert torch.allclose(gradient, by_hand, rtol=1e-3, atol=1e-5 * float(by_hand.abs().max()))
-
-
-def test_error_loss_is_weighed_by_the_independent_target() -> None:
-    texels, views, target, independent = loss_case()
-    value = loss.render_loss(texels, "ggx", views, target, independent, 2)
-    prediction = renders(texels.detach(), views)
-    expected = 0.0
-    for s in range(3):
-        norm = loss.error_norms(prediction[:, s], independent[:, s], 2)
-        expected += float(((prediction - target)[:, s].square().sum((2, 3)) / norm).sum()) / 36
-    assert value.item() == pytest.approx(expected, rel=1e-4)
+        assert float(loss.render_loss(texels, "ggx", views, target)) == value.item()

@@ -72,7 +72,7 @@ def test_the_loss_is_the_mean_over_decoders_each_shaded_under_its_own_model() ->
     with torch.no_grad():
         stacks = state.network.stacks(batch.patches, ("wrap", "wrap"), batch.source)
         each = [
-            render_loss(look_up(levels, batch.views), model, batch.views, batch.target, None, 0)
+            render_loss(look_up(levels, batch.views), model, batch.views, batch.target)
             for model, levels in stacks.items()
         ]
         assert list(stacks) == list(DECODERS)
@@ -108,7 +108,7 @@ def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
             for batch in held:
                 stacks = state.network.stacks(batch.patches, ("wrap", "wrap"), batch.source)
                 out += [
-                    float(render_loss(look_up(levels, batch.views), model, batch.views, batch.target, None, 0))
+                    float(render_loss(look_up(levels, batch.views), model, batch.views, batch.target))
                     for model, levels in stacks.items()
                 ]
         return out

@@ -36,8 +36,6 @@ EPSILON = 1e-4
 """Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
 patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others. A guess."""
 
-_CEILING = 1e-4  # relative error below which a render counts as right: 40 dB; a guess
-
 
 @dataclass(frozen=True)
 class Views:
@@ -60,15 +58,11 @@ class SingleLightsBatch(Batch):
     """Of one step, beside the patches.
 
     Args:
-        target: (B, S, K, N, 3) noisy references. independent: second ones, where the loss needs them.
+        target: (B, S, K, N, 3) noisy references.
     """
 
     views: Views
     target: Tensor
-    independent: Tensor | None
-
-
-WEIGHTINGS = ("prediction", "error")
 
 
 @dataclass(frozen=True)
@@ -83,8 +77,6 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
         lods: levels of detail drawn for each patch.
         pixel_filter: filter of the noisy reference.
         target_samples: surface samples whose mean is one pixel of the noisy reference; divides `pairs`.
-        weighting: what a render's squared error is divided by. "prediction": its own energy, equation 5 of the paper.
-            "error": the error itself, measured with a second, independent noisy reference.
     """
 
     kind: ClassVar[str] = "single-lights"
@@ -96,7 +88,6 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
     lods: int = 5
     pixel_filter: str = "gaussian"
     target_samples: int = 1
-    weighting: str = "prediction"
 
     def __post_init__(self) -> None:
         for name in ("crops", "pairs", "lods", "target_samples"):
@@ -105,7 +96,6 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
         require_share("loss.near_mirror_fraction", self.near_mirror_fraction)
         require(self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples)
         filter_named(self.pixel_filter)
-        require(self.weighting in WEIGHTINGS, "loss.weighting", " or ".join(WEIGHTINGS), self.weighting)
 
     @property
     def mirror_pairs(self) -> int:
@@ -120,19 +110,14 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
     def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> SingleLightsBatch:
         """See Loss. The noisy reference is rendered in the model that is read (section 3.5)."""
         views = draw_views(self, rng)
-        target, *independent = (
-            draw_target(patches, views, source, self.pixel_filter, self.target_samples, rng)
-            for _ in range(2 if self.weighting == "error" else 1)
-        )
-        return SingleLightsBatch(source, patches, views, target, independent[0] if independent else None)
+        target = draw_target(patches, views, source, self.pixel_filter, self.target_samples, rng)
+        return SingleLightsBatch(source, patches, views, target)
 
     def value(self, network: Network, batch: SingleLightsBatch) -> Tensor:
         """See Loss."""
         stacks = network(batch.patches, batch.source, self.pixel_filter)
         losses = [
-            render_loss(
-                look_up(levels, batch.views), model, batch.views, batch.target, batch.independent, self.mirror_pairs
-            )
+            render_loss(look_up(levels, batch.views), model, batch.views, batch.target)
             for model, levels in stacks.items()
         ]
         return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
@@ -184,20 +169,16 @@ def look_up(levels: list[Tensor], views: Views) -> Tensor:
     return texture(levels[0], views.uv, None, lod, levels[1:], boundary_mode=TORUS)
 
 
-def render_loss(
-    texels: Tensor, model: str, views: Views, target: Tensor, independent: Tensor | None, mirror: int
-) -> Tensor:
-    """Shades texels and compares: the mean over all renders of squared error over norm, a scalar.
+def render_loss(texels: Tensor, model: str, views: Views, target: Tensor) -> Tensor:
+    """Shades texels and compares: the mean over all renders of squared error over norm, a scalar (equation 5).
 
-    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient: the norm of
-    equation 5, `relative_norms`, or `error_norms` where there is an independent noisy reference.
+    A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient.
 
     Args:
         texels: (B, S, N, C) stored channels, one a pixel.
-        target: (B, S, K, N, 3) noisy references. independent: second ones of the same shape; or None.
-        mirror: how many of the K pairs, the first, were drawn near the mirror direction.
+        target: (B, S, K, N, 3) noisy references.
     """
-    out: Tensor = _RenderLoss.apply(texels, model, views, target, independent, mirror)  # type: ignore[no-untyped-call]
+    out: Tensor = _RenderLoss.apply(texels, model, views, target)  # type: ignore[no-untyped-call]
     return out
 
 
@@ -205,9 +186,7 @@ class _RenderLoss(torch.autograd.Function):
     """One level of detail at a time, backwards at once: its renders are used while they are near a core."""
 
     @staticmethod
-    def forward(
-        ctx: Any, texels: Tensor, model: str, views: Views, target: Tensor, independent: Tensor | None, mirror: int
-    ) -> Tensor:
+    def forward(ctx: Any, texels: Tensor, model: str, views: Views, target: Tensor) -> Tensor:
         needed = ctx.needs_input_grad[0]
         renders = target.shape[0] * target.shape[1] * target.shape[2]
         total = texels.new_zeros(())
@@ -217,7 +196,7 @@ class _RenderLoss(torch.autograd.Function):
             with torch.set_grad_enabled(needed):
                 prediction = shade(model, part, views.light, views.view)
             render = prediction.detach()
-            norm = relative_norms(render) if independent is None else error_norms(render, independent[:, lod], mirror)
+            norm = relative_norms(render)
             error = render - target[:, lod]
             total += (energies(error) / norm).sum() / renders
             if gradient is not None:
@@ -229,7 +208,7 @@ class _RenderLoss(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         (gradient,) = ctx.saved_tensors
-        return (grads[0] * gradient if gradient is not None else None), *(None,) * 5
+        return (grads[0] * gradient if gradient is not None else None), *(None,) * 3
 
 
 def energies(renders: Tensor) -> Tensor:
@@ -241,26 +220,3 @@ def energies(renders: Tensor) -> Tensor:
 def relative_norms(prediction: Tensor) -> Tensor:
     """The denominators of equation 5 for (B, K, N, 3) predicted renders: (B, K)."""
     return energies(prediction) + EPSILON * prediction[0, 0].numel()
-
-
-def error_norms(prediction: Tensor, independent: Tensor, mirror: int) -> Tensor:
-    """The error that a prediction has now: over it, the gradient of squared errors equals the gradient of the mean in
-    decibels.
-
-    Equation 5 divides by the energy, so a material that averaging gets nearly right hardly pulls, and a network stays
-    imprecise exactly there. Dividing by the error itself makes a decibel count the same everywhere, and bounds the pull
-    of a single bad render. The error is the mean over the renders of one patch and level whose pairs were drawn alike.
-
-    Args:
-        prediction: (B, K, N, 3) renders of one level of detail.
-        independent: a second noisy reference. The noise of the first would weigh down the very samples that it made
-            large, and bias the optimum.
-        mirror: how many of the K pairs, the first, were drawn near the mirror direction.
-
-    Returns:
-        (B, K).
-    """
-    floor = EPSILON * prediction[0, 0].numel()
-    norm = energies(prediction - independent) + _CEILING * energies(independent) + floor
-    groups = [g for g in (norm[:, :mirror], norm[:, mirror:]) if g.shape[1]]
-    return torch.cat([g.mean(1, keepdim=True).expand_as(g) for g in groups], 1)

@@ -73,7 +73,6 @@ def trainings() -> Iterator[tuple[str, Callable[[], Arrays]]]:
         "latent": tiny(),
         "latent ggx": tiny(network={"encoders": ["ggx"], "decoders": ["ggx"]}),
         "latent cross": tiny(network={"encoders": ["gltf", "ggx"], "decoders": ["gltf", "ggx"], "latent_channels": 20}),
-        "latent error weighting": tiny(loss={"weighting": "error"}),
         "moments": tiny_balanced(),
         "moments anisotropic": tiny_balanced(network={"decoders": ["gltf-anisotropic"]}),
         "moments ggx": tiny_balanced(network={"decoders": ["ggx"]}),
