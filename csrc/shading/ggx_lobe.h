@@ -19,6 +19,7 @@
 
 #include "core/real.h"
 #include "shading/pair.h"
+#include "shading/sums.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
@@ -166,22 +167,6 @@ struct GgxLobe {
             return c;
         }
     };
-
-    template <class T>
-    static MIPBAKE_INLINE void add(Vec3<T>& sum, const Vec3<T>& a) {
-        sum = sum + a;
-    }
-    template <class T, class S>
-    static MIPBAKE_INLINE void accumulate(Vec3<T>& sum, const T& a, const Vec3<S>& u) {
-        sum.x = sum.x + a * u.x;
-        sum.y = sum.y + a * u.y;
-        sum.z = sum.z + a * u.z;
-    }
-    template <class T, class S>
-    static MIPBAKE_INLINE void accumulate(Vec3<T>& sum, const T& a, const Vec3<S>& u, const T& b, const Vec3<S>& v) {
-        accumulate(sum, a, u);
-        accumulate(sum, b, v);
-    }
 };
 
 }  // namespace MIPBAKE_ISA
