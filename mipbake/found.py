@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mipbake.io.sources import Discovery, IgnoredFile, MapSource, NormalConvention
 from mipbake.jobs import Job
-from mipbake.texture_set import TextureSet
+from mipbake.texture_set import TextureSet, source_model
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def set_report(found: Discovery | TextureSet, job: Job | None = None) -> SetRepo
         name=found.name,
         width=found.width,
         height=found.height,
-        model="gltf-anisotropic" if found.anisotropic else "gltf",
+        model=source_model(found.anisotropic),
         maps=sources,
         normal_convention=found.convention,
         notes=found.notes,

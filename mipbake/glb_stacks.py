@@ -33,7 +33,7 @@ from mipbake.io.gltf.slots import (
 from mipbake.jobs import Job
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.texture_set import TextureSet, source_model
 
 Levels = list[NDArray[np.float32]]
 
@@ -129,7 +129,7 @@ class _Reader:
             if directions is not None:
                 parts.append(self.directions(directions[at]))
             levels.append(np.ascontiguousarray(np.concatenate(parts, -1), np.float32))
-        model = "gltf" if directions is None else "gltf-anisotropic"
+        model = source_model(directions is not None)
         return MipStack(texture_set.name, model, levels, {}, texture_set.wrap, self.provenance(about))
 
     def levels(self, slot: str) -> Levels | None:

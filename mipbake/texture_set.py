@@ -37,7 +37,7 @@ from mipbake.io.read import read_image
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
 from mipbake.io.specular import as_metallic
 from mipbake.io.steep import held, warning
-from mipbake.material import convert
+from mipbake.material import GLTF_MODELS, MODELS, convert
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -95,7 +95,7 @@ class TextureSet:
     @property
     def source_model(self) -> str:
         """The material model that the source is given in: "gltf-anisotropic" with an anisotropy map, else "gltf"."""
-        return "gltf-anisotropic" if self.anisotropic else "gltf"
+        return source_model(self.anisotropic)
 
     @cached_property
     def _lines(self) -> NDArray[np.float32]:
@@ -231,6 +231,12 @@ def load(
         found.ignored,
         options.alpha_cutoff,
     )
+
+
+def source_model(anisotropic: bool) -> str:
+    """The material model of sources that have an anisotropy map, or that have none."""
+    (model,) = (name for name in GLTF_MODELS if MODELS[name].anisotropic == anisotropic)
+    return model
 
 
 def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mipbake.content import Provenance
+from mipbake.material import convert
 from mipbake.pixel_filter import level_sizes
 from mipbake.stack import MipStack
 
@@ -28,6 +29,13 @@ def gltf_level(shape: tuple[int, int], seed: int = 0, anisotropic: bool = False)
     if anisotropic:
         parts += [unit(smooth(shape, 2, seed + 2)), smooth(shape, 1, seed + 3)]
     return np.concatenate(parts, -1)
+
+
+def constant(shape: tuple[int, ...], model: str) -> np.ndarray:
+    """(*shape, C) float32 texels of any model, all the same: a tilted anisotropic metal."""
+    texel = np.array([0.2, 0.4, 0.6, 0.9, 0.35, 0, -0.6, 0.8, 0.6, 0.8, 0.7])
+    stored = convert(texel, "gltf-anisotropic", model).astype(np.float32)
+    return np.broadcast_to(stored, (*shape, len(stored))).copy()
 
 
 def made_stack(

@@ -14,6 +14,8 @@ from mipbake.pixel_filter import FILTERS, Wrap, resample
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.rules import averages, vmf
 
+from .stacks import constant
+
 WRAP: Wrap = ("wrap", "wrap")
 
 
@@ -128,19 +130,11 @@ def test_a_broad_lobe_turns_the_mean_of_vmf_less() -> None:
     assert run("toksvig", two_normals(0.5, (0.1, 0.95)))[1][0, 0, 5] == pytest.approx(0, abs=1e-6)
 
 
-CONSTANT = {
-    "gltf": [0.2, 0.4, 0.6, 1, 0.35, 0.6, 0, 0.8],
-    "gltf-anisotropic": [0.2, 0.4, 0.6, 0.5, 0.35, 0, -0.6, 0.8, 0.6, 0.8, 0.7],
-    "ggx": [0.2, 0.4, 0.6, 0.1, 0.2, 0.3, 0.3, -0.2, -3, -5, 0.8],
-    "beckmann": [0.2, 0.4, 0.6, 0.1, 0.2, 0.3, 0.3, -0.2, -3, -5, 0.8, -0.7],
-}
-
-
 @pytest.mark.parametrize("method", FORMULAS)
 @pytest.mark.parametrize("kernel", FILTERS)
-@pytest.mark.parametrize("model", CONSTANT)
+@pytest.mark.parametrize("model", material.MODELS)
 def test_a_constant_material_comes_out_as_it_went_in(method: str, kernel: str, model: str) -> None:
-    stored = np.broadcast_to(np.array(CONSTANT[model], np.float32), (6, 5, len(CONSTANT[model]))).copy()
+    stored = constant((6, 5), model)
     for level in run(method, stored, model, kernel, model):
         assert level == pytest.approx(np.broadcast_to(stored[:1, :1], level.shape), abs=2e-5)
 

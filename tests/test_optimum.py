@@ -34,16 +34,12 @@ from mipbake.reference.problem import Problem, Region, whole
 from mipbake.reference.sequences import random_points
 from mipbake.render import candidate
 
+from .stacks import constant
+
 WRAP = ("wrap", "wrap")
 SMALL = Budget(rounds=16, looks=Effort(groups=4, points=48, lit_points=64))
 TINY = replace(SMALL, rounds=2, pairs=8, looks=Effort(groups=2, points=16, lit_points=16, lit_samples=4))
 EFFORT = Effort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
-
-CONSTANT = {
-    "gltf": [0.2, 0.4, 0.6, 1, 0.35, 0.6, 0, 0.8],
-    "gltf-anisotropic": [0.2, 0.4, 0.6, 0.5, 0.35, 0, -0.6, 0.8, 0.6, 0.8, 0.7],
-    "ggx": [0.2, 0.4, 0.6, 0.1, 0.2, 0.3, 0.3, -0.2, -3, -5, 0.8],
-}
 
 
 def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
@@ -108,9 +104,9 @@ def test_the_promise_says_what_was_kept() -> None:
     assert max(each.refined for each in result.promise.levels) > 0
 
 
-@pytest.mark.parametrize("model", CONSTANT)
+@pytest.mark.parametrize("model", material.MODELS)
 def test_a_constant_material_is_left_alone(model: str) -> None:
-    stored = np.broadcast_to(np.array(CONSTANT[model], np.float32), (8, 8, len(CONSTANT[model]))).copy()
+    stored = constant((8, 8), model)
     result = searched(Problem(stored, model, model, "gaussian", WRAP), *stages(TINY))
     for one, other in zip(result.blend.levels, result.levels, strict=True):
         assert np.array_equal(one, other)
@@ -147,7 +143,7 @@ def test_results_hang_on_the_seed_alone() -> None:
     assert any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-@pytest.mark.parametrize("target", CONSTANT)
+@pytest.mark.parametrize("target", material.MODELS)
 @pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
 def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
     """Mirrors, black and white metals and dielectrics, and steep normals; with everything kept, however bad."""
@@ -166,9 +162,9 @@ def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
             assert np.linalg.norm(level[..., group], axis=-1) == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("model", CONSTANT)
+@pytest.mark.parametrize("model", material.MODELS)
 def test_coordinates_go_back_to_what_they_came_from(model: str) -> None:
-    stored = torch.tensor([CONSTANT[model]], dtype=torch.float64)
+    stored = torch.from_numpy(constant((1,), model)).double()
     coordinates = texel_coordinates.to_coordinates(stored, model)
     assert texel_coordinates.to_stored(coordinates, model) == pytest.approx(stored, abs=1e-6)
     far = coordinates + 50 * torch.randn(64, coordinates.shape[-1], generator=torch.Generator().manual_seed(0))

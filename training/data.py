@@ -13,7 +13,7 @@ from mipbake import material
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.training.augmentation import augment, mix, permute_colours, reorient
 from mipbake.training.config import DataConfig, TrainingConfig
-from mipbake.training.procedural import procedural_set
+from mipbake.training.procedural import MODEL, procedural_set
 
 Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
 
@@ -57,8 +57,8 @@ def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
         UsageError: the configuration names no data. InputError: the folder holds no set, or one that cannot be used.
     """
     data = config.data
-    # One copy serves several encoders: every model is converted from `ggx`.
-    model = config.network.encoders[0] if len(config.network.encoders) == 1 else "ggx"
+    # One copy serves several encoders, in the model that any two models are converted through.
+    model = config.network.encoders[0] if len(config.network.encoders) == 1 else material.COMMON
     if not data.folder and not data.procedural_sets:
         raise UsageError("no training data: set data.folder, or data.procedural_sets to at least 1")
     train, held_out = _folder(data, model, config.loss.crop_size) if data.folder else ([], [])
@@ -98,7 +98,7 @@ def _folder(data: DataConfig, model: str, crop_size: int) -> tuple[_Sets, _Sets]
 
 
 def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[np.float16]]:
-    stored = material.convert(procedural_set(seed, data.procedural_size), "gltf", model)
+    stored = material.convert(procedural_set(seed, data.procedural_size), MODEL, model)
     return f"procedural-{seed}", stored.astype(np.float16)
 
 

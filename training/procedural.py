@@ -16,8 +16,12 @@ Field = NDArray[np.float64]  # (size, size), periodic
 Relief = Callable[[np.random.Generator, int], tuple[Field, Field]]
 
 
+MODEL = "gltf"
+"""The material model of the sets that are made here."""
+
+
 def procedural_set(seed: int, size: int) -> NDArray[np.float32]:
-    """(size, size, 8) stored `gltf` channels of the set with that seed; the same on every machine up to rounding."""
+    """(size, size, C) stored channels of the set with that seed, in MODEL; the same on every machine up to rounding."""
     rng = np.random.default_rng([seed, 0x6D697062])
     relief = _RELIEFS[int(rng.integers(len(_RELIEFS)))]
     height, region = relief(rng, size)

@@ -15,6 +15,7 @@ from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
 from mipbake.pixel_filter import filter_named
 from mipbake.prefilter import method_named
 from mipbake.presets import Preset, preset_named, wanted_outputs
+from mipbake.texture_set import source_model
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class BakeOptions:
         # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
         as_maps = self.format or self.packing or self.write_normals or not for_gltf
         documents = not as_maps and (preset is None or preset.documents)
-        check_outputs(outputs, "gltf" if target == AUTO_TARGET else target)
+        check_outputs(outputs, source_model(anisotropic=False) if target == AUTO_TARGET else target)
         if not for_gltf and (glb or adjustments.any):
             what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")

@@ -37,7 +37,17 @@ from mipbake.material.kinds import (
     unknown,
 )
 from mipbake.material.model import GGX_LOBE, Lines, Lobe, MaterialModel, ModelMap, Part, View, rgb, with_unit_length
-from mipbake.material.models import GLTF_MODELS, MODELS, Losses, convert, least_alpha2, losses, model_named, regularise
+from mipbake.material.models import (
+    COMMON,
+    GLTF_MODELS,
+    MODELS,
+    Losses,
+    convert,
+    least_alpha2,
+    losses,
+    model_named,
+    regularise,
+)
 from mipbake.material.tensors import (
     MIN_NORMAL_Z,
     Array,
@@ -53,6 +63,7 @@ from mipbake.material.tensors import (
 
 __all__ = [
     "COLOUR",
+    "COMMON",
     "DIELECTRIC_F0",
     "FACTS",
     "GGX_LOBE",

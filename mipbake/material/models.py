@@ -19,6 +19,9 @@ MODELS: Mapping[str, MaterialModel] = {m.name: m for m in (GLTF, GLTF_ANISOTROPI
 """Name to record of every model; csrc/shading/models.h lists their formulas."""
 
 
+COMMON = GGX.name
+"""The model that any two models are converted through."""
+
 GLTF_MODELS = tuple(model.name for model in MODELS.values() if model.gltf)
 """Names of the models that glTF has."""
 
@@ -55,8 +58,7 @@ def regularise(stored: Array, model: str) -> Array:
 
 
 def convert(stored: Array, source: str, target: str) -> Array:
-    """Converts stored channels of one model to stored channels of another; `ggx` is the common ground of any two
-    models."""
+    """Converts stored channels of one model to stored channels of another; `ggx`, COMMON, lies between any two."""
     given, wanted = model_named(source), model_named(target)
     if given is wanted:
         return stored

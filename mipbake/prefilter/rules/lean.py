@@ -31,7 +31,7 @@ class Lean:
         """See Prefilter."""
         wanted = material.model_named(target)
         # A target with the lobe of `ggx` takes S from `ggx`, where alpha has its floor. Others have their own alpha.
-        lobes_of = material.MODELS["ggx"] if wanted.lobe is material.GGX_LOBE else wanted
+        lobes_of = material.MODELS[material.COMMON] if wanted.lobe is material.GGX_LOBE else wanted
         # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
         tilt = mean_by_rows(lambda texels: _slopes(texels, source), stored)
 

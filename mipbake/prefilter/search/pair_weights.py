@@ -29,7 +29,7 @@ from mipbake.judging.probes import Probe
 from mipbake.judging.scores import Errors, Scores
 from mipbake.judging.weights import BRIGHT, TERMS
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
-from mipbake.prefilter.search.pixel_samples import Batch
+from mipbake.prefilter.search.pixel_samples import PLAIN, Batch
 from mipbake.shading import shade
 
 _SETS = 200  # random sets that phi is a mean over; a guess
@@ -44,7 +44,7 @@ class PairWeights:
     Args:
         scores: renders of the common pairs; levels of detail in steps of 1/2.
         judge: says what they count.
-        material: (8,) stored channels of `gltf` that shade about as bright as the whole set.
+        material: (C,) stored channels of PLAIN that shade about as bright as the whole set.
     """
 
     def __init__(self, scores: Scores, judge: Judge, material: NDArray[np.float32]) -> None:
@@ -104,8 +104,8 @@ class PairWeights:
         """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""
         # Shaped so that a texel, prepared once, sees many pairs.
         pairs = [d.reshape(1, *((-1, d.shape[-2]) if d.ndim > 2 else (1, -1)), 3).numpy() for d in (light, view)]
-        texels = np.broadcast_to(self._material, (pairs[0].shape[2], 8))
-        radiance = torch.from_numpy(shade("gltf", texels, *pairs)).mean(-1).reshape(light.shape[:-1])
+        texels = np.broadcast_to(self._material, (pairs[0].shape[2], PLAIN.channels))
+        radiance = torch.from_numpy(shade(PLAIN.name, texels, *pairs)).mean(-1).reshape(light.shape[:-1])
         x, y, z = (light[..., axis] + view[..., axis] for axis in range(3))
         height = z * (x * x + y * y + z * z).clamp(min=1e-12).rsqrt()
         cosines = [d[..., 2].clamp(min=1e-3).log() for d in (view, light)]

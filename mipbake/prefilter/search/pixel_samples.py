@@ -18,6 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.material import MODELS, Kind
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
 from mipbake.prefilter.rules import RULES
 from mipbake.reference import lobes as around
@@ -33,6 +34,10 @@ _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence
 _STEPS = _GOLDEN ** -torch.arange(1.0, _DIMENSIONS + 1, dtype=torch.float64)
 # Lobes that pairs are drawn from, so that tails are seen and densities stay finite; guesses.
 _WIDER, _LEAST_ALPHA = 1.2, 0.004
+
+PLAIN = MODELS["gltf"]
+"""The model of materials that only steer the search: where half vectors are drawn, and how bright a pair is about. It
+is not the target on purpose. Every source can be told in it, its lobe is round, and so one number is its width."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Lobes:
     """What half vectors are drawn from: the lobes of a stack, a little wider.
 
     Args:
-        levels: (H_L, W_L, 8) stored channels of `gltf`.
+        levels: (H_L, W_L, C) stored channels of PLAIN.
     """
 
     levels: Sequence[Image]
@@ -84,7 +89,7 @@ class Lobes:
     @classmethod
     def under(cls, problem: Problem) -> list[Lobes]:
         """Lobes that cover the lobes under a texel: the lobe of the mean material, and a wide lobe of all."""
-        args = problem.stored, problem.source, "gltf", problem.pixel_filter, problem.wrap, lambda _: None
+        args = problem.stored, problem.source, PLAIN.name, problem.pixel_filter, problem.wrap, lambda _: None
         return [cls(RULES[name](*args).levels) for name in ("linear", "lean")]
 
     def at(self, level: int, uv: NDArray[np.float64]) -> Tensor:
@@ -94,8 +99,9 @@ class Lobes:
         rows = np.clip((uv[:, 1] % 1 * height).astype(np.int64), 0, height - 1)
         columns = np.clip((uv[:, 0] % 1 * width).astype(np.int64), 0, width - 1)
         stored = torch.from_numpy(texels[rows, columns])
-        alpha = (_WIDER * stored[:, 4:5].square()).clamp(_LEAST_ALPHA, 1)
-        return torch.cat([stored[:, 5:8], alpha], -1)
+        (roughness,) = PLAIN.of(Kind.ROUGHNESS)
+        alpha = (_WIDER * stored[:, roughness].square()).clamp(_LEAST_ALPHA, 1)
+        return torch.cat([stored[:, PLAIN.normal], alpha], -1)
 
 
 def own_pairs(
