@@ -75,6 +75,15 @@ def test_every_record_is_printed(module: Callable[[str], ModuleType]) -> None:
     assert asked | set(pages.WHOLE.values()) | fitting | results == set(known.KNOWN)
 
 
+def test_figures_of_quality_depend_on_code(module: Callable[[str], ModuleType]) -> None:
+    """Times belong to a machine; everything else gets old when its code changes."""
+    known = module("records.known").KNOWN
+    assert {name for name in known if known[name].entry is None} == {
+        "commands",
+        *(name for name in known if name.startswith("timing-")),
+    }
+
+
 def test_docstrings_say_what_was_measured(module: Callable[[str], ModuleType]) -> None:
     records = module("records.making").Records()
     for path, words in module("records.views").DOCSTRINGS.items():

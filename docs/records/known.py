@@ -111,7 +111,11 @@ KNOWN: Mapping[str, Known] = {
         ("benchmarks/engines/cycles_proof.py", MATERIALS, "--results", OUT),
         Entry(("benchmarks/engines/cycles_proof.py",), ("mipbake-1",), files=("benchmarks/engines/cycles/*.py",)),
     ),
-    "weights": Known("what each weight of the judge does", ("benchmarks/weights.py", MATERIALS), None),
+    "weights": Known(
+        "what each weight of the judge does, halved and doubled",
+        ("benchmarks/weights.py", MATERIALS),
+        Entry(("benchmarks/weights.py",), ("mipbake-1",)),
+    ),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),
     "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),
     "timing-training-step": _timing("training_step", "one step at the paper's settings"),

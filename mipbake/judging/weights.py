@@ -48,11 +48,11 @@ class Weights:
         terms: name to weight, every name of TERMS.
         group_behind: what a neper counts by which a group of pairs is behind the best rule of engines and tools in that
             very group, in the mean over groups: another rule may be the best there than in the mean over groups.
-        chance: standard errors by which a row of errors may be behind.
+        chance: standard errors by which a row of errors may be behind; a guess.
         tie: nepers below which two errors measure the same. lit_tie: the same, of the error under the studio's lights.
         group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
 
-    The ties are guesses.
+    The ties are guesses, too.
     """
 
     terms: Mapping[str, Weight]
@@ -90,5 +90,6 @@ WEIGHTS = Weights(
     group_behind=6.0,
 )
 """What everybody counts who asks which of two stacks is better. Terms of pairs count alike, and what falls behind where
-one bright pair rules a set of pairs counts most. benchmarks/RESULTS-weights.md has the measurement that set each
-weight: what `auto` gains and loses where the weight is halved or doubled."""
+one bright pair rules a set of pairs counts most. All of them are guesses: no measurement set them.
+benchmarks/RESULTS-weights.md shows what each guess does: what `auto` gains and loses where it is halved and where it is
+doubled."""
