@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,28 @@ BAND = 1 << 17
 
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""
+
+
+class Averages(NamedTuple):
+    """What a RoughnessRule averages of a texel: channels of one image, by their names."""
+
+    colours: Array
+    """(..., A) the `averaged` channels of the target."""
+    normals: Array
+    """(..., 4 or 5) the channels of NormalMoments."""
+    alpha2: Array
+    """(..., 1 or 3) the tensor of the quantity that stands for alpha^2."""
+
+
+class NormalMoments(NamedTuple):
+    """Moments of unit normals about their centre, by their names: each times the weight of the normal."""
+
+    mean: Array
+    """(..., 3) of the difference from the centre."""
+    square: Array
+    """(..., 1) of its squared length."""
+    weight: Array
+    """(..., 1) the weight itself; (..., 0) for equal weights."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +90,6 @@ class RoughnessRule:
         """See Prefilter."""
         given, wanted = material.model_named(source), material.model_named(target)
         centre = normal_centre(stored, source)
-        colours = len(wanted.averaged)
 
         def read(texels: Array) -> Array:
             own = material.convert(texels, source, target)
@@ -76,45 +97,53 @@ class RoughnessRule:
             isotropic = not given.anisotropic and given.lobe is wanted.lobe
             alpha2 = given.roughness_tensor(texels) if isotropic else wanted.roughness_tensor(own)
             spread = given.unit_normals(texels) - centre
-            moments = np.concatenate([spread, np.square(spread).sum(-1, keepdims=True)], -1)
+            normals = NormalMoments(spread, np.square(spread).sum(-1, keepdims=True), spread[..., :0])
             if self.weight is not None:
                 weight = material.mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
-                moments = np.concatenate([weight * moments, weight], -1)
-            return np.concatenate([own[..., wanted.averaged], moments, of_eigenvalues(alpha2, self.averaged)], -1)
+                normals = NormalMoments(weight * normals.mean, weight * normals.square, weight)
+            averaged = of_eigenvalues(alpha2, self.averaged)
+            return np.concatenate(Averages(own[..., wanted.averaged], np.concatenate(normals, -1), averaged), -1)
 
-        normals = slice(colours, colours + (4 if self.weight is None else 5))
+        def named(channels: Array) -> Averages:
+            return Averages(*split(channels, len(wanted.averaged), 4 if self.weight is None else 5))
 
-        def write(moments: Array, blurred: Array | None = None) -> Array:
-            mean, variance = self._spread(moments[..., normals])
+        def write(channels: Array, blurred: Array | None = None) -> Array:
+            averages = named(channels)
+            mean, variance = self._spread(averages.normals)
             if blurred is not None:
                 variance = self._spread(blurred)[1]
-            alpha2 = of_eigenvalues(moments[..., normals.stop :], lambda value: self._level(value, variance))
-            return stored_channels(moments[..., :colours], mean + centre, alpha2, target)
+            alpha2 = of_eigenvalues(averages.alpha2, lambda value: self._level(value, variance))
+            return stored_channels(averages.colours, mean + centre, alpha2, target)
 
-        moments = by_rows(read, stored, band=self.band)
+        averaged = by_rows(read, stored, band=self.band)
         blurred = None
         if self.top_blur != 1.0 and pixel_filter == "box":
             size = (stored.shape[0], stored.shape[1])
-            blurred = resample(np.ascontiguousarray(moments[..., normals]), size, "box", wrap, self.top_blur)
-        levels = filtered_levels(moments, pixel_filter, wrap, progress)
-        del moments
+            blurred = resample(np.ascontiguousarray(named(averaged).normals), size, "box", wrap, self.top_blur)
+        levels = filtered_levels(averaged, pixel_filter, wrap, progress)
+        del averaged
         for index, level in enumerate(levels):
             images = (level, blurred) if index == 0 and blurred is not None else (level,)
             levels[index] = by_rows(write, *images, band=self.band)
         return PrefilterResult(directions.settled(levels, target, wrap))
 
-    def _spread(self, moments: Array) -> tuple[Array, Array]:
-        """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from their averaged moments."""
-        mean, square = moments[..., 0:3], moments[..., 3]
+    def _spread(self, normals: Array) -> tuple[Array, Array]:
+        """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from averaged NormalMoments."""
+        mean, square, weight = NormalMoments(*split(normals, 3, 1))
         if self.weight is not None:
-            weight = np.maximum(moments[..., 4:5], _MIN_LENGTH)
-            mean, square = mean / weight, square / weight[..., 0]
+            weight = np.maximum(weight, _MIN_LENGTH)
+            mean, square = mean / weight, square / weight
         # Kernels with negative lobes average to variances outside the range.
-        return mean, np.clip(square - np.square(mean).sum(-1), 0, 1)
+        return mean, np.clip(square[..., 0] - np.square(mean).sum(-1), 0, 1)
 
     def _level(self, averaged: Array, variance: Array) -> Array:
         alpha2 = self.restored(averaged)
         return np.minimum(self.widened(alpha2, variance), np.maximum(alpha2, 1))
+
+
+def split(channels: Array, *widths: int) -> list[Array]:
+    """(..., C) as views of so many channels each, and of the channels that are left."""
+    return np.split(channels, np.cumsum(widths), -1)
 
 
 def length(variance: Array) -> Array:

@@ -9,13 +9,26 @@ of S'.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
 from mipbake.pixel_filter import Wrap, filtered_levels
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.averages import Array, by_rows, mean_by_rows, stored_channels
+from mipbake.prefilter.rules.averages import Array, by_rows, mean_by_rows, split, stored_channels
+
+
+class Averages(NamedTuple):
+    """What is averaged of a texel: channels of one image, by their names."""
+
+    colours: Array
+    """(..., A) the `averaged` channels of the target."""
+    slopes: Array
+    """(..., 2) their first moment, about the mean of the whole map."""
+    tensor: Array
+    """(..., 3) S + 2 ss^T of the slopes s."""
 
 
 class Lean:
@@ -43,15 +56,15 @@ class Lean:
             lobes = material.convert(texels, source, lobes_of.name)
             tensor = material.full_tensor(lobes_of.roughness_tensor(lobes))
             tensor += 2 * np.stack([x * x, y * y, x * y], -1)
-            return np.concatenate([own[..., wanted.averaged], slopes, tensor], -1)
+            return np.concatenate(Averages(own[..., wanted.averaged], slopes, tensor), -1)
 
-        def write(moments: Array) -> Array:
-            slopes, second = moments[..., -5:-3], moments[..., -3:]
+        def write(channels: Array) -> Array:
+            colours, slopes, second = Averages(*split(channels, len(wanted.averaged), 2))
             x, y = slopes[..., 0], slopes[..., 1]
             # Averages of S + 2 ss^T are positive definite in exact arithmetic, not after rounding.
             tensor = material.positive_definite(second - 2 * np.stack([x * x, y * y, x * y], -1), wanted.least_alpha2)
             normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
-            return stored_channels(moments[..., :-5], normal, tensor, target)
+            return stored_channels(colours, normal, tensor, target)
 
         levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
         for index, level in enumerate(levels):
