@@ -5,15 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+_JOINT, _SLOPE = 0.0031308, 12.92  # up to which linear value the encoding is a straight line, and its slope
+_SCALE, _OFFSET, _POWER = 1.055, 0.055, 2.4
+
 
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
     """Decoding, (...) to (...), dtype kept; odd around zero, so that values outside [0, 1] survive."""
     size = np.abs(encoded)
-    decoded = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
+    decoded = np.where(size <= 0.04045, size / _SLOPE, ((size + _OFFSET) / _SCALE) ** _POWER)
     return np.asarray(np.copysign(decoded, encoded), encoded.dtype)
 
 
 def linear_to_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """Encoding, (...) to (...): the inverse of `srgb_to_linear` from 0 up; nothing is clipped."""
-    powered = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, powered)
+    powered = _SCALE * np.power(np.maximum(linear, _JOINT), 1 / _POWER) - _OFFSET
+    return np.where(linear <= _JOINT, _SLOPE * linear, powered)
+
+
+def linear_to_srgb_slope(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """The derivative of `linear_to_srgb`, (...) to (...), dtype kept; at the joint that of the straight line."""
+    powered = _SCALE / _POWER * np.power(np.maximum(linear, _JOINT), 1 / _POWER - 1)
+    return np.asarray(np.where(linear <= _JOINT, _SLOPE, powered), linear.dtype)

@@ -18,7 +18,7 @@ import torch
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
 from mipbake.errors import UsageError
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.lit_renders import displayed
+from mipbake.judging.lit_renders import displayed_float32
 from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
 from mipbake.judging.probes import Effort
 from mipbake.judging.scores import Score, Scores
@@ -192,7 +192,7 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     shaded = shade("gltf", single, probe.light, probe.view)
     room = scores.lighting
     seen = shade_lit("gltf", texels[count:], probe.frame, probe.lit_view, room.direction, 1.5 * room.radiance)
-    shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed(seen))
+    shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed_float32(seen))
     asked = Asked.of(scores.of(base, 0))
     scores.probes = [shown]
     found = fit_level([Term(0, 1.0, None, base, made)], scores, Judge([asked]))

@@ -14,7 +14,7 @@ import pytest
 from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Method
 from mipbake.report.page import write_report
 from mipbake.report.page.charts import curves
-from mipbake.report.page.pictures import displayed, heat, ramp
+from mipbake.report.page.pictures import displayed_bytes, heat, ramp
 from mipbake.report.page.scenes import flip_top
 from mipbake.report.page.tables import measure_tables, number, verdict_table
 from mipbake.report.page.verdict import best_in_renders, difference, verdict
@@ -235,7 +235,7 @@ def test_heat_clips_and_uses_few_shades() -> None:
 
 
 def test_what_is_no_number_is_black() -> None:
-    pixels = displayed(np.array([[[np.nan, -1.0, np.inf], [1.0, 0.0, 3.0]]], np.float32))
+    pixels = displayed_bytes(np.array([[[np.nan, -1.0, np.inf], [1.0, 0.0, 3.0]]], np.float32))
     assert pixels.tolist() == [[[0, 0, 255], [188, 0, 225]]]
 
 

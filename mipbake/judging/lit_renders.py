@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.metrics import images
+from mipbake.metrics.images import display_slope, displayed
 from mipbake.metrics.pairs import cosine_directions
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.estimate import estimate
@@ -139,14 +139,11 @@ def placed(rng: np.random.Generator, count: int) -> tuple[Image, Image]:
     return frame.astype(np.float32), view.astype(np.float32)
 
 
-def displayed(radiance: Image) -> Image:
-    """`mipbake.metrics.images.displayed` in float32."""
-    return np.asarray(images.displayed(radiance), np.float32)
+def displayed_float32(radiance: Image) -> Image:
+    """`metrics.images.displayed` in float32, the precision of renders."""
+    return np.asarray(displayed(radiance), np.float32)
 
 
-def display_slope(radiance: Image) -> Image:
-    """The derivative of `displayed`, element by element."""
-    x = np.maximum(radiance, 0)
-    y = x / (1 + x)
-    encoded = np.where(y <= 0.0031308, 12.92, 1.055 / 2.4 * np.maximum(y, 1e-6) ** (1 / 2.4 - 1))
-    return np.asarray(encoded / np.square(1 + x), np.float32)
+def display_slope_float32(radiance: Image) -> Image:
+    """`metrics.images.display_slope` in float32."""
+    return np.asarray(display_slope(radiance), np.float32)

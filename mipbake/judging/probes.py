@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.lit_renders import displayed, lit_reference, placed, room
+from mipbake.judging.lit_renders import displayed_float32, lit_reference, placed, room
 from mipbake.judging.pairs import KINDS, SET_SIZE, draw_pairs, draw_pool
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.estimate import estimate
@@ -155,8 +155,8 @@ def probe(
     seen = lod - _MAGNIFIED * rng.random(lit) if lod == 0 else lod
     where = room(lighting, frame, lit_view)
     first, second = (lit_reference(problem, where, lit_uv, seen, many, rng) for _ in range(2))
-    shown = displayed((first + second) / np.float32(2))
-    lit_noise = float(np.square(displayed(first) - displayed(second)).mean()) / 4
+    shown = displayed_float32((first + second) / np.float32(2))
+    lit_noise = float(np.square(displayed_float32(first) - displayed_float32(second)).mean()) / 4
     signal = mean_squares(mean) - noise
     return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, lit_uv, frame, lit_view, shown, lit_noise)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.lit_renders import LitError, displayed, lit_error, lit_radiance
+from mipbake.judging.lit_renders import LitError, displayed_float32, lit_error, lit_radiance
 from mipbake.judging.pairs import KINDS
 from mipbake.judging.probes import Effort, Probe, mean_squares, probe
 from mipbake.metrics.pairs import PAIR_SETS
@@ -148,7 +148,10 @@ class Scores:
             off = shade(model, single[some], probe.light[some], probe.view[some])
             off -= probe.mean[some]
             squares[some] = mean_squares(off)
-        apart = displayed(lit_radiance(model, lit_texels, probe.frame, probe.lit_view, self.lighting)) - probe.displayed
+        apart = (
+            displayed_float32(lit_radiance(model, lit_texels, probe.frame, probe.lit_view, self.lighting))
+            - probe.displayed
+        )
         lit = lit_error(apart, probe.displayed, probe.lit_cosine, probe.lit_noise)
         return Errors(probe, squares - probe.noise, lit)
 

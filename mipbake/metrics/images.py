@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mipbake._srgb import linear_to_srgb
+from mipbake._srgb import linear_to_srgb, linear_to_srgb_slope
 from mipbake.errors import UsageError
 
 ImageArray = NDArray[np.floating]
@@ -60,6 +60,13 @@ def displayed(linear: ImageArray) -> NDArray[np.float64]:
     """
     x = np.maximum(linear, 0)
     return srgb_encode(x / (1 + x))
+
+
+def display_slope(linear: ImageArray) -> ImageArray:
+    """The derivative of `displayed`, element by element, any shape, dtype kept; at 0 and below that from above 0."""
+    x = np.maximum(linear, 0)
+    slope: ImageArray = linear_to_srgb_slope(x / (1 + x)) / np.square(1 + x)
+    return slope
 
 
 def check_same_shape(**arrays: NDArray[np.generic]) -> None:

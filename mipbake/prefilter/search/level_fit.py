@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.judging.judge import Judge
-from mipbake.judging.lit_renders import display_slope, displayed, lit_error, lit_radiance
+from mipbake.judging.lit_renders import display_slope_float32, displayed_float32, lit_error, lit_radiance
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import mean_squares
 from mipbake.judging.scores import Array, Errors, Scores, blocks
@@ -115,7 +115,7 @@ class _Term:
         texels, probe = self._texels(theta), self._probe
         single, lit = texels[: self._single].reshape(self._groups, self._points, -1), texels[self._single :]
         radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._scores.lighting)
-        by_radiance, lit_off = display_slope(radiance), displayed(radiance) - probe.displayed
+        by_radiance, lit_off = display_slope_float32(radiance), displayed_float32(radiance) - probe.displayed
         error = lit_error(lit_off, probe.displayed, probe.lit_cosine, probe.lit_noise)
         squares, by_set = self._off(single)
         errors = Errors(probe, squares - probe.noise, error)

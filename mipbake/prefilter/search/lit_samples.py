@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.judging.lit_renders import EXPOSURE, displayed, lit_reference, placed, room
+from mipbake.judging.lit_renders import EXPOSURE, displayed_float32, lit_reference, placed, room
 from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, samples_at, share_of
 from mipbake.reference.problem import Image, Problem
 from mipbake.render.environment import Lighting, studio
@@ -95,5 +95,5 @@ def lit_pixels(
     for place, lods, lower in chunks(problem, level, len(uv), max(_LIGHTS, samples), rng):
         centres = uv[place]
         frame, view = placed(rng, len(place))
-        target = displayed(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
+        target = displayed_float32(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
         yield LitBatch(level, lower, share_of(lods, lower), centres, LitPixels.of(lighting, frame, view), target)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.lit_renders import display_slope, displayed, pixel_slope
+from mipbake.judging.lit_renders import display_slope_float32, displayed_float32, pixel_slope
 from mipbake.judging.scores import Errors, Scores, spoken_snr
 from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
@@ -308,8 +308,8 @@ def _lit_slopes(drawn: _Drawn, texels: Sequence[Image], model: str) -> list[_Lit
         # The mean square is the judge's, of many renders; here the noise of the reference would be in it.
         counts, square = drawn.lit_counts[batch.level]
         weight = np.float32(counts * pixel_slope(square) / size[batch.level])
-        slope = display_slope(radiance)
-        off = displayed(radiance) - batch.target
+        slope = display_slope_float32(radiance)
+        off = displayed_float32(radiance) - batch.target
         out.append(_LitSlopes(weight * off * slope, weight * np.square(slope)))
     return out
 

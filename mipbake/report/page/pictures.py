@@ -102,7 +102,7 @@ def bytes_of(encoded: NDArray[np.floating]) -> NDArray[np.uint8]:
     return rounded
 
 
-def displayed(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+def displayed_bytes(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(H, W, 3) linear radiance as bytes of what a display shows of it; what is not a number is black."""
     return bytes_of(metrics.displayed(np.nan_to_num(linear).astype(np.float64)))
 

@@ -16,7 +16,7 @@ from mipbake.compare.result import Comparison, Figure, Plot, Rendered, Scene
 from mipbake.metrics import MEASURES
 from mipbake.report.page.markup import Html, element
 from mipbake.report.page.methods import REFERENCE, standing_out
-from mipbake.report.page.pictures import Album, Picture, displayed, gradient_stops, heat
+from mipbake.report.page.pictures import Album, Picture, displayed_bytes, gradient_stops, heat
 from mipbake.report.page.tables import number, title, unit
 from mipbake.report.page.verdict import LINEAR
 
@@ -78,11 +78,11 @@ def _scene(
     progress: Callable[[], None],
 ) -> Html:
     scene = rendered.scene
-    picture = album.add(f"{scene.title}, {REFERENCE}", displayed(rendered.reference), scene.name, REFERENCE)
+    picture = album.add(f"{scene.title}, {REFERENCE}", displayed_bytes(rendered.reference), scene.name, REFERENCE)
     progress()
     cells = [_cell(REFERENCE, picture, f"{scene.title}, the reference", None, None, {})]
     for name in (name for name in order if name in rendered.images):
-        picture = album.add(f"{scene.title}, {name}", displayed(rendered.images[name]), scene.name, name)
+        picture = album.add(f"{scene.title}, {name}", displayed_bytes(rendered.images[name]), scene.name, name)
         flip = None
         if name in rendered.flip:
             flip = album.add(
@@ -163,7 +163,7 @@ def _plot(plot: Plot, order: Sequence[str], album: Album, progress: Callable[[],
     cells = []
     for name in (REFERENCE, *(name for name in order if name in plot.images)):
         image = plot.reference if name == REFERENCE else plot.images[name]
-        picture = album.add(f"{plot.title}, {name}", displayed(image), plot.name, name)
+        picture = album.add(f"{plot.title}, {name}", displayed_bytes(image), plot.name, name)
         factor = max(1, round(224 / max(picture.width, 1)))
         shown = picture.html(f"{plot.title}, {name}", class_="render", style=f"--width: {factor * picture.width}px")
         cells.append(element("figure", shown, element("figcaption", element("b", name)), data_method=name))
