@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+from rooms.folders import ROOT, folders
 
 Hashes = dict[str, str]
 """File, relative to the root, or `weights NAME`, to a short hash of what counts in it."""
@@ -38,7 +38,7 @@ BEYOND = (
 """Modules that records of quality import and that cannot change a figure: they write stacks, or read documents that no
 measured set has. Levels are measured as they are in memory."""
 
-_FOLDERS = {"mipbake.models": "models", "mipbake.training": "training", "mipbake.cli": "cli"}
+_FOLDERS = {name: folder for name, folder in folders().items() if name.startswith("mipbake.")}
 """Rooms that the build maps into the package."""
 
 _SCRIPTS = ("benchmarks", "docs", "examples/fitting")

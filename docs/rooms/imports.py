@@ -7,27 +7,18 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+from rooms.folders import ROOT, folders
+
 PACKAGE = "mipbake"
 NATIVE = f"{PACKAGE}._native"
 """The compiled core, which has no file of Python."""
-
-FOLDERS = {
-    PACKAGE: "mipbake",
-    f"{PACKAGE}.models": "models",
-    f"{PACKAGE}.training": "training",
-    f"{PACKAGE}.cli": "cli",
-    f"{PACKAGE}_start": "cli/mipbake_start",
-}
-"""Where modules lie in a checkout, as pyproject.toml lays them out. Of two folders that have a module, the later one
-counts."""
 
 
 @cache
 def modules() -> dict[str, Path]:
     """Every module of the package by its dotted name, but the compiled core."""
     found = {}
-    for package, folder in FOLDERS.items():
+    for package, folder in folders().items():
         for path in sorted((ROOT / folder).rglob("*.py")):
             parts = [part for part in path.relative_to(ROOT / folder).with_suffix("").parts if part != "__init__"]
             found[path] = ".".join([package, *parts])

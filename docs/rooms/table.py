@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from rooms.imports import NATIVE, PACKAGE, ROOT, imported, modules
+from rooms.folders import ROOT
+from rooms.imports import NATIVE, PACKAGE, imported, modules
 
 PAGE = ROOT / "docs" / "architecture.md"
 EVERYWHERE = "errors"
