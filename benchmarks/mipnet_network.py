@@ -141,9 +141,10 @@ class MipnetNetwork(Network):
                 f"{width} x {height}; resize the maps"
             )
         levels, colours = [stored], stored[..., :4]
+        made = isotropic_texels if self.target == "gltf" else anisotropic_texels
         for state in self._states(stored)[1:]:
             colours = _boxed(_filled(colours, 2))
-            levels.append(_isotropic(colours, state) if self.target == "gltf" else _anisotropic(colours, state))
+            levels.append(made(colours, state))
         if self.target == "gltf":
             return {self.target: levels}
         levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
@@ -152,15 +153,15 @@ class MipnetNetwork(Network):
     def _states(self, stored: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""
         alpha = stored[..., 4:5].clamp(min=MIN_ROUGHNESS).square()
-        states = [_valid(torch.cat([stored[..., 5:7], alpha, alpha, torch.zeros_like(alpha)], -1))]
+        states = [valid_state(torch.cat([stored[..., 5:7], alpha, alpha, torch.zeros_like(alpha)], -1))]
         while max(states[-1].shape[1:3]) > 1:
             before = _filled(states[-1], 2)
             average, near = _boxed(before), _windows(before, 2)
             change = self.single(near)
             if len(states) > 1:
-                far, first = _windows(_filled(states[-2], 4), 4), _valid(average + change)
+                far, first = _windows(_filled(states[-2], 4), 4), valid_state(average + change)
                 change = self.multi(torch.cat([far, near, first], -1))
-            states.append(_valid(average + change))
+            states.append(valid_state(average + change))
         return states
 
     def bake(
@@ -208,7 +209,7 @@ def _axes(state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return mean + radius, mean - radius, radius
 
 
-def _valid(state: Tensor) -> Tensor:
+def valid_state(state: Tensor) -> Tensor:
     """(..., 5) with normals inside the disc and lobes between the narrowest that is shaded and the widest."""
     xy = state[..., :2]
     xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
@@ -219,14 +220,14 @@ def _valid(state: Tensor) -> Tensor:
     return torch.cat([xy, torch.stack([mean + d, mean - d, c], -1)], -1)
 
 
-def _isotropic(colours: Tensor, state: Tensor) -> Tensor:
+def isotropic_texels(colours: Tensor, state: Tensor) -> Tensor:
     """(..., 4) and (..., 5) to `gltf`, (..., 8)."""
     a, b, c = state[..., 2:3], state[..., 3:4], state[..., 4:5]
     roughness = (a * b - c * c).clamp(_MIN_ALPHA**2, 1).sqrt().sqrt()
     return torch.cat([colours, roughness, _lifted(state)], -1)
 
 
-def _anisotropic(colours: Tensor, state: Tensor) -> Tensor:
+def anisotropic_texels(colours: Tensor, state: Tensor) -> Tensor:
     """(..., 4) and (..., 5) to `gltf-anisotropic`, (..., 11); mipbake.material has the inverse map.
 
     At isotropy, where training starts, strength has no derivative and direction no value, but the lobe has both: axes

@@ -27,8 +27,12 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from results_measure import Asked, Effort, Plan
 
 
 def narrow(threads: int) -> None:
@@ -51,18 +55,40 @@ def up_to_date(file: Path, key: dict[str, Any]) -> bool:
         return False
 
 
-def main() -> int:
+def folders_and_threads() -> argparse.ArgumentParser:
+    """A parser of the arguments that are known before anything is imported that counts processors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sets", type=Path)
     parser.add_argument("results", type=Path)
     parser.add_argument("--threads", type=int, default=1, help="processors that are used (default: 1)")
+    return parser
+
+
+def main() -> int:
+    parser = folders_and_threads()
     options, _ = parser.parse_known_args()
     narrow(options.threads)
 
-    from results_measure import KINDS, Asked, Effort, measured  # libraries count processors when they are imported
+    from results_measure import KINDS, measured  # libraries count processors when they are imported
+
+    return run(parser, KINDS, measured)
+
+
+def run(
+    parser: argparse.ArgumentParser,
+    kinds: Mapping[str, Callable[[Asked], Sequence[Plan]]],
+    measured: Callable[[Plan, Effort], dict[str, Any]],
+) -> int:
+    """Measures what the arguments of the program ask for; 1 where something failed.
+
+    Args:
+        parser: knows the folders and the threads.
+        kinds: name to the plans of a kind of measurement. measured: the figures of a plan.
+    """
+    from results_measure import Asked, Effort
     from results_sets import folder_sets
 
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of measurements")
+    parser.add_argument("--kinds", nargs="+", choices=kinds, default=list(kinds), help="of measurements")
     parser.add_argument(
         "--methods", nargs="+", default=["neural", "auto"],
         help="beside the closed forms: names of methods, neural:WEIGHTS, or with a budget, refine@2m",
@@ -82,7 +108,7 @@ def main() -> int:
     for kind in options.kinds:
         folder = options.results / kind
         folder.mkdir(parents=True, exist_ok=True)
-        for plan in (each for each in KINDS[kind](asked) if not options.plans or each.name in options.plans):
+        for plan in (each for each in kinds[kind](asked) if not options.plans or each.name in options.plans):
             file = folder / f"{plan.name}.json"
             key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}
             if up_to_date(file, key):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
-from mipbake.io.archives import GLTF, MATERIALX, Shelf
+from mipbake.io.archives import GLTF, LIMITS, MATERIALX, Limits, Shelf
 from mipbake.io.candidates import is_map, is_textures, name_of, refuse_baked
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import image_files
@@ -28,7 +28,7 @@ from mipbake.jobs import Failure, Job, Part, with_names_apart
 from mipbake.udim import islands
 
 
-def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Job | Failure]:
+def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path, limits: Limits = LIMITS) -> list[Job | Failure]:
     """What is to be baked, in order; a source that cannot be read does not keep others from it. All commands and
     `mipbake.load_all` read what they are given through here.
 
@@ -38,12 +38,13 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
         sources: paths, globs, `@FILE` for a list of paths, `@-` for one on the standard input.
         options: how sets are read; documents say that themselves. Names of files in `maps` may be patterns with *.
         scratch: an empty folder for images that lie within documents and archives, as long as jobs are read.
+        limits: how large archives may be.
 
     Raises:
         InputError: a list or a glob that stands for nothing.
     """
     found: list[Job | Failure] = []
-    shelf = Shelf(scratch)
+    shelf = Shelf(scratch, limits)
     for index, path in enumerate(expand(sources)):
         found += _attempted(path, partial(_jobs_of, path, options, scratch / str(index), shelf))
     return with_names_apart(found)

@@ -11,7 +11,11 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 from mipbake.errors import InputError
-from mipbake.io import archives
+from mipbake.intake import jobs
+from mipbake.io.archives import Limits
+from mipbake.io.gltf.images import image_files
+from mipbake.io.options import LoadOptions
+from mipbake.jobs import Failure, Job
 
 from .command_line import fails, tree, write_set
 from .gltf_files import png
@@ -145,13 +149,11 @@ def test_material_documents_that_look_out_of_their_archive_are_refused(
     assert f"{tmp_path}/wood.zip/wood.mtlx" in said
 
 
-def test_what_lies_beside_a_document_counts_as_unpacked(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(archives, "SURELY_FINE", 1 << 20)
+def test_what_lies_beside_a_document_counts_as_unpacked(scene: Path, tmp_path: Path) -> None:
     (scene / "the buffer.bin").write_bytes(bytes(1 << 28))
     archive = zipped(tmp_path / "scene.zip", scene)
-    assert "so it is not unpacked" in fails(capsys, 3, "inspect", archive)
+    (failure,) = jobs([str(archive)], LoadOptions(), tmp_path / "scratch", Limits(surely_fine=1 << 20))
+    assert isinstance(failure, Failure) and "so it is not unpacked" in str(failure.error)
 
 
 def test_a_broken_document_leaves_the_other_sources(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -164,16 +166,20 @@ def test_a_broken_document_leaves_the_other_sources(tmp_path: Path, capsys: pyte
     assert err.startswith(f"mipbake: {archive}/scene.glb") and err.count("\n") == 1
 
 
-def test_documents_find_their_files_again_once_other_archives_took_the_room(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(archives, "KEPT", 1)
+def images_there(job: Job | Failure) -> list[bool]:
+    """Whether each image of a job's document is there while the job is read."""
+    assert isinstance(job, Job) and job.document is not None and job.archive is not None
+    document, folder = job.document, job.archive.folder
+    return job.using(lambda: [image.is_file() for image in image_files(document, folder)])
+
+
+def test_documents_find_their_files_again_once_other_archives_took_the_room(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         two_textures(png("normal a"), png("mr")).write(tmp_path / name / name, "external")
         zipped(tmp_path / f"{name}.zip", tmp_path / name)
-    run(capsys, "bake", tmp_path / "a.zip", tmp_path / "b.zip", "-o", tmp_path / "out", *LINEAR)
-    assert tree(tmp_path / "out") == ["a.glb", "b.glb"]
+    found = jobs([str(tmp_path / "*.zip")], LoadOptions(), tmp_path / "scratch", Limits(kept=1))
+    assert [images_there(job) for job in (*found, *found)] == [[True, True]] * 4
 
 
 def test_options_are_for_sets_alone(scene: Path, tmp_path: Path) -> None:

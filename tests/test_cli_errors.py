@@ -12,6 +12,7 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 from mipbake.io.containers import FORMATS
+from mipbake.jobs import Job
 from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
 from mipbake.stack import MipStack
@@ -197,7 +198,7 @@ def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatc
     def breaks(*_arguments, **_options):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(mipbake.jobs, "load", breaks)
+    monkeypatch.setattr(Job, "read", breaks)
     command = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear"]
     assert "ZeroDivisionError" in fails(capsys, 1, *command)
     assert main(["--debug", *command]) == 1
@@ -208,7 +209,7 @@ def test_too_little_memory_is_no_defect(folder, tmp_path, capsys, monkeypatch):
     def breaks(*_arguments, **_options):
         raise MemoryError("Unable to allocate 745. GiB")
 
-    monkeypatch.setattr(mipbake.jobs, "load", breaks)
+    monkeypatch.setattr(Job, "read", breaks)
     said = fails(capsys, 1, "bake", folder, "-o", tmp_path / "out", "--method", "linear")
     assert "745. GiB" in said and "ask for less" in said and "defect" not in said
 

@@ -176,7 +176,7 @@ def test_the_root_of_the_tensor_becomes_its_lobe() -> None:
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     root = turn @ np.diag([wide, narrow]) @ turn.T
     state = torch.tensor([[0.1, 0.2, root[0, 0], root[1, 1], root[0, 1]]])
-    made = mipnet_network._anisotropic(torch.zeros(1, 4), mipnet_network._valid(state)).numpy()[0]
+    made = mipnet_network.anisotropic_texels(torch.zeros(1, 4), mipnet_network.valid_state(state)).numpy()[0]
     axes, direction = lobes(made)
     np.testing.assert_allclose(axes, [wide, narrow], rtol=0.01)
     np.testing.assert_allclose(np.abs(direction @ turn[:, 0]), 1, atol=1e-5)
@@ -186,7 +186,7 @@ def test_lobes_leave_isotropy_in_every_direction() -> None:
     """Where strength has no derivative and direction no value, the tensor S = R^2 has one: dS = 2 alpha dR."""
     alpha = 0.2
     state = torch.tensor([[0.0, 0.0, alpha, alpha, 0.0]], requires_grad=True)
-    made = mipnet_network._anisotropic(torch.zeros(1, 4), mipnet_network._valid(state))[0]
+    made = mipnet_network.anisotropic_texels(torch.zeros(1, 4), mipnet_network.valid_state(state))[0]
     across = made[4].square()
     along = across + (1 - across) * made[10].square()
     difference = along.square() - across.square()

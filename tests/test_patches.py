@@ -1,4 +1,7 @@
-"""Tests replace what a library offers, or hand in an argument: no test hangs on a private name of this project."""
+"""Tests replace what a library offers, or hand in an argument: no test hangs on a private name of this project.
+
+Private modules are names of rooms, and tests import them.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent / "mipbake"
 REPLACING = re.compile(r"(^|\.)(setattr|delattr|setitem|delitem|patch|patch\.(object|multiple|dict))$")
 """Methods of monkeypatch, functions of unittest.mock, and the built-in ones."""
 
@@ -94,3 +98,47 @@ def test_no_private_name_is_replaced() -> None:
         for name in [] if path.name == Path(__file__).name else replaced(path.read_text(encoding="utf-8")):
             found.setdefault(name, []).append(path.relative_to(TESTS).as_posix())
     assert not found, found
+
+
+# ---- names that are used
+
+GIVEN = {"os._exit"}
+"""Private names that a library gives to its users."""
+
+OPERATORS = {"ops"}
+"""Modules whose private names torch.library.opcheck takes."""
+
+
+def used(source: str) -> list[str]:
+    """The private names that a test imports, or reads of anything but its own objects."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom):
+            names = [each.name for each in node.names if re.match("_[^_]", each.name)]
+            found += [name for name in names if not list(ROOT.rglob(f"{name}.py*"))]
+        elif isinstance(node, ast.Attribute) and re.match("_[^_]", node.attr):
+            of = owner(node.value)
+            if of not in {"self", *OPERATORS} and f"{of}.{node.attr}" not in GIVEN:
+                found.append(f"{of}.{node.attr}")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("from mipbake.io.publish import _exchanged", "_exchanged"),
+        ("assert publish._exchanged(a, b)", "publish._exchanged"),
+        ("adam = FlatAdam(network)._adam.defaults", "FlatAdam(network)._adam"),
+        ("from mipbake._stream import current_stream", ""),
+        ("from mipbake import _native", ""),
+        ("self._names = cls.__name__", ""),
+        ("os._exit(1)", ""),
+    ],
+)
+def test_every_use_of_a_private_name_is_seen(source: str, found: str) -> None:
+    assert used(source) == ([found] if found else [])
+
+
+def test_no_private_name_is_used() -> None:
+    found = {path.relative_to(TESTS).as_posix(): used(path.read_text("utf-8")) for path in sorted(TESTS.rglob("*.py"))}
+    assert {path: names for path, names in found.items() if names} == {}

@@ -81,10 +81,10 @@ def test_names_are_exchanged_where_the_file_system_can(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()
         (tmp_path / name / name).touch()
-    if not publish._exchanged(tmp_path / "a", tmp_path / "b"):
+    if not publish.exchanged(tmp_path / "a", tmp_path / "b"):
         pytest.skip(f"the file system of {tmp_path} does not exchange two names")
     assert (tmp_path / "a" / "b").exists() and (tmp_path / "b" / "a").exists()
-    assert not publish._exchanged(tmp_path / "a", tmp_path / "none")
+    assert not publish.exchanged(tmp_path / "a", tmp_path / "none")
 
 
 def test_a_folder_that_got_other_files_meanwhile_stays(tmp_path: Path) -> None:

@@ -128,8 +128,7 @@ def project(tmp_path: Path) -> Path:
 
 def hashes(module: Callable[[str], ModuleType], root: Path) -> dict[str, str]:
     code = module("records.code")
-    for cached in (code.imported, code._python, code._cpp, code._exported):
-        cached.cache_clear()
+    code.forget()
     found: dict[str, str] = code.hashes(code.Entry(("docs/measure.py",), ("net",)), root)
     return found
 

@@ -22,7 +22,7 @@ from mipbake.report.page.markup import Html, element, joined, listed
 from mipbake.report.page.pictures import heat
 from mipbake.report.page.plain import plain
 from mipbake.report.page.scenes import flip_top
-from mipbake.report.page.texels import WINDOW, cropped, view, view_names, window_side
+from mipbake.report.page.texels import WINDOW, Window, cropped, view, view_names, window_side
 from mipbake.report.viewer import Source
 from mipbake.stack import MipStack
 
@@ -250,20 +250,19 @@ def test_a_cropped_stack_is_the_window_of_every_level(height: int, width: int) -
 def test_the_window_fits_into_the_page() -> None:
     stack = stack_of(material("gltf", 4, 4), "gltf")
     source = Source(stack.levels[0], "gltf")
-    assert window_side([stack], None) == window_side([stack] * 3, source) == WINDOW
+    assert window_side([stack], None) == window_side([stack] * 3, source) == WINDOW.side
     other = stack_of(material("ggx", 4, 4), "ggx")
     assert window_side([other] * 3, source) == 512
 
 
-def test_the_view_holds_three_stacks_and_says_what_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_view_holds_three_stacks_and_says_what_is_left_out() -> None:
     comparison = made_up(NAMES, 16)
     stacks, source = made_up_stacks(comparison, (32, 64))
     assert view_names(comparison, stacks) == ["neural", "unreal (gaussian)", "linear (box)"]
     live, note = view(comparison, stacks, source)
     assert [s["name"] for s in scene_of(live)["stacks"]] == ["neural", "unreal (gaussian)", "linear (box)"]
     assert scene_of(live)["source"]["sizes"] == [[32, 64]] and note == ""
-    monkeypatch.setattr("mipbake.report.page.texels.WINDOW", 16)
-    live, note = view(comparison, stacks, source)
+    live, note = view(comparison, stacks, source, Window(side=16))
     assert scene_of(live)["stacks"][0]["sizes"][0] == scene_of(live)["source"]["sizes"][0] == [16, 16]
     assert "16 \N{MULTIPLICATION SIGN} 16 of the set's 64 \N{MULTIPLICATION SIGN} 32 texels" in note
     assert view(comparison, {}, source) == ("", "")

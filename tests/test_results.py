@@ -168,16 +168,12 @@ def run(
             raise RuntimeError("no luck")
         return {"name": plan.name}  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(results, "narrow", lambda threads: None)
-    monkeypatch.setattr(measure, "KINDS", {"one": kind})
-    monkeypatch.setattr(measure, "measured", fake)
-
     def call(*arguments: str) -> tuple[int, list[str]]:
         measured.clear()
         monkeypatch.setattr(
             sys, "argv", ["results.py", str(tmp_path / "sets"), str(tmp_path / "out"), "--kinds", "one", *arguments]
         )
-        return results.main(), list(measured)
+        return results.run(results.folders_and_threads(), {"one": kind}, fake), list(measured)
 
     return call
 

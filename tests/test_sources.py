@@ -15,9 +15,11 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 from mipbake.errors import InputError, UsageError
-from mipbake.io import archives
+from mipbake.intake import jobs
+from mipbake.io.archives import Limits
 from mipbake.io.options import LoadOptions
 from mipbake.io.split import divided
+from mipbake.jobs import Failure, Job
 
 from .command_line import fails, tree
 from .gltf_files import png
@@ -148,14 +150,20 @@ def test_links_in_archives_are_refused(tmp_path: Path, capsys) -> None:
     assert "which is a link" in fails(capsys, 3, "inspect", written(tmp_path / "a.zip", (link, b"/etc/passwd")))
 
 
-def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr(archives, "SURELY_FINE", 1 << 20)
-    monkeypatch.setattr(archives, "unpack", lambda *_: pytest.fail("it was unpacked"))
-    archive = written(tmp_path / "a.zip", ("a_color.png", bytes(2 << 20)))
-    assert "no texture set grows so much, so it is not unpacked" in fails(capsys, 3, "inspect", archive)
-    monkeypatch.setattr(archives, "MOST_FILES", 2)
-    archive = written(tmp_path / "b.zip", *((f"{i}.png", b"") for i in range(3)))
-    assert "holds 3 files" in fails(capsys, 3, "inspect", archive)
+@pytest.mark.parametrize(
+    ("members", "told"),
+    [
+        ([("a_color.png", bytes(2 << 20))], "no texture set grows so much, so it is not unpacked"),
+        ([(f"{i}.png", b"") for i in range(3)], "holds 3 files"),
+    ],
+)
+def test_bombs_are_refused_before_they_are_unpacked(
+    members: list[tuple[str, bytes]], told: str, tmp_path: Path
+) -> None:
+    archive = written(tmp_path / "a.zip", *members)
+    (failure,) = jobs([str(archive)], LoadOptions(), tmp_path / "scratch", Limits(files=2, surely_fine=1 << 20))
+    assert isinstance(failure, Failure) and told in str(failure.error)
+    assert tree(tmp_path) == ["a.zip"]
 
 
 def test_a_member_that_is_larger_than_it_says_is_refused(tmp_path: Path, capsys) -> None:
@@ -205,17 +213,16 @@ def test_archives_with_broken_bytes_are_read_or_refused(step: int, tmp_path: Pat
         assert "\n" not in str(error.value)
 
 
-def test_archives_share_a_bounded_place(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_archives_share_a_bounded_place(tmp_path: Path) -> None:
     """What was used longest ago goes first, and comes back when its turn comes."""
-    monkeypatch.setattr(archives, "KEPT", 1)
-    unpacked = []
-    real = archives.unpack
-    monkeypatch.setattr(archives, "unpack", lambda path, *more: (unpacked.append(path.name), real(path, *more)))
     for name in ("a", "b"):
         zipped(tmp_path / f"{name}.zip", plain_set(tmp_path / name))
-    results = run(capsys, "inspect", tmp_path / "*.zip")["results"]
-    assert [result["name"] for result in results] == ["a", "b"]
-    assert unpacked == ["a.zip", "b.zip", "a.zip", "b.zip"]
+    found = jobs([str(tmp_path / "*.zip")], LoadOptions(), tmp_path / "scratch", Limits(kept=1))
+    unpacked = [sorted(path.name for path in (tmp_path / "scratch").glob("*/archive/*"))]
+    for job in found:
+        assert isinstance(job, Job)
+        unpacked += [[job.read_tile(0).name], sorted(path.name for path in (tmp_path / "scratch").glob("*/archive/*"))]
+    assert unpacked == [["b"], ["a"], ["a"], ["b"], ["b"]]
 
 
 # ---- several sets in a folder

@@ -115,7 +115,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     assert (optimiser.clip, optimiser.ema_decay, optimiser.fall_until, run.uses) == (0, 0, 0, 1)
     assert (made.pairs, made.crop_size, made.crops, made.lods) == (64, 32, 1, 5)
     assert (made.target_samples, made.near_mirror_fraction) == (1, 0)
-    adam = FlatAdam(LatentConfig().build(), None, optimiser)._adam.defaults
+    (adam,) = FlatAdam(LatentConfig().build(), None, optimiser).state_dict()["param_groups"]
     assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
 

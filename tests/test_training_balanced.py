@@ -24,10 +24,10 @@ from mipbake.training.balanced_loss import (
     BANDS,
     BalancedBatch,
     BalancedLossConfig,
-    _groups,
-    _room_error,
     own_errors,
     rendered,
+    room_error,
+    seen_groups,
 )
 from mipbake.training.balanced_pairs import draw_pairs
 from mipbake.training.config import config_from, plain, read_config
@@ -99,7 +99,7 @@ def test_rooms_are_seen_at_their_slant() -> None:
     """Stripes across the view: a room's pixels blur them as the filter does; along it, only as much as its cosine."""
     settings = BalancedLossConfig(crops=2, crop_size=32, any_filter=0.0, rooms=1, room_lights=1)
     batch = settings.draw(patches_of(2, 2), "gltf", np.random.default_rng(0))
-    single, (light, view, slanted) = _groups(batch.pairs, BANDS[0])
+    single, (light, view, slanted) = seen_groups(batch.pairs, BANDS[0])
     assert single.axes is None and slanted is not None and light.shape == (2, 1, 1, 3)
     along, across = slanted.unbind(-2)
     flat = view[:, :, 0, :2] / view[:, :, 0, :2].norm(dim=-1, keepdim=True)
@@ -113,11 +113,11 @@ def test_brightness_counts_apart() -> None:
     rng = np.random.default_rng(0)
     target = torch.ones(1, 1, 256, 3)
     noise = torch.from_numpy(rng.choice([-0.1, 0.1], (1, 1, 256, 3)).astype(np.float32))
-    before, even = _room_error(noise, noise, target, 1, 1, 0.0), _room_error(noise, noise, target, 1, None, 4e-4)
+    before, even = room_error(noise, noise, target, 1, 1, 0.0), room_error(noise, noise, target, 1, None, 4e-4)
     brighter = noise + 0.1
     assert before == pytest.approx(1, abs=1e-3)  # its own error over itself
     assert even < 0.5  # what averages out is no brightness
-    assert _room_error(brighter, brighter, target, 1, None, 4e-4) > 0.9
+    assert room_error(brighter, brighter, target, 1, None, 4e-4) > 0.9
 
 
 @pytest.mark.parametrize(("pixel_filter", "model"), [("gaussian", "gltf"), ("box", "gltf"), ("gaussian", "ggx")])

@@ -14,11 +14,11 @@ from types import FrameType
 
 import pytest
 
-import mipbake
 from mipbake.cli.main import main
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.json_text import parsed
+from mipbake.jobs import Job
 from mipbake.models.registry import WEIGHTS_FOLDER, list_weights, load_network
 
 from .command_line import fails, tree, write_set
@@ -251,7 +251,7 @@ def test_too_little_address_space_is_no_defect(
     def breaks(*_arguments: object, **_options: object) -> None:
         raise error
 
-    monkeypatch.setattr(mipbake.jobs, "load", breaks)
+    monkeypatch.setattr(Job, "read", breaks)
     assert "not enough memory" in fails(capsys, 1, *COMMANDS["bake"](folder, tmp_path / "out"))
 
 

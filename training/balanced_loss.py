@@ -108,6 +108,8 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         pixel_filter: filter of the noisy reference. any_filter: share of the steps with a filter drawn from all of
             them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
+
+    The defaults are guesses; docs/research.md says what some of them brought.
     """
 
     kind: ClassVar[str] = "balanced"
@@ -201,7 +203,7 @@ def _seen(
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
     target, independent = (
-        torch.cat([_target(sources, *where, band.samples, each, rng) for each in _groups(pairs, band)], 1)
+        torch.cat([_target(sources, *where, band.samples, each, rng) for each in seen_groups(pairs, band)], 1)
         for _ in range(2)
     )
     return Seen(*where, band.lods, target, independent)
@@ -215,7 +217,7 @@ class _Group(NamedTuple):
     axes: Tensor | None = None
 
 
-def _groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
+def seen_groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
     """Groups of single pairs, and rooms.
 
     Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is.
@@ -276,11 +278,11 @@ def _band_loss(
     first, second, target = (_rooms(each, single, config) for each in (difference, other, seen.independent))
     for weight, block, floor in zip(config.room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
         if weight > 0:
-            total = total + weight * _room_error(first, second, target, seen.lods, block, floor)
+            total = total + weight * room_error(first, second, target, seen.lods, block, floor)
     return total
 
 
-def _room_error(
+def room_error(
     difference: Tensor, other: Tensor, independent: Tensor, lods: int, block: int | None, floor: float
 ) -> Tensor:
     """Squared error of rooms, (B, R, S N, 3), after averaging over blocks of pixels, over what it is now."""

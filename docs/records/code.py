@@ -88,6 +88,12 @@ def changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     return sorted(name for name in {*old, *new} if old.get(name) != new.get(name))
 
 
+def forget() -> None:
+    """Files are read anew from now on."""
+    for cached in (imported, _python, _cpp, _exported):
+        cached.cache_clear()
+
+
 def together(found: Mapping[str, str]) -> str:
     """One hash of many."""
     return _short(json.dumps(found, sort_keys=True).encode())

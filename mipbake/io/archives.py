@@ -26,19 +26,7 @@ _T = TypeVar("_T")
 GLTF, MATERIALX = (".gltf", ".glb"), ".mtlx"
 """Suffixes of documents, which are read with what lies beside them."""
 
-MOST_FILES = 10_000
-MOST_BYTES = 64 << 30
-"""Bytes that an archive may have when it is unpacked."""
-
-SURELY_FINE = 1 << 30
-MOST_RATIO = 100
-"""An archive that unpacks to more than `SURELY_FINE` bytes and to more than so many times its own is a bomb: images are
-compressed already, and whole sets of constant maps are smaller."""
-
-KEPT = 4 << 30
-"""Bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is."""
-
-_CHUNK = 1 << 20
+_CHUNK = 1 << 20  # bytes that are unpacked at a time, so that they stay in the cache
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -53,11 +41,36 @@ _DAMAGE = (
 """What reading a damaged archive raises; OSError for places before its beginning."""
 
 
+@dataclass(frozen=True)
+class Limits:
+    """How large archives may be.
+
+    Args:
+        files: in an archive at most.
+        unpacked: bytes that an archive may have when it is unpacked.
+        surely_fine, ratio: an archive that unpacks to more than `surely_fine` bytes and to more than `ratio` times its
+            own is a bomb: images are compressed already, and whole sets of constant maps are smaller.
+        kept: bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is.
+
+    The numbers are guesses.
+    """
+
+    files: int = 10_000
+    unpacked: int = 64 << 30
+    surely_fine: int = 1 << 30
+    ratio: int = 100
+    kept: int = 4 << 30
+
+
+LIMITS = Limits()
+
+
 @dataclass(eq=False)
 class Shelf:
-    """The archives of one run, unpacked below a folder; those that were used last stay, within `KEPT` bytes."""
+    """The archives of one run, unpacked below a folder; those that were used last stay, within the limits."""
 
     folder: Path
+    limits: Limits = LIMITS
     _sizes: OrderedDict[Path, int] = field(default_factory=OrderedDict)
 
     def archive(self, path: Path, place: str) -> Archive:
@@ -66,14 +79,14 @@ class Shelf:
         Raises:
             InputError: it cannot be read, is too large, or holds what would lie outside that folder.
         """
-        members = checked_members(path)
+        members = checked_members(path, self.limits)
         return Archive(path, self.folder / place / safe_name(path.stem, "archive"), tuple(members), self)
 
     def hold(self, archive: Archive) -> None:
         """Unpacks it where it is not there, and removes what was used longest ago."""
         if archive.folder not in self._sizes:
             size = sum(member.file_size for member in archive.members)
-            while self._sizes and sum(self._sizes.values()) + size > KEPT:
+            while self._sizes and sum(self._sizes.values()) + size > self.limits.kept:
                 oldest, _ = self._sizes.popitem(last=False)
                 shutil.rmtree(oldest, ignore_errors=True)
             unpack(archive.path, archive.members, archive.folder)
@@ -103,7 +116,7 @@ class Archive:
         return text.replace(str(self.folder.resolve()), str(self.path)).replace(str(self.folder), str(self.path))
 
 
-def checked_members(path: Path) -> list[zipfile.ZipInfo]:
+def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
     """What of an archive is read; nothing is unpacked.
 
     Raises:
@@ -118,8 +131,8 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
         raise InputError(f"{path} is not a ZIP archive, or is damaged ({error}): download it again") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
-    if len(every) > MOST_FILES:
-        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {MOST_FILES} files at most")
+    if len(every) > limits.files:
+        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {limits.files} files at most")
     for member in every:
         _check_place(path, member)
     found = _read_of(every)
@@ -131,7 +144,7 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
     if any(member.flag_bits & 1 for member in found):
         raise InputError(f"{path} is encrypted: unpack it and give the folder")
     unpacked = sum(member.file_size for member in found)
-    if unpacked > MOST_BYTES or unpacked > max(SURELY_FINE, MOST_RATIO * size):
+    if unpacked > limits.unpacked or unpacked > max(limits.surely_fine, limits.ratio * size):
         raise InputError(
             f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no texture set grows so much, so "
             "it is not unpacked; if it is a texture set, unpack it yourself and give the folder"

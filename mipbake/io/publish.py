@@ -240,7 +240,7 @@ def _swap(partial: Path, target: Path) -> None:
     Raises:
         OSError: the file system refuses it; then everything is as it was.
     """
-    while not _exchanged(partial, target):
+    while not exchanged(partial, target):
         try:
             partial.rename(target)  # there is none, or an empty one
             return
@@ -269,7 +269,7 @@ def _swap(partial: Path, target: Path) -> None:
             return
 
 
-def _exchanged(first: Path, second: Path) -> bool:
+def exchanged(first: Path, second: Path) -> bool:
     """Exchanges the names of two folders in one step; False where that cannot be had."""
     if sys.platform != "linux":
         return False

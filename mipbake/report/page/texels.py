@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,23 @@ from mipbake.report.page.verdict import LINEAR
 from mipbake.report.viewer import Source, texel_bytes, viewer_fragment
 from mipbake.stack import MipStack
 
-WINDOW = 1024
-"""Side, in texels, of what the interactive view is given of a stack at most."""
 
-TEXEL_BYTES = 48 << 20
-"""Bytes of texels that a page may hold before they are compressed; larger sets get a smaller window."""
+@dataclass(frozen=True)
+class Window:
+    """What the interactive view is given of a stack at most.
+
+    Args:
+        side: in texels.
+        bytes: of texels that a page may hold before they are compressed; larger sets get a smaller window.
+
+    The numbers are guesses.
+    """
+
+    side: int = 1024
+    bytes: int = 48 << 20
+
+
+WINDOW = Window()
 
 THUMBNAIL = 128
 THUMBNAIL_LEVELS = 6
@@ -34,7 +46,9 @@ def view_names(comparison: Comparison, stacks: Mapping[str, MipStack]) -> list[s
     return [name for name in dict.fromkeys(names) if name is not None and name in stacks]
 
 
-def view(comparison: Comparison, stacks: Mapping[str, MipStack], source: Source | None) -> tuple[Html, str]:
+def view(
+    comparison: Comparison, stacks: Mapping[str, MipStack], source: Source | None, window: Window = WINDOW
+) -> tuple[Html, str]:
     """The interactive view, and a sentence about what was left out of it; both empty without a stack."""
     chosen = {name: stacks[name] for name in view_names(comparison, stacks)}
     if not chosen:
@@ -43,7 +57,7 @@ def view(comparison: Comparison, stacks: Mapping[str, MipStack], source: Source 
     chosen = {name: stack for name, stack in chosen.items() if stack.size == size}
     if source is not None and source.stored.shape[:2] != size:
         source = None
-    side = window_side(list(chosen.values()), source)
+    side = window_side(list(chosen.values()), source, window)
     if max(size) > side:
         height, width = (min(length, side) for length in size)
         note = (
@@ -51,17 +65,17 @@ def view(comparison: Comparison, stacks: Mapping[str, MipStack], source: Source 
             "left corner at every level, to keep this page small; the window's borders do not meet where it repeats."
         )
         chosen = {name: cropped(stack, side) for name, stack in chosen.items()}
-        source = source and dataclasses.replace(source, stored=np.ascontiguousarray(source.stored[:side, :side]))
+        source = source and replace(source, stored=np.ascontiguousarray(source.stored[:side, :side]))
     else:
         note = ""
     return Html(viewer_fragment(chosen, source, pixel_filter=comparison.pixel_filter)), note
 
 
-def window_side(stacks: Sequence[MipStack], source: Source | None) -> int:
-    """The largest power of two, up to WINDOW, whose window of all stacks and the source fits into TEXEL_BYTES."""
+def window_side(stacks: Sequence[MipStack], source: Source | None, window: Window = WINDOW) -> int:
+    """The largest power of two, up to the window's side, with which all stacks and the source fit into its bytes."""
     texel = sum(texel_bytes(stack.model) * 4 / 3 for stack in stacks) + (texel_bytes(source.model) if source else 0)
-    side = WINDOW
-    while side * side * texel > TEXEL_BYTES:
+    side = window.side
+    while side * side * texel > window.bytes:
         side //= 2
     return side
 
@@ -75,7 +89,7 @@ def cropped(stack: MipStack, side: int) -> MipStack:
     height, width = (min(length, side) for length in stack.size)
     sizes = level_sizes(height, width)
     levels = [np.ascontiguousarray(stack.levels[i][:rows, :columns]) for i, (rows, columns) in enumerate(sizes)]
-    return dataclasses.replace(stack, levels=levels, extra={})
+    return replace(stack, levels=levels, extra={})
 
 
 # ---- thumbnails
