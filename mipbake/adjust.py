@@ -24,7 +24,7 @@ from mipbake.texture_set import TextureSet
 Level = NDArray[np.float32]
 
 _SAME = 1e-5
-"""Difference of unit vectors that is no more than rounding."""
+"""Difference of unit vectors that is no more than rounding; a guess."""
 
 
 @dataclass(frozen=True)

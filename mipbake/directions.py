@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 from mipbake.material import MIN_ROUGHNESS, Array, Lines, model_named
 
 TOGETHER = 1 << 18
-"""Texels of the finest level whose signs are settled together; finer levels follow what they lie over."""
+"""Texels of the finest level whose signs are settled together; finer levels follow what they lie over. A guess."""
 
-_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
-_BETWEEN = 2.0  # what a texel of the next level counts beside a neighbour: a texel has two of these to either side
+_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well; a guess
+# What a texel of the next level counts beside a neighbour: a texel has two of these to either side. A guess.
+_BETWEEN = 2.0
 
 _AXIS = np.array([[max(-p, 0), 1 - abs(p), max(p, 0)] for p in (-0.25, 0.25)], np.float32)
 _LOOKUPS = np.kron(_AXIS, _AXIS)
 """(4, 9) weights of a texel and its eight neighbours in four lookups, evenly spread over the square around it."""
 
-_CUT = -0.2  # cosine of neighbours: lookups between those that are nearly at right angles lose nothing by their signs
-_CLEAR = 0.5  # cosine of neighbours that nobody would give other signs
+# Cosines of neighbours, both guesses. Lookups between neighbours that are nearly at right angles lose nothing by their
+# signs, and neighbours that lie close together nobody would give other signs.
+_CUT, _CLEAR = -0.2, 0.5
 _AT_ONCE = 1 << 15  # texels, whose temporaries stay in the cache
 
 Wrap = tuple[str, str]

@@ -19,7 +19,8 @@ from mipbake.errors import UsageError
 Wrap = tuple[str, str]
 """Wrap mode along u and along v, each "wrap" or "clamp"."""
 
-_TABLE = 8192  # steps across a filter's support; the cumulative error of the trapezoid rule stays below 1e-7
+# Steps across a filter's support; a guess, with which the cumulative error of the trapezoid rule stays below 1e-7.
+_TABLE = 8192
 
 
 @dataclass(frozen=True)
@@ -170,10 +171,12 @@ def resample(
 
 _PRE_REDUCED = 3
 """A level is filtered from box averages 2^3 times finer than itself: it costs the eighth part of a texel in the
-filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels."""
+filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels. A
+guess."""
 
 
-_LEAST_SLANT, _FACE_ON = 0.1, 1e-6  # cosine of a view for the shape of pixels; and sine below which they are square
+# The least cosine of a view for the shape of pixels, and the sine below which pixels are square; guesses.
+_LEAST_SLANT, _FACE_ON = 0.1, 1e-6
 
 
 def slanted_axes(view: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -40,6 +40,8 @@ class MomentConfig(Architecture):
         pointwise: dense 1 x 1 layers of the encoder.
         growth: new maps a layer of the encoder.
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
+
+    The defaults are those of `mipbake-1`, and guesses.
     """
 
     architecture: ClassVar[str] = "moments"

@@ -38,6 +38,8 @@ class DataConfig:
         strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
         plain: share of the patches that are left as they are, except for orientation and the order of colours.
         description, licence: of the data, for the weights' card.
+
+    The defaults are guesses: the paper does not say how it validates.
     """
 
     folder: str = ""
@@ -73,6 +75,8 @@ class OptimiserConfig:
         fall_from, fall_until: steps between which the rate also falls along half a cosine, to a hundredth; 0 for never.
         clip: longest gradient; longer ones are shortened. 0 for any length.
         ema_decay: decay of the moving average of the weights that is validated and exported; 0 for no average.
+
+    The defaults are those of the paper (section 3.4).
     """
 
     learning_rate: float = 5e-5
@@ -118,6 +122,8 @@ class RunConfig:
         tensorboard: also log for TensorBoard.
         uses: steps that a batch serves, where drawing it costs as much as a step: once when it is drawn, then as one of
             the last few.
+
+    The steps are those of the paper (section 3.4). What is written when is a guess.
     """
 
     steps: int = 310_000

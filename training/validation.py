@@ -42,6 +42,8 @@ class Effort:
         patches: held-out patches. patch_size: their side in texels.
         pairs: light-view pairs of each pair set. points: pixels of each level of detail.
         samples: of a pixel of the reference. picture_samples: of a pixel of the pictured reference.
+
+    The numbers are guesses.
     """
 
     patches: int = 8

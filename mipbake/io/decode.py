@@ -23,10 +23,10 @@ _RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "op
 _RANGES["emissive"] = (0.0, np.inf)
 
 _FAR = 1.5
-"""A median this many times the top of a range belongs to values in other units."""
+"""A median this many times the top of a range belongs to values in other units; a guess."""
 
 _MANY = 0.01
-"""Share of texels outside the range of a role from which a note becomes a warning."""
+"""Share of texels outside the range of a role from which a note becomes a warning; a guess."""
 
 
 @dataclass(frozen=True)

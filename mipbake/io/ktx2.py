@@ -21,16 +21,17 @@ _LEVEL = struct.Struct("<3Q")  # offset, length, length when inflated
 _START = len(IDENTIFIER) + _HEADER.size + _INDEX.size
 
 NONE, ZSTANDARD = 0, 2
-"""supercompressionScheme of levels: as they are, or a Zstandard stream each."""
+"""supercompressionScheme of levels in the specification: as they are, or a Zstandard stream each."""
 
 MOST = 65536
-"""Texels along a side; no graphics card has more, and a header that declares more is broken."""
+"""Texels along a side; no graphics card has more, and a header that declares more is broken. The specification has no
+limit."""
 
-_ZSTANDARD_LEVEL = 15  # 18 is a third slower for 1 % less
+_ZSTANDARD_LEVEL = 15  # a guess; 18 is a third slower for 1 % less
 
-_UNSPECIFIED, _BT709 = 0, 1
-_LINEAR, _SRGB = 1, 2
-_DESCRIPTOR_VERSION = 2
+_UNSPECIFIED, _BT709 = 0, 1  # primaries in the data format specification
+_LINEAR, _SRGB = 1, 2  # transfer functions in the same specification
+_DESCRIPTOR_VERSION = 2  # of the same specification
 
 
 def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
@@ -129,7 +130,7 @@ _MODELS = {163: ETC1S, 166: "UASTC"}
 """Colour models of textures that are transcoded when they are loaded, and have no Vulkan format."""
 
 _ALPHA_SLICE = 15
-"""Channel of the second sample of ETC1S where it is alpha."""
+"""Channel of the second sample of ETC1S where it is alpha, in the specification."""
 
 
 def has_alpha_slice(data: bytes) -> bool:

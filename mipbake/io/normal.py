@@ -16,10 +16,11 @@ from mipbake.io.colour import unit_range
 Vectors = NDArray[np.float32]
 
 SHORT_LENGTH = 0.98
-"""Mean length below which the source's normals are said to be shorter than one; 8-bit rounding alone gives 0.998."""
+"""Mean length below which the source's normals are said to be shorter than one; 8-bit rounding alone gives 0.998. A
+guess."""
 
 DECIDED_CONFIDENCE = 0.75
-"""Confidence from which the integrability test is believed."""
+"""Confidence from which the integrability test is believed; a guess."""
 
 
 @dataclass(frozen=True)

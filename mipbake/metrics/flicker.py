@@ -16,7 +16,8 @@ from mipbake.errors import UsageError
 from mipbake.metrics.images import ImageArray, check_same_shape
 from mipbake.metrics.snr import snr_db
 
-_RESOLVED = 0.05  # share of the noise energy in the reference's change; chance reaches it below 10^4 values or so
+# Share of the noise energy in the reference's change; a guess. Chance reaches it below 10^4 values or so.
+_RESOLVED = 0.05
 
 
 def flicker_ratio(candidate: ImageArray, first: ImageArray, second: ImageArray) -> float:

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from mipbake.metrics.images import check_same_shape
 
 MAX_SNR_DB = 100.0
-"""Largest value reported: float32 shading resolves no more, and an error of exactly zero has no logarithm."""
+"""Largest value reported: float32 shading resolves no more, and an error of exactly zero has no logarithm. Not
+tuned."""
 
-_RESOLVED = 0.01  # share of the reference's noise energy; sums over 10^5 values and more average the rest away
+# Share of the reference's noise energy; a guess. Sums over 10^5 values and more average the rest away.
+_RESOLVED = 0.01
 
 
 def snr_db(candidate: NDArray[np.floating], first: NDArray[np.floating], second: NDArray[np.floating]) -> float:
