@@ -199,6 +199,9 @@ def reference(
 ) -> Reference:
     """Supersampled render: the pixel filter's mean of level 0, interpolated bilinearly and shaded at each sample.
 
+    It supersamples meshes on the screen, where a pixel can cover a silhouette and several surfaces; the estimator of
+    `mipbake.reference` draws its samples in texture space, where there are none.
+
     A pass renders the whole image with one sub-pixel offset, importance-sampled from the filter. Either half takes its
     offsets from a low-discrepancy sequence under a random shift of its own. Passes go on until the standard error of
     the mean, estimated from the halves' difference, is at most `passes.target` of the smallest error among the
