@@ -1,1 +1,1 @@
-"""The command line: a thin shell over the library, sharing its defaults."""
+"""The command line: what is asked for, and what is printed, with the defaults of the library."""

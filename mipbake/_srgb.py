@@ -23,6 +23,6 @@ def linear_to_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def linear_to_srgb_slope(linear: NDArray[np.floating]) -> NDArray[np.floating]:
-    """The derivative of `linear_to_srgb`, (...) to (...), dtype kept; at the joint that of the straight line."""
+    """The derivative of `linear_to_srgb`, (...) to (...), dtype kept; at the joint the slope of the straight line."""
     powered = _SCALE / _POWER * np.power(np.maximum(linear, _JOINT), 1 / _POWER - 1)
     return np.asarray(np.where(linear <= _JOINT, _SLOPE, powered), linear.dtype)

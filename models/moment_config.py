@@ -41,7 +41,7 @@ class MomentConfig(Architecture):
         growth: new maps a layer of the encoder.
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
 
-    The defaults are those of `mipbake-1`, and guesses.
+    The network of `mipbake-1` has the defaults, which are guesses.
     """
 
     architecture: ClassVar[str] = "moments"

@@ -76,7 +76,7 @@ class OptimiserConfig:
         clip: longest gradient; longer ones are shortened. 0 for any length.
         ema_decay: decay of the moving average of the weights that is validated and exported; 0 for no average.
 
-    The defaults are those of the paper (section 3.4).
+    The paper has these defaults (section 3.4).
     """
 
     learning_rate: float = 5e-5
@@ -123,7 +123,7 @@ class RunConfig:
         uses: steps that a batch serves, where drawing it costs as much as a step: once when it is drawn, then as one of
             the last few.
 
-    The steps are those of the paper (section 3.4). What is written when is a guess.
+    The paper trains for as many steps (section 3.4). What is written when is a guess.
     """
 
     steps: int = 310_000
