@@ -63,7 +63,7 @@ def displayed(linear: ImageArray) -> NDArray[np.float64]:
 
 
 def display_slope(linear: ImageArray) -> ImageArray:
-    """The derivative of `displayed`, element by element, any shape, dtype kept; at 0 and below the slope just above 0."""
+    """The derivative of `displayed`, element by element, dtype kept; at 0 and below its value just above 0."""
     x = np.maximum(linear, 0)
     slope: ImageArray = linear_to_srgb_slope(x / (1 + x)) / np.square(1 + x)
     return slope
