@@ -122,7 +122,7 @@ def measured(
         if any(network.target == "gltf-anisotropic" for network in networks):
             others = stack.enter_context(bake_all(texture_set, "gltf-anisotropic", DEFAULT_FILTER, ANISOTROPIC))
             candidates += [replace(c, method=replace(c.method, name=f"{c.name}, anisotropic")) for c in others]
-        effort = texture_space.Effort(points=points, samples=samples)
+        effort = texture_space.MeasureEffort(points=points, samples=samples)
         found = texture_space.measure(texture_set, candidates, DEFAULT_FILTER, DEFAULT_LODS, (), effort)
         made = tuple(candidate.method for candidate in candidates)
     return Comparison(

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from results_measure import Asked, Effort, Plan
+    from results_measure import Asked, ResultsEffort, Plan
 
 
 def narrow(threads: int) -> None:
@@ -77,7 +77,7 @@ def main() -> int:
 def run(
     parser: argparse.ArgumentParser,
     kinds: Mapping[str, Callable[[Asked], Sequence[Plan]]],
-    measured: Callable[[Plan, Effort], dict[str, Any]],
+    measured: Callable[[Plan, ResultsEffort], dict[str, Any]],
 ) -> int:
     """Measures what the arguments of the program ask for; 1 where something failed.
 
@@ -85,7 +85,7 @@ def run(
         parser: knows the folders and the threads.
         kinds: name to the plans of a kind of measurement. measured: the figures of a plan.
     """
-    from results_measure import Asked, Effort
+    from results_measure import Asked, ResultsEffort
     from results_sets import folder_sets
 
     parser.add_argument("--kinds", nargs="+", choices=kinds, default=list(kinds), help="of measurements")
@@ -96,10 +96,10 @@ def run(
     parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
     parser.add_argument("--only", nargs="+", help="names of sets")
     parser.add_argument("--plans", nargs="+", help="names of files, which may be of generated sets; default all")
-    for field in dataclasses.fields(Effort):
+    for field in dataclasses.fields(ResultsEffort):
         parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
     options = parser.parse_args()
-    effort = Effort(**{field.name: getattr(options, field.name) for field in dataclasses.fields(Effort)})
+    effort = ResultsEffort(**{field.name: getattr(options, field.name) for field in dataclasses.fields(ResultsEffort)})
     sets = folder_sets(options.sets)
     if options.only:
         sets = {name: load for name, load in sets.items() if name in options.only}

@@ -32,7 +32,7 @@ FORMS = tuple(label(*each) for each in closed_forms(DEFAULT_FILTER))
 
 
 @dataclass(frozen=True)
-class Effort:
+class ResultsEffort:
     """How thoroughly.
 
     Args:
@@ -81,17 +81,17 @@ class Asked:
     sets: Sets
     methods: Sequence[str]
     folders: Sequence[Path]
-    effort: Effort
+    effort: ResultsEffort
 
 
-def measured(plan: Plan, effort: Effort) -> dict[str, Any]:
+def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     """Bakes and measures."""
     source = plan.source()
     with bakes(source, plan.methods) as baked:
         candidates = [each.candidate for each in baked]
         found = texture_space.measure(
             source, candidates, DEFAULT_FILTER, DEFAULT_LODS, plan.in_texture_space,
-            texture_space.Effort(points=effort.points, samples=effort.samples),
+            texture_space.MeasureEffort(points=effort.points, samples=effort.samples),
         )  # fmt: skip
         figures, scenes = _spheres(source, baked, plan.scales, effort)
     return {
@@ -107,7 +107,7 @@ def measured(plan: Plan, effort: Effort) -> dict[str, Any]:
 
 
 def _spheres(
-    source: TextureSet, baked: Sequence[Baked], scales: Sequence[str], effort: Effort
+    source: TextureSet, baked: Sequence[Baked], scales: Sequence[str], effort: ResultsEffort
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Every measure of renders but flicker, which texture space measures without a camera's noise."""
     if not scales:

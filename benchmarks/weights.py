@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from results_sets import folder_sets, middle
 
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import DECIBEL, Scores
 from mipbake.judging.weights import TERMS, WEIGHTS, Weight, Weights
 from mipbake.prefilter.search.methods import Auto
@@ -27,7 +27,7 @@ from mipbake.reference.problem import Problem
 SETS, SIDE = 6, 256
 """Sets that are measured, spread over the folder, and texels a side of the part in their middle."""
 
-EFFORT = Effort(groups=48, samples=16, lit_points=2048, lit_samples=32)
+EFFORT = ProbeEffort(groups=48, samples=16, lit_points=2048, lit_samples=32)
 SEED = 987  # of renders that measure
 MODEL, FILTER = "gltf", "gaussian"
 

@@ -7,7 +7,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from mipbake.compare.candidates import BAKED, bake_all, label, mismatch, opened
-from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, Effort, check_settings, measure
+from mipbake.compare.texture_space import (
+    DEFAULT_POINTS,
+    DEFAULT_SAMPLES,
+    DEFAULT_SEED,
+    MeasureEffort,
+    check_settings,
+    measure,
+)
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -129,7 +136,7 @@ def validate(
     wrong = mismatch(stack, texture_set)
     with bake_all(texture_set, stack.model, kernel, tuple(names)) as baked:
         candidates = [opened(stack), *baked]
-        effort = Effort(seed, points, samples)
+        effort = MeasureEffort(seed, points, samples)
         measured = measure(
             texture_set, candidates, kernel, lods, (), effort, lambda _stage, share: progress("validate", share)
         )

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.prefilter import METHODS, Prefilter
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
-FEW = Effort(groups=2, points=4, samples=2, lit_points=8, lit_samples=2)
-NONE = Budget(rounds=0, pairs=4, samples=2, looks=FEW)
-ONE = Budget(rounds=1, pairs=8, looks=FEW)
+FEW = ProbeEffort(groups=2, points=4, samples=2, lit_points=8, lit_samples=2)
+NONE = DescentEffort(rounds=0, pairs=4, samples=2, looks=FEW)
+ONE = DescentEffort(rounds=1, pairs=8, looks=FEW)
 
 
-def quick_methods(descent: Budget = ONE, effort: Effort = FEW) -> Mapping[str, Prefilter]:
+def quick_methods(descent: DescentEffort = ONE, effort: ProbeEffort = FEW) -> Mapping[str, Prefilter]:
     """What every method promises does not hang on how long its descents take."""
     searching = (
         Auto(effort=effort, descent=descent),

@@ -7,7 +7,7 @@ from typing import Any
 
 from mipbake.training import loop
 from mipbake.training.config import TrainingConfig, config_from
-from mipbake.training.validation import Effort
+from mipbake.training.validation import ValidationEffort
 
 
 def tiny(**sections: dict[str, Any]) -> TrainingConfig:
@@ -41,7 +41,7 @@ def tiny_balanced(**sections: dict[str, Any]) -> TrainingConfig:
     return config_from(content)
 
 
-SMALL = Effort(patches=2, patch_size=16, pairs=4, points=16, samples=8, picture_samples=4)
+SMALL = ValidationEffort(patches=2, patch_size=16, pairs=4, points=16, samples=8, picture_samples=4)
 """Validation of seconds less."""
 
 train = partial(loop.train, say=lambda _: None, effort=SMALL)

@@ -20,7 +20,7 @@ from mipbake.errors import UsageError
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.lit_renders import displayed_float32
 from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score, Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models import list_weights
@@ -28,11 +28,11 @@ from mipbake.prefilter import METHODS, method_named
 from mipbake.prefilter.base import PrefilterResult
 from mipbake.prefilter.promise import promise_from
 from mipbake.prefilter.search.blending import best, blend, gathered
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import closed_forms
-from mipbake.prefilter.search.level_fit import Term, columns, fit_level
+from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
 from mipbake.prefilter.search.methods import Auto, Refine
-from mipbake.prefilter.search.regions import parts
+from mipbake.prefilter.search.regions import timed_regions
 from mipbake.prefilter.search.settling import settle
 from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem
@@ -46,9 +46,9 @@ from mipbake.shading.ops import shade as shade_op
 from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
-SMALL = Effort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
-TINY = Effort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
-SHORT = Budget(rounds=5, pairs=16, samples=4, looks=Effort(groups=2, points=32, samples=4, lit_points=64))
+SMALL = ProbeEffort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
+TINY = ProbeEffort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
+SHORT = DescentEffort(rounds=5, pairs=16, samples=4, looks=ProbeEffort(groups=2, points=32, samples=4, lit_points=64))
 
 
 QUICK = quick_methods(SHORT, SMALL)
@@ -177,7 +177,7 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
 
 
 def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
-    """The reference in a probe is replaced by renders of a known blend of two candidates."""
+    """The reference in a probe is replaced by renders of a known blend of two ingredients."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     scores = Scores(task, SMALL, 5, [1.0])
     base, other = (scores.looked_up(run(name, two).levels[1], 0) for name in ("linear", "lean"))
@@ -195,7 +195,7 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed_float32(seen))
     asked = Asked.of(scores.of(base, 0))
     scores.probes = [shown]
-    found = fit_level([Term(0, 1.0, None, base, made)], scores, Judge([asked]))
+    found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked]))
     assert found[2] == pytest.approx(true[2], abs=2e-4)  # off by 2e-5 in the mean, standard deviation 3e-5
     assert found[3] == pytest.approx(true[3], abs=0.021)  # 0.0040, standard deviation 0.0043
 
@@ -260,15 +260,15 @@ def test_scattering_is_the_adjoint_of_looking_up(boundary: tuple[str, str]) -> N
     assert (seen * values).sum(dtype=float) == pytest.approx((back * level).sum(dtype=float), rel=1e-4)
 
 
-def test_candidates_that_would_take_too_long_are_left_out(two: np.ndarray) -> None:
+def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> None:
     """All but the base where time is over; of the others those that are expected in time."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    candidates = list(closed_forms(task))
-    made = blend(gathered(task, candidates, TINY, deadline=0.0))
+    ingredients = list(closed_forms(task))
+    made = blend(gathered(task, ingredients, TINY, deadline=0.0))
     assert set(itertools.chain(*made.sources)) == {"linear (gaussian)"}
 
     slow = {"lean", "unreal"}
-    late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in candidates]
+    late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in ingredients]
     # A part is a quarter of the set, which would then take over 4 seconds.
     made = blend(gathered(task, late, TINY, deadline=time.monotonic() + 4))
     names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
@@ -326,7 +326,9 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
     start = blend(gathered(task, list(closed_forms(task)), SMALL, deadline=0.0))
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
-    assert sorted(level for part in parts(task, 512, fine=True) for level in part.region.levels) == list(range(8))
+    assert sorted(level for timed in timed_regions(task, 512, fine=True) for level in timed.region.levels) == list(
+        range(8)
+    )
 
 
 def test_results_hang_on_the_seed_alone() -> None:

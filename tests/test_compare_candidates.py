@@ -11,7 +11,7 @@ import mipbake
 from mipbake import OutputError, TextureSet, UsageError
 from mipbake.compare.candidates import BAKED, bake_all, chosen, closed_forms, default_names, label, mismatch, opened
 from mipbake.compare.comparing import limits
-from mipbake.compare.texture_space import Effort, measure
+from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.prefilter import METHODS
 
 
@@ -74,7 +74,9 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
             expected = mipbake.bake(texture_set, "linear", "gltf", "gaussian").levels
             assert all(np.array_equal(a, b) for a, b in zip(candidates[1].levels, expected, strict=True))
             assert all(each.method.seconds and each.method.seconds > 0 for each in candidates)
-            figures.append(measure(texture_set, candidates, "gaussian", (0, 2), (), Effort(points=64, samples=4)).curve)
+            figures.append(
+                measure(texture_set, candidates, "gaussian", (0, 2), (), MeasureEffort(points=64, samples=4)).curve
+            )
     assert figures[0] == figures[1]
     assert not any(tmp_path.iterdir())
     assert max(reported) == 1.0

@@ -11,7 +11,7 @@ import pytest
 from mipbake import TextureSet, UsageError, shading
 from mipbake.compare.candidates import Candidate, bake_all
 from mipbake.compare.result import Figure, Method
-from mipbake.compare.texture_space import Effort, TextureSpace, curve_lods, measure, scale_lods
+from mipbake.compare.texture_space import MeasureEffort, TextureSpace, curve_lods, measure, scale_lods
 from mipbake.metrics import (
     MEASURES,
     PAIR_SETS,
@@ -49,7 +49,7 @@ def measured(
 ) -> TextureSpace:
     with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
         numbers = "seed", "points", "samples", "changes"
-        effort = Effort(**{name: settings.pop(name) for name in numbers if name in settings})
+        effort = MeasureEffort(**{name: settings.pop(name) for name in numbers if name in settings})
         return measure(texture_set, candidates, pixel_filter, effort=effort, **settings)
 
 
@@ -65,7 +65,7 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     texture_set = bumpy(32)
     source = FilteredSource(texture_set.material("gltf"), "gltf", texture_set.wrap, "tent")
     with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
-        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), Effort(3, 160, 8))
+        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), MeasureEffort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
             lit = {}
             for name in PAIR_SETS:
@@ -132,7 +132,7 @@ def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
             Candidate(Method("picked", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in picked]),
         ]
         # With fewer samples the noise of the reference drowns what half a pixel changes there.
-        found = measure(texture_set, more, "gaussian", (0,), ("middle",), Effort(points=2048, samples=128))
+        found = measure(texture_set, more, "gaussian", (0,), ("middle",), MeasureEffort(points=2048, samples=128))
     for view in PAIR_SETS:
         flicker = [figure(found, each.name, "flicker", view, "middle").value for each in more]
         assert flicker[1] < 1e-3 < flicker[0] < flicker[2]
@@ -153,7 +153,7 @@ def test_nothing_flickers_on_a_constant_material() -> None:
 def test_the_tonemapped_error_is_that_of_the_metrics() -> None:
     source, other = flat(4, 4, 0.5), flat(4, 4, 0.2)
     wrong = Candidate(Method("wrong", "linear", "box", "gltf"), [other.material("gltf")])
-    found = measure(source, [wrong], "gaussian", (0,), ("near",), Effort(points=8, samples=16))
+    found = measure(source, [wrong], "gaussian", (0,), ("near",), MeasureEffort(points=8, samples=16))
     for view in PAIR_SETS:
         pairs = pair_set(view, 0)
         p, r = (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mipbake.judging.judge import GROUPS, Asked, Judge
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Errors, Score, Scores
 from mipbake.judging.weights import LIT, TERMS, WEIGHTS, Weight, Weights
 from mipbake.metrics.pairs import PAIR_SETS
@@ -91,7 +91,7 @@ def test_slopes_are_derivatives_of_the_value() -> None:
 def test_slopes_by_energies_are_derivatives_of_the_score() -> None:
     stored = np.random.default_rng(0).uniform(0.2, 0.8, (16, 16, 8)).astype(np.float32)
     stored[..., 5:] = [0, 0, 1]
-    effort = Effort(groups=4, points=16, samples=16, lit_points=16, lit_samples=4)
+    effort = ProbeEffort(groups=4, points=16, samples=16, lit_points=16, lit_samples=4)
     scores = Scores(Problem(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap")), effort, 0, [1.0])
     flat = np.broadcast_to(stored.mean((0, 1)), (8, 8, 8)).astype(np.float32)
     errors = scores.errors(scores.looked_up(flat, 0), 0)
@@ -115,7 +115,7 @@ def test_no_error_of_a_group_makes_a_stack_better_by_growing() -> None:
     stored = np.zeros((32, 32, 8), np.float32)
     stored[..., :3], stored[..., 3], stored[..., 4], stored[..., 7] = 0.7, 1, 0.06, 1
     stored[8:16, 8:16, 5:] = [0.3, 0.1, np.sqrt(0.9)]
-    effort = Effort(groups=16, points=16, samples=4, lit_points=16, lit_samples=4)
+    effort = ProbeEffort(groups=16, points=16, samples=4, lit_points=16, lit_samples=4)
     scores = Scores(Problem(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap")), effort, 0, [1.0])
     wide = stored[::2, ::2].copy()
     wide[..., 4] = 0.3

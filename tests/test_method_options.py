@@ -11,7 +11,9 @@ from mipbake.models import list_weights
 from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.search.methods import REFINE_SECONDS, Searching
+from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.prefilter.search.methods import REFINE_SECONDS, Auto, Optimum, Refine, Searching
+from mipbake.prefilter.search.stages import Descend
 from mipbake.prefilter.search.time_budget import seconds_of
 
 
@@ -68,6 +70,18 @@ def test_budgets_are_seconds(name: str) -> None:
     refine, others = METHODS["refine"], [METHODS[each] for each in ("auto", "optimum")]
     assert isinstance(refine, Searching) and refine.seconds == REFINE_SECONDS
     assert all(isinstance(each, Searching) and each.seconds is None for each in others)
+
+
+@pytest.mark.parametrize("budget", [None, "30s", "best"])
+@pytest.mark.parametrize("kind", [Auto, Refine, Optimum])
+def test_a_descent_makes_the_effort_that_was_given_with_a_budget_too(kind: type[Searching], budget: str | None) -> None:
+    given = DescentEffort(rounds=3)
+    found = [step.stage for step in kind(budget=budget, descent=given).steps]
+    assert [stage.effort for stage in found if isinstance(stage, Descend)] == [given]
+
+
+def test_auto_with_a_budget_refines() -> None:
+    assert list(Auto(budget="30s").steps) == list(Refine(budget="30s").steps)
 
 
 @pytest.mark.parametrize("source", MODELS)

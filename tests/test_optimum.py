@@ -18,16 +18,16 @@ import torch
 
 from mipbake import material
 from mipbake.errors import UsageError
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter.search import texel_coordinates, texel_descent
 from mipbake.prefilter.search.blending import best
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import closed_forms
 from mipbake.prefilter.search.methods import Optimum
-from mipbake.prefilter.search.regions import parts
+from mipbake.prefilter.search.regions import timed_regions
 from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
 from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem, Region, whole
@@ -37,9 +37,9 @@ from mipbake.render import candidate
 from .stacks import constant
 
 WRAP = ("wrap", "wrap")
-SMALL = Budget(rounds=16, looks=Effort(groups=4, points=48, lit_points=64))
-TINY = replace(SMALL, rounds=2, pairs=8, looks=Effort(groups=2, points=16, lit_points=16, lit_samples=4))
-EFFORT = Effort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
+SMALL = DescentEffort(rounds=16, looks=ProbeEffort(groups=4, points=48, lit_points=64))
+TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, lit_points=16, lit_samples=4))
+EFFORT = ProbeEffort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
 
 
 def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
@@ -64,9 +64,9 @@ def searched(task: Problem, *stages: Stage, seed: int = 0) -> Search:
     return search
 
 
-def stages(budget: Budget, *others: Stage, **settings: int) -> list[Stage]:
+def stages(effort: DescentEffort, *others: Stage, **settings: int) -> list[Stage]:
     """The stages of the method, other ones in place of the last where they are given."""
-    return [Gather(EFFORT), Make(best), Descend(budget, True, 0.0, **settings), *(others or (Keep(),))]
+    return [Gather(EFFORT), Make(best), Descend(effort, True, 0.0, **settings), *(others or (Keep(),))]
 
 
 def changing(change: Callable[[Search], list[np.ndarray]]) -> Stage:
@@ -122,7 +122,7 @@ def test_a_descent_that_went_wrong_is_not_kept(solved: Search) -> None:
     result = Keep()(changing(spoilt)(solved, lambda _: None), lambda _: None)
     for one, other in zip(solved.blend.levels, result.levels, strict=True):
         assert np.array_equal(one, other)
-    assert not any(result.shares)
+    assert not any(result.kept)
 
 
 def test_steps_that_are_far_too_long_do_no_harm(solved: Search) -> None:
@@ -177,27 +177,27 @@ def test_coordinates_go_back_to_what_they_came_from(model: str) -> None:
 def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> None:
     levels = [bumpy(*s) for s in level_sizes(*size)]
     task = problem(levels[0], wrap=wrap)
-    blocks = [part.region for part in parts(task, 8, fine=True, coarse=8)]
+    regions = [timed.region for timed in timed_regions(task, 8, fine=True, coarse=8)]
     counts = [np.zeros(level.shape[:2], int) for level in levels]
     rng = np.random.default_rng(0)
-    for block in blocks:
-        for index in block.levels:
-            part = texel_coordinates.Crop(levels[index], block, "gltf", wrap, True)
+    for region in regions:
+        for index in region.levels:
+            part = texel_coordinates.Crop(levels[index], region, "gltf", wrap, True)
             counts[index][part.window] += 1
             uv = part.pixels(1, rng)
             whole = texel_coordinates.Crop(levels[index], Region(0, 1, 0, 1, range(1)), "gltf", wrap, False)
-            inside = (uv >= block.origin).all(1) & (uv <= block.origin + block.extent).all(1)
+            inside = (uv >= region.origin).all(1) & (uv <= region.origin + region.extent).all(1)
             assert inside.any()
             assert part.look_up(uv[inside]) == pytest.approx(whole.look_up(uv[inside]), abs=1e-4)
     assert all((count == 1).all() for count in counts)
 
 
-def test_a_block_changes_its_own_texels_alone() -> None:
+def test_a_region_changes_its_own_texels_alone() -> None:
     task = problem(bumpy(32, 32))
     start = searched(task, *stages(TINY)[:2]).levels
     levels = [level.copy() for level in start]
-    block = Region(0, 0.5, 0, 0.5, range(1))
-    texel_descent.descend(texel_descent.Descent(task, [True] * 6, SMALL), levels, block, np.random.default_rng(0))
+    region = Region(0, 0.5, 0, 0.5, range(1))
+    texel_descent.descend(texel_descent.Descent(task, [True] * 6, SMALL), levels, region, np.random.default_rng(0))
     changed = [(a != b).any(-1) for a, b in zip(start, levels, strict=True)]
     assert changed[0][:16, :16].mean() > 0.9
     assert not changed[0][16:].any() and not changed[0][:, 16:].any()
@@ -212,9 +212,9 @@ def test_large_sets_are_worked_on_in_windows() -> None:
 
 
 def test_time_ends_it() -> None:
-    task, budget = problem(bumpy(8, 8)), replace(SMALL, rounds=1000)
+    task, effort = problem(bumpy(8, 8)), replace(SMALL, rounds=1000)
     levels = searched(task, *stages(TINY)[:2]).levels
-    descent = texel_descent.Descent(task, [True] * 4, budget)
+    descent = texel_descent.Descent(task, [True] * 4, effort)
     deadline = time.monotonic() + 0.01
     assert texel_descent.descend(descent, levels, whole(task), np.random.default_rng(0), deadline) <= 2
 
@@ -223,7 +223,7 @@ def test_bad_arguments_say_what_was_expected() -> None:
     with pytest.raises(UsageError, match="unknown pixel filter 'sinc'"):
         Optimum(effort=EFFORT, descent=TINY)(bumpy(8, 8), "gltf", "gltf", "sinc", WRAP, lambda _: None)
     for name, value in {"rounds": -1, "steps": 0, "pairs": 6, "samples": 0, "window": 4}.items():
-        with pytest.raises(UsageError, match=f"{name} of the budget is"):
+        with pytest.raises(UsageError, match=f"DescentEffort was given {name}="):
             replace(TINY, **{name: value})
 
 

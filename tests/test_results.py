@@ -61,11 +61,11 @@ def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType
     """Bakes in processes of their own give the same stacks, and the same figures."""
     measure, methods = module("results_measure"), module("results_methods")
     texture_set, names = bumpy(), ("linear (box)", "lean (gaussian)")
-    effort = measure.Effort(points=64, samples=4, side=24, passes=32)
+    effort = measure.ResultsEffort(points=64, samples=4, side=24, passes=32)
     wanted = methods.specs(names, "gltf", DEFAULT_FILTER)
     found = measure.measured(measure.Plan("bumpy", lambda: texture_set, wanted, ("near",), ("near",)), effort)
     with bake_all(texture_set, "gltf", DEFAULT_FILTER, names) as candidates:
-        drawn = texture_space.Effort(points=64, samples=4)
+        drawn = texture_space.MeasureEffort(points=64, samples=4)
         expected = texture_space.measure(texture_set, candidates, DEFAULT_FILTER, DEFAULT_LODS, ("near",), drawn)
     assert [(f["method"], f["lod"], f["value"]) for f in found["curve"]] == [
         (f.method, f.lod, f.value) for f in expected.curve
@@ -202,7 +202,7 @@ def test_a_set_that_fails_leaves_the_others(
 
 def test_every_kind_plans_its_sets(module: Callable[[str], ModuleType]) -> None:
     measure = module("results_measure")
-    effort = measure.Effort(generated=1, generated_size=32, pairs=2, pairs_size=16, crop=128)
+    effort = measure.ResultsEffort(generated=1, generated_size=32, pairs=2, pairs_size=16, crop=128)
     asked = measure.Asked({"bumpy": lambda: bumpy(160)}, ("auto",), (), effort)
     plans = {kind: make(asked) for kind, make in measure.KINDS.items()}
     assert [plan.name for plan in plans["whole"]] == ["bumpy"]

@@ -33,7 +33,7 @@ def test_noisy_references_take_more_samples() -> None:
     stored[..., :3] = 0.5
     stored[::5, ::7, 4] = 0.3
     task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
-    effort = Effort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
+    effort = ProbeEffort(groups=16, points=16, samples=2, lit_points=8, lit_samples=2)
 
     def noise(doublings: int) -> float:
         (probe,) = Scores(task, replace(effort, doublings=doublings), 0, [3.0]).probes

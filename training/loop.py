@@ -22,7 +22,7 @@ from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
-from mipbake.training.validation import Effort, Validator
+from mipbake.training.validation import ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
@@ -156,7 +156,7 @@ def train(
     resume: bool,
     say: Callable[[str], None] = print,
     start: Path | None = None,
-    effort: Effort | None = None,
+    effort: ValidationEffort | None = None,
 ) -> TrainingState:
     """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
 

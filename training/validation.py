@@ -35,7 +35,7 @@ _SETS = tuple(PAIR_SETS)
 
 
 @dataclass(frozen=True)
-class Effort:
+class ValidationEffort:
     """How much a validation measures.
 
     Args:
@@ -100,9 +100,9 @@ class Validator:
     """Held-out patches with their references; models that the network reads take turns."""
 
     def __init__(
-        self, materials: Materials, config: Architecture, pixel_filter: str, effort: Effort | None = None
+        self, materials: Materials, config: Architecture, pixel_filter: str, effort: ValidationEffort | None = None
     ) -> None:
-        rng, self.effort = np.random.default_rng(_SEED), effort or Effort()
+        rng, self.effort = np.random.default_rng(_SEED), effort or ValidationEffort()
         self.models, self.pixel_filter = config.decoders, pixel_filter
         sets = [pair_set(name, _SEED, self.effort.pairs) for name in _SETS]
         self.pairs = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view")))

@@ -20,7 +20,7 @@ from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, RenderSettings,
 from mipbake.compare.ranking import best_closed_form
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method, Plot, Rendered, Scene, file_stem
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
-from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, Effort, TextureSpace
+from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, MeasureEffort, TextureSpace
 from mipbake.content import Provenance
 from mipbake.errors import UsageError
 from mipbake.material import losses, model_named
@@ -232,7 +232,7 @@ def _compared(
     clock: Stages,
 ) -> Comparison:
     subject = candidates[0].method
-    effort = Effort(settings.seed, settings.points, settings.samples)
+    effort = MeasureEffort(settings.seed, settings.points, settings.samples)
     measured = texture_space.measure(texture_set, candidates, pixel_filter, effort=effort, progress=clock)
     clock("texture space", 1.0)
     comparison = Comparison(

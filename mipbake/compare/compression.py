@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.costs import LIMIT, Cost, Coverage
-from mipbake.compare.texture_space import Effort, measure
+from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.compare.written import measure_written
 from mipbake.errors import InputError
 from mipbake.io.containers import FORMATS, Container
@@ -259,7 +259,7 @@ def losses(
     """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     kernel = baked.method.kernel
-    effort = Effort(_SEED, _POINTS, _SAMPLES)
+    effort = MeasureEffort(_SEED, _POINTS, _SAMPLES)
     measured = measure(texture_set, [baked, *others], kernel, LODS, (), effort, lambda _stage, share: progress(share))
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:

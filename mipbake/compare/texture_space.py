@@ -140,7 +140,7 @@ def change_draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Effort:
+class MeasureEffort:
     """The random numbers of a measurement, and how many.
 
     Args:
@@ -164,7 +164,7 @@ def measure(
     pixel_filter: str,
     lods: Sequence[float] | None = None,
     scales: Sequence[str] = tuple(SCALES),
-    effort: Effort = Effort(),
+    effort: MeasureEffort = MeasureEffort(),
     progress: StageProgress = lambda _stage, _share: None,
 ) -> TextureSpace:
     """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.

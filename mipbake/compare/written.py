@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate, opened
-from mipbake.compare.texture_space import Effort, TextureSpace, measure
+from mipbake.compare.texture_space import MeasureEffort, TextureSpace, measure
 from mipbake.metrics import PAIR_SETS
 from mipbake.metrics.snr import snr_from_sums
 from mipbake.stack import MipStack
@@ -117,7 +117,7 @@ def measure_written(
 
     def measured(at: Sequence[float], points: int, samples: int, seed: int) -> TextureSpace:
         told = (lambda _stage, share: progress(share)) if at is lods else (lambda _stage, _share: None)
-        return measure(texture_set, [found], kernel, at, (), Effort(seed, points, samples), told)
+        return measure(texture_set, [found], kernel, at, (), MeasureEffort(seed, points, samples), told)
 
     first = measured(lods, points, _SAMPLES, _SEED)
     dips = []

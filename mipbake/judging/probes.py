@@ -41,7 +41,7 @@ _FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times 
 
 
 @dataclass(frozen=True)
-class Effort:
+class ProbeEffort:
     """How much is rendered at each level of detail.
 
     Args:
@@ -119,7 +119,7 @@ class Probe:
 
 
 def probe(
-    problem: Problem, region: Region, lod: float, effort: Effort, lighting: Lighting, rng: np.random.Generator
+    problem: Problem, region: Region, lod: float, effort: ProbeEffort, lighting: Lighting, rng: np.random.Generator
 ) -> Probe:
     """Renders of a level of detail, in a region."""
     groups = effort.groups

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mipbake.judging.lit_renders import LitError, displayed_float32, lit_error, lit_radiance
 from mipbake.judging.pairs import KINDS
-from mipbake.judging.probes import Effort, Probe, mean_squares, probe
+from mipbake.judging.probes import Probe, ProbeEffort, mean_squares, probe
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.estimate import look_up
 from mipbake.reference.problem import Image, Problem, Region, whole
@@ -117,7 +117,7 @@ class Scores:
     def __init__(
         self,
         problem: Problem,
-        effort: Effort,
+        effort: ProbeEffort,
         seed: int | Sequence[int],
         lods: Sequence[float] | None = None,
         region: Region | None = None,

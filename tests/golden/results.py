@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.prefilter import METHODS, Prefilter
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.methods import Optimum, Refine
 from mipbake.training import loop
 from mipbake.training.batches import batches
@@ -50,7 +50,7 @@ def sources() -> dict[str, Source]:
 
 def methods() -> dict[str, Prefilter]:
     """Every method; those that stop by the clock, whose results differ from run to run, stop by rounds here."""
-    few = Optimum(descent=Budget(rounds=4, looks=Effort(groups=4)))
+    few = Optimum(descent=DescentEffort(rounds=4, looks=ProbeEffort(groups=4)))
     return {**METHODS, "refine": Refine(budget="best"), "optimum": few}
 
 

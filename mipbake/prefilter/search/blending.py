@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.judging.judge import Judge
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
 from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
-from mipbake.prefilter.search.ingredients import Bench, Candidate, Rival
+from mipbake.prefilter.search.ingredients import Bench, Ingredient, Rival
 from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
 
@@ -80,8 +80,8 @@ class Blend:
 
 def gathered(
     problem: Problem,
-    candidates: Sequence[Candidate],
-    effort: Effort,
+    ingredients: Sequence[Ingredient],
+    effort: ProbeEffort,
     seed: int = 0,
     progress: Progress = lambda _: None,
     deadline: float = math.inf,
@@ -90,13 +90,13 @@ def gathered(
     """Bakes ingredients and looks them up in three sets of renders.
 
     Args:
-        candidates: the ingredients, in the order of preference where they measure the same, BASE with the pixel filter
+        ingredients: the ingredients, in the order of preference where they measure the same, BASE with the pixel filter
             among them. A network need not be.
         effort: of the renders that judge; those that are fitted to have half the points.
         deadline: time.monotonic() by which all ingredients are baked; ingredients that would not be are left out.
         judged_by: what errors count.
     """
-    # A handful of weights a level needs fewer points than to settle what is kept of them.
+    # A handful of shares a level needs fewer points than to settle what is kept of them.
     fewer = replace(
         effort,
         groups=max(1, 2 * effort.groups // 3),
@@ -109,24 +109,24 @@ def gathered(
             pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate((fewer, effort, third))
         ]
         train, check, witness = (each.result() for each in drawn)
-    bench = Bench(problem, candidates, (train, check), witness, progress, deadline)
+    bench = Bench(problem, ingredients, (train, check), witness, progress, deadline)
     lods = range(len(check.lods))
     fitting, judge = (Judge([bench.asked(which, index) for index in lods], judged_by) for which in (0, 1))
     return Gathered(bench, train, check, witness, fitting, judge)
 
 
-def blend(found: Gathered, weights: Sequence[NDArray[np.float32]] | None = None) -> Blend:
-    """Keeps of a blend what the judge confirms. `weights`: a level each; None for the weights that `fitted` gives."""
-    weights = fitted(found) if weights is None else weights
+def blend(found: Gathered, shares: Sequence[NDArray[np.float32]] | None = None) -> Blend:
+    """Keeps of a blend what the judge confirms. `shares`: a level each; None for the shares that `fitted` gives."""
+    shares = fitted(found) if shares is None else shares
     safe = [found.safe(level) for level in range(found.problem.last + 1)]
 
-    def texels(index: int, level: int, share: float) -> Image:
+    def texels(index: int, level: int, kept: float) -> Image:
         own = found.bench.seen(safe[level], 1, index, level)
-        made = found.bench.fitted(1, index, level, weights[level]) if share else own
-        return between(own, made, share, found.problem.target)
+        made = found.bench.fitted(1, index, level, shares[level]) if kept else own
+        return between(own, made, kept, found.problem.target)
 
-    shares = settle(found.judge, found.check, texels, len(safe))
-    return _made(found, [found.bench.mixture(*each) for each in zip(weights, safe, shares, strict=True)])
+    kept = settle(found.judge, found.check, texels, len(safe))
+    return _made(found, [found.bench.mixture(*each) for each in zip(shares, safe, kept, strict=True)])
 
 
 def best(found: Gathered) -> Blend:
@@ -137,20 +137,20 @@ def best(found: Gathered) -> Blend:
 
 
 def fitted(found: Gathered) -> list[NDArray[np.float32]]:
-    """Weights of every level's blend, fitted from the coarsest level to the finest."""
-    from mipbake.prefilter.search.level_fit import Term, columns, fit_level
+    """Shares of every level's blend, fitted from the coarsest level to the finest."""
+    from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
 
     bench, train = found.bench, found.train
     target, last = found.problem.target, found.problem.last
     out: list[NDArray[np.float32]] = []
     for level in range(last, -1, -1):
-        terms = []
+        seen = []
         for index, share in ((2 * level, 1.0), (2 * level + 1, 0.5)):
             if index < len(train.probes):
                 base, others = bench.parts(0, index, level)
                 other = bench.fitted(0, index, level + 1, out[-1]) if share < 1 else None
-                terms.append(Term(index, share, other, base, columns(base, others, target)))
-        out.append(fit_level(terms, train, found.fitting))
+                seen.append(SeenAt(index, share, other, base, columns(base, others, target)))
+        out.append(fit_level(seen, train, found.fitting))
     return out[::-1]
 
 

@@ -1,6 +1,6 @@
 """The method of Gauss and Newton on blocks of unknowns, damped as by Levenberg and Marquardt.
 
-Both searches stand on it. The weights of a blend are one block of some twenty unknowns, whose renders stay the same:
+Both searches stand on it. The shares of a blend are one block of some twenty unknowns, whose renders stay the same:
 a step is taken where the value falls, and damped until it does (level_fit.py). Texels are many blocks of a handful of
 unknowns, whose renders are drawn anew in every round, so that no value can be compared: all take a few steps, held
 where they are by the curvature of past rounds (texel_descent.py).

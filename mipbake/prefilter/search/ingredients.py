@@ -45,7 +45,7 @@ _SIDE_BY_SIDE = 1 << 25
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Ingredient:
     """A stack that may be baked.
 
     Args:
@@ -72,21 +72,21 @@ class Rival:
     log_errors: Array
 
 
-def closed_forms(problem: Problem) -> Iterator[Candidate]:
+def closed_forms(problem: Problem) -> Iterator[Ingredient]:
     """Every closed form, with the pixel filter and with the box as its averaging kernel."""
     for kernel in dict.fromkeys((problem.pixel_filter, KERNEL_OF_ORIGIN)):
         for rule in RULES.values():
-            yield candidate(problem, rule, kernel)
+            yield ingredient(problem, rule, kernel)
 
 
-def candidate(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Candidate:
+def ingredient(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Ingredient:
     """A method as an ingredient."""
 
     def bake(stored: Image) -> list[Image]:
         return method(stored, problem.source, problem.target, kernel, problem.wrap, progress).levels
 
     name = f"{method.name} ({kernel})" if method.averages else method.name
-    return Candidate(name, method.averages, lambda: bake(problem.stored), bake)
+    return Ingredient(name, method.averages, lambda: bake(problem.stored), bake)
 
 
 class Bench:
@@ -99,21 +99,21 @@ class Bench:
     def __init__(
         self,
         problem: Problem,
-        candidates: Sequence[Candidate],
+        ingredients: Sequence[Ingredient],
         scores: Sequence[Scores],
         witness: Scores,
         progress: Progress,
         deadline: float,
     ) -> None:
         self.problem, self._scores, self._witness = problem, scores, witness
-        self._candidates = {each.name: each for each in candidates}
+        self._ingredients = {each.name: each for each in ingredients}
         form = f"{{}} ({problem.pixel_filter})"
         self.base = form.format(BASE)
         others = [form.format(name) for name in BLENDED[1:]]
-        others += [f"{BASE} ({KERNEL_OF_ORIGIN})", *(each.name for each in candidates if not each.closed_form)]
-        others = [name for name in dict.fromkeys(others) if name in self._candidates and name != self.base]
+        others += [f"{BASE} ({KERNEL_OF_ORIGIN})", *(each.name for each in ingredients if not each.closed_form)]
+        others = [name for name in dict.fromkeys(others) if name in self._ingredients and name != self.base]
         # Networks take longest, and are worth most.
-        first = [*(each.name for each in candidates if not each.closed_form), self.base, *others]
+        first = [*(each.name for each in ingredients if not each.closed_form), self.base, *others]
         texels = sum(height * width for height, width in problem.sizes) * MODELS[problem.target].channels
         self._keep = list(dict.fromkeys(first))[: max(2, _MEMORY // (4 * texels))]
         self._kept: dict[str, list[Image]] = {}
@@ -133,22 +133,22 @@ class Bench:
 
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
         look(self.base)
-        names = [name for name in dict.fromkeys([*first, *self._candidates]) if name != self.base]
+        names = [name for name in dict.fromkeys([*first, *self._ingredients]) if name != self.base]
         done = {self.base: True}
         workers = 2 if texels <= _SIDE_BY_SIDE else 1
         with ThreadPoolExecutor(workers) as pool:
             for name, looked in zip(names, pool.map(look, names), strict=True):
                 done[name] = looked
                 progress(len(done) / (len(names) + 2))
-        self.left_out = tuple(name for name, each in self._candidates.items() if each.closed_form and not done[name])
-        self._candidates = {name: each for name, each in self._candidates.items() if done[name]}
+        self.left_out = tuple(name for name, each in self._ingredients.items() if each.closed_form and not done[name])
+        self._ingredients = {name: each for name, each in self._ingredients.items() if done[name]}
         self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
         if timed:
-            self._candidates = {
-                name: each for name, each in self._candidates.items() if each.closed_form or name in self._kept
+            self._ingredients = {
+                name: each for name, each in self._ingredients.items() if each.closed_form or name in self._kept
             }
         self.judged = [self._judged(index) for index in range(len(scores[1].probes))]
-        self._baked = set(self._kept) if timed else set(self._candidates)
+        self._baked = set(self._kept) if timed else set(self._ingredients)
 
     def _expected(self, name: str) -> float:
         """Seconds that an ingredient will take, from a part of the set; the first call of all loads what the method
@@ -156,14 +156,14 @@ class Bench:
         height, width = self.problem.stored.shape[:2]
         rows, columns = (min(_PILOT, max(1, side // 2)) for side in (height, width))
         began = time.monotonic()
-        self._candidates[name].part(np.ascontiguousarray(self.problem.stored[:rows, :columns]))
+        self._ingredients[name].part(np.ascontiguousarray(self.problem.stored[:rows, :columns]))
         return _MARGIN * (time.monotonic() - began) * float(height * width) / float(rows * columns)
 
     def levels(self, name: str) -> list[Image]:
         """Every level of an ingredient, baked again unless it was kept."""
         if name in self._kept:
             return self._kept[name]
-        levels = self._candidates[name].bake()
+        levels = self._ingredients[name].bake()
         lines = MODELS[self.problem.target].lines
         if lines is not None and name != self.base:
             # Directions d and -d are one; blends must not cancel.
@@ -198,10 +198,10 @@ class Bench:
         """(N, C): a level of an ingredient at the points of a probe."""
         return self._looked_up[name, which, index, level]
 
-    def fitted(self, which: int, index: int, level: int, weights: NDArray[np.float32]) -> Image:
+    def fitted(self, which: int, index: int, level: int, shares: NDArray[np.float32]) -> Image:
         """(N, C): a fitted blend there."""
         base, others = self.parts(which, index, level)
-        return material.regularise(blended(base, others, weights, self.problem.target), self.problem.target)
+        return material.regularise(blended(base, others, shares, self.problem.target), self.problem.target)
 
     def parts(self, which: int, index: int, level: int) -> tuple[Image, list[Image]]:
         """What blends are made of, at the points of a probe."""
@@ -230,11 +230,11 @@ class Bench:
         """Scores of closed forms: all as fitted to, and those that are not far behind as the judge sees them."""
         if which:
             return self.judged[index]
-        return {name: self._found[name, 0][index] for name, each in self._candidates.items() if each.closed_form}
+        return {name: self._found[name, 0][index] for name, each in self._ingredients.items() if each.closed_form}
 
     @property
     def _plain(self) -> list[str]:
-        return [name for name, each in self._candidates.items() if each.closed_form and name.split(" ")[0] in PLAIN]
+        return [name for name, each in self._ingredients.items() if each.closed_form and name.split(" ")[0] in PLAIN]
 
     def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
         """What closed forms have at a level of detail as the witness sees it."""
@@ -246,24 +246,24 @@ class Bench:
     def safest(self, level: int, judge: Judge) -> str:
         """The ingredient that is worth most at a level by itself, as fitted to."""
         index = 2 * level
-        names = [name for name in self._candidates if name in self._baked]
+        names = [name for name in self._ingredients if name in self._baked]
         return min(names, key=lambda name: judge.value(self._found[name, 0][index], index))
 
-    def mixture(self, weights: NDArray[np.float32], safe: str, share: float) -> dict[str, Array]:
-        """Names and (C,) weights of what a level is summed from."""
-        target = MODELS[self.problem.target]
+    def mixture(self, shares: NDArray[np.float32], safe: str, kept: float) -> dict[str, Array]:
+        """Names and (C,) shares of what a level is summed from: a blend, as much as is kept of it, and what is safe."""
+        layout = MODELS[self.problem.target]
         out: dict[str, Array] = {}
-        if share < 1:
-            out[safe] = np.full(target.channels, 1 - share)
-        if share > 0:
-            count, own = len(self.others), np.full(target.channels, share)
+        if kept < 1:
+            out[safe] = np.full(layout.channels, 1 - kept)
+        if kept > 0:
+            count, own = len(self.others), np.full(layout.channels, kept)
             for k, name in enumerate(self.others):
-                part = np.zeros(target.channels)
-                for index, channels in enumerate(target.maps.values()):
-                    part[channels] = share * weights[index * count + k]
-                if part.any():
-                    out[name] = out.get(name, 0) + part
-                    own -= part
+                share = np.zeros(layout.channels)
+                for index, channels in enumerate(layout.maps.values()):
+                    share[channels] = kept * shares[index * count + k]
+                if share.any():
+                    out[name] = out.get(name, 0) + share
+                    own -= share
             out[self.base] = out.get(self.base, 0) + own
         return out
 
@@ -281,12 +281,12 @@ class Bench:
         return directions.aligned(out, target, self.problem.wrap)
 
 
-def blended(base: Image, others: Sequence[Image], weights: NDArray[np.float32], model: str) -> Image:
-    """(..., C) the blend that weights of level_fit.columns stand for, before it is made valid."""
+def blended(base: Image, others: Sequence[Image], shares: NDArray[np.float32], model: str) -> Image:
+    """(..., C) the blend that shares of level_fit.columns stand for, before it is made valid."""
     out: Image = base.copy()
     for index, channels in enumerate(MODELS[model].maps.values()):
         for k, other in enumerate(others):
-            weight = weights[index * len(others) + k]
-            if weight:
-                out[..., channels] += weight * (other[..., channels] - base[..., channels])
+            share = shares[index * len(others) + k]
+            if share:
+                out[..., channels] += share * (other[..., channels] - base[..., channels])
     return out

@@ -1,9 +1,9 @@
-"""A level as a blend of ingredients, its few weights fitted to renders.
+"""A level as a blend of ingredients, its few shares fitted to renders.
 
 Methods differ in how rough they make a level, how much they straighten its normals and what they take its colours to
 be, and each of these may be right where the others are wrong. So every map of a level is a blend of its own:
-base + sum_k theta_k (ingredient_k - base), with one theta for each map and ingredient, negative or above 1 where that
-fits. A level has some twenty numbers to fit to a million renders: unlike free texels, they do not follow noise.
+base + sum_k theta_k (ingredient_k - base). theta is a share, one for each map and ingredient, negative or above 1 where
+that fits. A level has some twenty shares to fit to a million renders: unlike free texels, they do not follow noise.
 
 What is minimised is what a judge says of the level, and of the half level that it shares with the coarser one.
 """
@@ -34,17 +34,17 @@ from mipbake.shading.adjoint import shade_adjoint
 _ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on; guesses
 _STRIDE = 8  # one in so many pairs takes part in curvature; a guess
 _DAMPING = 1e-3  # in units of a block's own curvature; a guess
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds weights, which run off where ingredients all but agree; guesses
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree; guesses
 
 
 @dataclass(frozen=True)
-class Term:
-    """A level of detail that sees the level.
+class SeenAt:
+    """A level of detail at which the level is seen.
 
     Args:
         index: of the probe.
         share: of the level in the lookup. other: (N, C) what the rest of the lookup is; None where share is 1.
-        base: (N, C) looked-up texels where all weights are 0. columns: (J, N, C) what weights add.
+        base: (N, C) looked-up texels where all shares are 0. columns: (J, N, C) what shares add.
     """
 
     index: int
@@ -64,16 +64,16 @@ def columns(base: Image, others: Sequence[Image], model: str) -> Image:
     return out
 
 
-def fit_level(terms: Sequence[Term], scores: Scores, judge: Judge) -> NDArray[np.float32]:
-    """(J,) weights of the columns of a level."""
-    seen = [_Term(term, scores, judge) for term in terms]
-    none = np.zeros(len(terms[0].columns))
+def fit_level(seen: Sequence[SeenAt], scores: Scores, judge: Judge) -> NDArray[np.float32]:
+    """(J,) shares of the columns of a level."""
+    errors = [_Error(each, scores, judge) for each in seen]
+    none = np.zeros(len(seen[0].columns))
     if not none.size:
         return none.astype(np.float32)
     count = len(MODELS[scores.problem.target].maps)
 
     def value(theta: Array) -> float:
-        return sum(term.value(theta) for term in seen)
+        return sum(error.value(theta) for error in errors)
 
     starts = [none, *np.tile(np.eye(len(none) // count), count)]  # the best of the ingredients
     best, start = min(((value(each), each) for each in starts), key=lambda found: found[0])
@@ -82,7 +82,7 @@ def fit_level(terms: Sequence[Term], scores: Scores, judge: Judge) -> NDArray[np
     begin, unit = torch.from_numpy(start)[None], torch.ones(1, none.size, dtype=torch.float64)
     here, damping = begin, _DAMPING
     for turn in range(_ITERATIONS):
-        equations = [term.equations(here[0].numpy(), np.random.default_rng(turn), turn) for term in seen]
+        equations = [error.equations(here[0].numpy(), np.random.default_rng(turn), turn) for error in errors]
         slope, curvature = (torch.from_numpy(np.sum(parts, 0))[None] for parts in zip(*equations, strict=True))
         system = System(begin, curvature, held, unit, (low, high), damping)
         step = accepted(system, here, slope, lambda tried: value(tried[0].numpy()), best, damping)
@@ -95,23 +95,23 @@ def fit_level(terms: Sequence[Term], scores: Scores, judge: Judge) -> NDArray[np
     return np.asarray(here[0].numpy(), np.float32)
 
 
-class _Term:
-    """A Term, with what is worked out once."""
+class _Error:
+    """What the judge says of a level of detail, by the shares; what is worked out once."""
 
-    def __init__(self, term: Term, scores: Scores, judge: Judge) -> None:
-        self._term, self._scores, self._judge = term, scores, judge
-        self._model, self._probe = scores.problem.target, scores.probes[term.index]
+    def __init__(self, seen: SeenAt, scores: Scores, judge: Judge) -> None:
+        self._seen, self._scores, self._judge = seen, scores, judge
+        self._model, self._probe = scores.problem.target, scores.probes[seen.index]
         self._groups, self._points = self._probe.uv.shape[:2]
         self._single = self._groups * self._points
-        self._columns = np.ascontiguousarray(np.moveaxis(term.columns, 0, -1))  # (N, C, J)
+        self._columns = np.ascontiguousarray(np.moveaxis(seen.columns, 0, -1))  # (N, C, J)
         self._lit = LitPixels.of(scores.lighting, self._probe.frame, self._probe.lit_view)
 
     def value(self, theta: Array) -> float:
         """What is minimised, in nepers."""
-        return self._judge.value(self._scores.of(self._texels(theta), self._term.index), self._term.index)
+        return self._judge.value(self._scores.of(self._texels(theta), self._seen.index), self._seen.index)
 
     def equations(self, theta: Array, rng: np.random.Generator, turn: int) -> tuple[Array, Array]:
-        """(J,) slope of the value by the weights, and (J, J) its Gauss-Newton curvature."""
+        """(J,) slope of the value by the shares, and (J, J) its Gauss-Newton curvature."""
         texels, probe = self._texels(theta), self._probe
         single, lit = texels[: self._single].reshape(self._groups, self._points, -1), texels[self._single :]
         radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._scores.lighting)
@@ -119,7 +119,7 @@ class _Term:
         error = lit_error(lit_off, probe.displayed, probe.lit_cosine, probe.lit_noise)
         squares, by_set = self._off(single)
         errors = Errors(probe, squares - probe.noise, error)
-        slopes = self._judge.slopes(errors.score, self._term.index)
+        slopes = self._judge.slopes(errors.score, self._seen.index)
         sets = len(PAIR_SETS)
         by_log = slopes.terms[:sets, None] / probe.groups + slopes.groups
         by_render = errors.slopes(by_log, slopes.terms[sets:-1]) / (3 * self._points)  # (S, G)
@@ -129,7 +129,7 @@ class _Term:
         by_texel = (2 * by_set * by_render.astype(np.float32)[..., None, None]).sum(0)
         gradient[: self._single] = by_texel.reshape(self._single, -1)
         gradient[self._single :] = self._adjoint(lit, np.float32(lit_counts) * error.slopes(lit_off) * by_radiance)
-        share = self._term.share
+        share = self._seen.share
         slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
 
         rows = self._rows(single, 2 * np.concatenate(list(by_render[..., None] * probe.weights), 1), rng, turn)
@@ -140,13 +140,13 @@ class _Term:
         return slope.astype(np.float64), (share * share * curvature).astype(np.float64)
 
     def _texels(self, theta: Array) -> Image:
-        base = self._term.base
+        base = self._seen.base
         added = self._columns.reshape(base.size, -1) @ theta.astype(np.float32)
         own = material.regularise(base + added.reshape(base.shape), self._model)
-        if self._term.other is None:
+        if self._seen.other is None:
             return own
-        share = np.float32(self._term.share)
-        return np.asarray(share * own + (1 - share) * self._term.other, np.float32)
+        share = np.float32(self._seen.share)
+        return np.asarray(share * own + (1 - share) * self._seen.other, np.float32)
 
     def _off(self, single: Image) -> tuple[Array, Image]:
         """(G, K) mean squares of what (G, P, C) texels are off by, and (S, G, P, C) derivatives of half their sums over
@@ -169,11 +169,11 @@ class _Term:
         return self._lit.adjoint(lit, self._model, gradient)
 
     def _lit_rows(self, lit: Image, gradient: Image) -> Image:
-        """(Q, J) derivatives by the weights, from (Q, 3) ones by the radiance under all lights."""
+        """(Q, J) derivatives by the shares, from (Q, 3) ones by the radiance under all lights."""
         return np.asarray(np.matmul(self._adjoint(lit, gradient)[:, None], self._columns[self._single :])[:, 0])
 
     def _rows(self, single: Image, weight: Array, rng: np.random.Generator, turn: int) -> Image:
-        """(M, J): derivatives by the weights of every _STRIDE-th render, random combinations of its colours.
+        """(M, J): derivatives by the shares of every _STRIDE-th render, random combinations of its colours.
 
         Their squares sum to the curvature of all renders, each of which counts `weight` (G, K).
         """

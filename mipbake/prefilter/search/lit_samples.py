@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.judging.lit_renders import EXPOSURE, displayed_float32, lit_reference, placed, room
-from mipbake.prefilter.search.pixel_samples import chunks, levels_seen, samples_at, share_of
+from mipbake.prefilter.search.pixel_samples import chunked, levels_seen, samples_at, share_of
 from mipbake.reference.problem import Image, Problem
 from mipbake.render.environment import Lighting, studio
 from mipbake.shading import shade
@@ -60,12 +60,12 @@ class LitPixels:
 
 
 @dataclass(frozen=True)
-class LitBatch:
+class LitChunk:
     """P pixels that look up the same two levels.
 
     Args:
-        level, lower, share, uv: as pixel_samples.Batch has them.
-        pixels: what they see. target: (P, 3) tonemapped, sRGB-encoded reference.
+        level, lower, share, uv: as pixel_samples.Chunk has them.
+        pixels: what they see. estimate: (P, 3) of the reference, tonemapped and sRGB-encoded.
     """
 
     level: int
@@ -73,7 +73,7 @@ class LitBatch:
     share: Tensor | None
     uv: NDArray[np.float64]
     pixels: LitPixels
-    target: Image
+    estimate: Image
 
     @property
     def seen(self) -> list[tuple[int, Tensor | None]]:
@@ -88,12 +88,12 @@ def _lighting() -> Lighting:
 
 def lit_pixels(
     problem: Problem, level: int, uv: NDArray[np.float64], samples: int, rng: np.random.Generator
-) -> Iterator[LitBatch]:
-    """Batches of pixels (P, 2) of a level; a pixel of level 0 has `samples` of the reference, others as samples_at
+) -> Iterator[LitChunk]:
+    """Chunks of pixels (P, 2) of a level; a pixel of level 0 has `samples` of the reference, others as samples_at
     says."""
     lighting, samples = _lighting(), samples_at(level, samples)
-    for place, lods, lower in chunks(problem, level, len(uv), max(_LIGHTS, samples), rng):
+    for place, lods, lower in chunked(problem, level, len(uv), max(_LIGHTS, samples), rng):
         centres = uv[place]
         frame, view = placed(rng, len(place))
-        target = displayed_float32(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
-        yield LitBatch(level, lower, share_of(lods, lower), centres, LitPixels.of(lighting, frame, view), target)
+        estimate = displayed_float32(lit_reference(problem, room(lighting, frame, view), centres, lods, samples, rng))
+        yield LitChunk(level, lower, share_of(lods, lower), centres, LitPixels.of(lighting, frame, view), estimate)

@@ -1,4 +1,4 @@
-"""Lookups of the pixels of many batches at once: what they see of a stack's levels, and the way back to its texels.
+"""Lookups of the pixels of many chunks at once: what they see of a stack's levels, and the way back to its texels.
 
 A round of texel_descent.py looks the same pixels up several times. Where they lie in each level is worked out once,
 and a level is read, and written to, in one call.
@@ -12,33 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
-from mipbake.prefilter.search.lit_samples import LitBatch
-from mipbake.prefilter.search.pixel_samples import Batch
+from mipbake.prefilter.search.lit_samples import LitChunk
+from mipbake.prefilter.search.pixel_samples import Chunk
 from mipbake.prefilter.search.texel_coordinates import Crop
 from mipbake.reference.problem import Image
 from mipbake.sampling.adjoint import scatter_linear
 
 
 class Lookups:
-    """Where the pixels of batches lie in the crops of levels.
+    """Where the pixels of chunks lie in the crops of levels.
 
     Args:
         crops: of every level that they look up.
     """
 
-    def __init__(self, crops: Mapping[int, Crop], batches: Sequence[Batch | LitBatch]) -> None:
-        self._crops, self._sizes = crops, [len(batch.uv) for batch in batches]
+    def __init__(self, crops: Mapping[int, Crop], chunks: Sequence[Chunk | LitChunk]) -> None:
+        self._crops, self._sizes = crops, [len(chunk.uv) for chunk in chunks]
         self._parts: dict[int, list[tuple[int, NDArray[np.float32] | None]]] = {}
         uv: dict[int, list[Image]] = {}
-        for index, batch in enumerate(batches):
-            for level, share in batch.seen:
+        for index, chunk in enumerate(chunks):
+            for level, share in chunk.seen:
                 each = None if share is None else np.asarray(share.numpy()[:, None])
                 self._parts.setdefault(level, []).append((index, each))
-                uv.setdefault(level, []).append(crops[level].local(batch.uv))
+                uv.setdefault(level, []).append(crops[level].local(chunk.uv))
         self._uv = {level: np.concatenate(each) for level, each in uv.items()}
 
     def texels(self) -> list[Image]:
-        """(P, C) of each batch: what its pixels see of the levels as they are now."""
+        """(P, C) of each chunk: what its pixels see of the levels as they are now."""
         out: list[Image | None] = [None] * len(self._sizes)
         for level, parts in self._parts.items():
             crop, begin = self._crops[level], 0
@@ -58,7 +58,7 @@ class Lookups:
         return [each for each in out if each is not None]
 
     def scattered(self, level: int, rows: Sequence[Image]) -> Image | None:
-        """(h', w', D): what (P, D) rows of each batch's pixels pass back to the texels of a crop, in proportion.
+        """(h', w', D): what (P, D) rows of each chunk's pixels pass back to the texels of a crop, in proportion.
 
         None where no pixel sees the level.
         """

@@ -19,14 +19,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mipbake.errors import UsageError
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.search.blending import best, blend
-from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.ingredients import Candidate, candidate, closed_forms
+from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.prefilter.search.ingredients import Ingredient, closed_forms, ingredient
 from mipbake.prefilter.search.promising import promised
 from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
 from mipbake.prefilter.search.time_budget import seconds_of
@@ -35,13 +35,13 @@ from mipbake.reference.problem import Image, Problem
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given. A guess."""
 
-EFFORT = Effort()
-REFINING = Budget(rounds=60, looks=Effort(groups=8, points=96, lit_points=512))
-COARSE = Budget(rounds=6, pairs=16, samples=4, looks=Effort(groups=4, points=48, samples=4, lit_points=256))
+EFFORT = ProbeEffort()
+REFINING = DescentEffort(rounds=60, looks=ProbeEffort(groups=8, points=96, lit_points=512))
+COARSE = DescentEffort(rounds=6, pairs=16, samples=4, looks=ProbeEffort(groups=4, points=48, samples=4, lit_points=256))
 """Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more. The numbers of
 REFINING and COARSE are guesses."""
 
-OPTIMISING = Budget()
+OPTIMISING = DescentEffort()
 
 # Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
 _TRUST = 12.0
@@ -73,22 +73,21 @@ class Searching:
     learned = True
     """Whether a network is among the ingredients."""
     usual_seconds: float | None = None
-    usual_descent: Budget
 
     def __init__(
         self,
         weights: str | None = None,
         budget: str | None = None,
         seed: int = 0,
-        effort: Effort = EFFORT,
-        descent: Budget | None = None,
+        effort: ProbeEffort = EFFORT,
+        descent: DescentEffort | None = None,
         judged_by: Weights = WEIGHTS,
     ) -> None:
         self._neural, self._named = Neural(weights), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
         self._seed, self._effort, self._judged_by = seed, effort, judged_by
-        self._descent = self.usual_descent if descent is None else descent
+        self._descent = descent
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -104,8 +103,8 @@ class Searching:
 
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap)
-        candidates = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
-        search = Search(Work(problem, candidates, self._seed, clock, progress, self._judged_by))
+        ingredients = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
+        search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
         done = 0.0
         # Tensors here are small and many, and two Python threads work on them.
         with one_torch_thread():
@@ -118,7 +117,7 @@ class Searching:
         info = self._neural.weights(target, pixel_filter, source) if taken else None
         return PrefilterResult(search.levels, info.name if info else None, info.sha256 if info else None, promise)
 
-    def _learned(self, problem: Problem) -> list[Candidate]:
+    def _learned(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""
         try:
             self._neural.weights(problem.target, problem.pixel_filter, problem.source)
@@ -126,7 +125,17 @@ class Searching:
             if self._named:
                 raise
             return []
-        return [candidate(problem, self._neural, problem.pixel_filter)]
+        return [ingredient(problem, self._neural, problem.pixel_filter)]
+
+
+def _refining(effort: ProbeEffort, descent: DescentEffort | None) -> Sequence[Step]:
+    """The stages where all levels are refined; `descent` as a method was given it."""
+    return (
+        Step(Gather(effort), 0.1),
+        Step(Make(blend), 0.0),
+        Step(Descend(descent or REFINING, True, _TRUST), 0.9),
+        Step(Keep(), 0.0),
+    )
 
 
 class Refine(Searching):
@@ -135,17 +144,11 @@ class Refine(Searching):
     name = "refine"
     summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
     usual_seconds = REFINE_SECONDS
-    usual_descent = REFINING
 
     @property
     def steps(self) -> Sequence[Step]:
         """The stages."""
-        return (
-            Step(Gather(self._effort), 0.1),
-            Step(Make(blend), 0.0),
-            Step(Descend(self._descent, True, _TRUST), 0.9),
-            Step(Keep(), 0.0),
-        )
+        return _refining(self._effort, self._descent)
 
 
 class Auto(Searching):
@@ -156,17 +159,16 @@ class Auto(Searching):
         "the best blend of neural and four closed forms, held against all of them by measurement, coarse levels "
         "optimised (several times as long as neural)"
     )
-    usual_descent = COARSE
 
     @property
     def steps(self) -> Sequence[Step]:
         """The stages."""
         if self.budgeted:
-            return Refine(seed=self._seed, effort=self._effort).steps
+            return _refining(self._effort, self._descent)
         return (
             Step(Gather(self._effort), 0.5),
             Step(Make(blend), 0.0),
-            Step(Descend(self._descent, False, _TRUST), 0.5),
+            Step(Descend(self._descent or COARSE, False, _TRUST), 0.5),
             Step(Keep(), 0.0),
         )
 
@@ -177,7 +179,6 @@ class Optimum(Searching):
     name = "optimum"
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
     learned = False
-    usual_descent = OPTIMISING
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -185,6 +186,6 @@ class Optimum(Searching):
         return (
             Step(Gather(self._effort), 0.1),
             Step(Make(best), 0.0),
-            Step(Descend(self._descent, True, 0.0), 0.9),
+            Step(Descend(self._descent or OPTIMISING, True, 0.0), 0.9),
             Step(Keep(), 0.0),
         )

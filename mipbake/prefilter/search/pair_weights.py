@@ -29,7 +29,7 @@ from mipbake.judging.probes import Probe
 from mipbake.judging.scores import Errors, Scores
 from mipbake.judging.weights import BRIGHT, TERMS
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
-from mipbake.prefilter.search.pixel_samples import PLAIN, Batch
+from mipbake.prefilter.search.pixel_samples import PLAIN, Chunk
 from mipbake.shading import shade
 
 _SETS = 200  # random sets that phi is a mean over; a guess
@@ -73,20 +73,20 @@ class PairWeights:
         counts, square = (float(each) for each in of_level)
         return counts, square
 
-    def of(self, batch: Batch) -> Tensor:
+    def of(self, chunk: Chunk) -> Tensor:
         """(K, P): what the squared error of each render, summed over colours, counts in the mean over pixels."""
-        common, lods = self._common[batch.level], batch.lods
+        common, lods = self._common[chunk.level], chunk.lods
         slopes = [np.interp(lods, self._lods, each) for each in self._by_set()]
         typical, pooled = torch.from_numpy(np.stack(slopes).astype(np.float32)).reshape(2, len(PAIR_SETS), -1)
-        if batch.common is not None:
-            part = len(batch.common) // len(typical)
+        if chunk.common is not None:
+            part = len(chunk.common) // len(typical)
             own, every = (each.repeat_interleave(part, 0) for each in (typical, pooled))
-            weight: Tensor = common.phi[batch.common] * own + common.pooled[batch.common] * every
+            weight: Tensor = common.phi[chunk.common] * own + common.pooled[chunk.common] * every
             return weight * (SET_SIZE / part / 3)
-        assert batch.importance is not None
-        basis = self.basis(batch.light, batch.view)
+        assert chunk.importance is not None
+        basis = self.basis(chunk.light, chunk.view)
         out = torch.zeros_like(basis[0])
-        for kind, importance in enumerate(batch.importance):
+        for kind, importance in enumerate(chunk.importance):
             phi = 1 / (_predicted(basis, common.fits[:, kind]) + common.others[kind])
             every = common.pooled[kind * (len(common.pooled) // len(PAIR_SETS))]
             out += importance * (SET_SIZE / 3) * (typical[kind] * phi + pooled[kind] * every)

@@ -41,7 +41,7 @@ is not the target on purpose. Every source can be told in it, its lobe is round,
 
 
 @dataclass(frozen=True)
-class Batch:
+class Chunk:
     """P pixels that look up the same two levels, with K light-view pairs each.
 
     Args:
@@ -52,7 +52,7 @@ class Batch:
         light, view: (K, P, 3).
         importance: (S, K, P) of each pair in the mean over pairs drawn like each of S pair sets; None for common pairs.
         common: (K, P) which of the common pairs these are; None for pairs of the pixel's own.
-        pixels: of its level, in all batches of a round; every level counts the same.
+        pixels: of its level, in all chunks of a round; every level counts the same.
     """
 
     level: int
@@ -112,36 +112,36 @@ def own_pairs(
     count: int,
     turn: int,
     rng: np.random.Generator,
-) -> Iterator[Batch]:
-    """Batches of pixels (P, 2) of a level, neighbours side by side, with `count` pairs of their own each.
+) -> Iterator[Chunk]:
+    """Chunks of pixels (P, 2) of a level, neighbours side by side, with `count` pairs of their own each.
 
     Pixels in the same places of `uv` continue their sequences of pairs from turn to turn: together they are spread
     more evenly than chance has it, which for smooth lobes is worth several times as many.
     """
     shifts = np.random.default_rng([_SHIFTS, level]).random((_DIMENSIONS, len(uv)), np.float32)
-    for place, lods, lower in chunks(problem, level, len(uv), count, rng):
+    for place, lods, lower in chunked(problem, level, len(uv), count, rng):
         lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
         light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts[:, place]))
-        yield Batch(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
+        yield Chunk(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
 
 
 def common_pairs(
     problem: Problem, pairs: LightViewPairs, level: int, uv: NDArray[np.float64], count: int, rng: np.random.Generator
-) -> Iterator[Batch]:
-    """Batches of pixels (P, 2) of a level with `count` of the common pairs each, half of them of each pair set.
+) -> Iterator[Chunk]:
+    """Chunks of pixels (P, 2) of a level with `count` of the common pairs each, half of them of each pair set.
 
     All pairs have their turn before any comes again.
     """
     light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
     each, half = len(light) // 2, count // 2
     order = np.stack([rng.permutation(each), each + rng.permutation(each)])
-    for place, lods, lower in chunks(problem, level, len(uv), count, rng):
+    for place, lods, lower in chunked(problem, level, len(uv), count, rng):
         turns = (place * half + np.arange(half)[:, None]) % each
         index = torch.from_numpy(order[:, turns].reshape(count, -1))
-        yield Batch(level, lower, share_of(lods, lower), uv[place], light[index], view[index], None, index)
+        yield Chunk(level, lower, share_of(lods, lower), uv[place], light[index], view[index], None, index)
 
 
-def chunks(
+def chunked(
     problem: Problem, level: int, pixels: int, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], int]]:
     """Indices of pixels, their levels of detail, and the finer of the two levels that they look up."""
@@ -208,8 +208,8 @@ def samples_at(level: int, samples: int) -> int:
     return max(samples, min(samples << (level + 1) // 2, _MOST_SAMPLES))
 
 
-def targets(problem: Problem, batch: Batch, samples: int, rng: np.random.Generator) -> Image:
+def estimates(problem: Problem, chunk: Chunk, samples: int, rng: np.random.Generator) -> Image:
     """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level."""
-    samples = samples_at(batch.level, samples)
-    lighting = PixelPairs(batch.light.numpy(), batch.view.numpy())
-    return np.asarray(estimate(problem.filtered, Pixels(batch.uv, batch.lods), lighting, samples, rng)[0])
+    samples = samples_at(chunk.level, samples)
+    lighting = PixelPairs(chunk.light.numpy(), chunk.view.numpy())
+    return np.asarray(estimate(problem.filtered, Pixels(chunk.uv, chunk.lods), lighting, samples, rng)[0])

@@ -32,8 +32,8 @@ def promised(search: Search) -> Promise:
         best = {name: rival.name for name, rival in zip(sets, rivals, strict=True)}
         if lod == int(lod):
             level = int(lod)
-            sources, share = start.sources[level], search.shares[level]
-            levels.append(LevelPromise(best_closed_form=best, level=level, sources=sources, refined=share, **figures))
+            sources, kept = start.sources[level], search.kept[level]
+            levels.append(LevelPromise(best_closed_form=best, level=level, sources=sources, refined=kept, **figures))
         else:
             between.append(BetweenPromise(best_closed_form=best, lod=lod, **figures))
     effort = start.witness.effort

@@ -19,13 +19,13 @@ _OVERHEAD = 1000.0  # texels that would take as long as what a round does for a 
 
 
 @dataclass(frozen=True)
-class Part:
-    """Part of the work.
+class TimedRegion:
+    """A region that is optimised at once, and its share of the time.
 
     Args:
         region: the texels and levels that are optimised, all else held.
-        share: of the time, in proportion to the other parts: gains fall off with time spent, so it grows with the root
-            of the texels.
+        share: of the time, in proportion to the other regions: gains fall off with time spent, so it grows with the
+            root of the texels.
     """
 
     region: Region
@@ -37,8 +37,8 @@ class Part:
         return sum(each) * float(self.region.extent.prod()) + _OVERHEAD * len(self.region.levels)
 
 
-def parts(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> Iterator[Part]:
-    """All parts, the coarsest levels first.
+def timed_regions(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> Iterator[TimedRegion]:
+    """All regions, the coarsest levels first.
 
     Args:
         window: texels a side; larger levels are worked on in windows that share no texel and leave none out.
@@ -46,7 +46,7 @@ def parts(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> It
     """
     sizes = problem.sizes
     first = sum(max(size) > coarse for size in sizes)
-    yield Part(Region(0, 1, 0, 1, range(first, len(sizes))), float(coarse))
+    yield TimedRegion(Region(0, 1, 0, 1, range(first, len(sizes))), float(coarse))
     for level in range(first - 1, -1, -1) if fine else ():
         height, width = sizes[level]
         rows, columns = -(-height // window), -(-width // window)
@@ -54,4 +54,4 @@ def parts(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> It
         for i in range(rows):
             for j in range(columns):
                 region = Region(top[i], top[i + 1], left[j], left[j + 1], range(level, level + 1))
-                yield Part(region, math.sqrt(height * width) / (rows * columns))
+                yield TimedRegion(region, math.sqrt(height * width) / (rows * columns))

@@ -11,23 +11,25 @@ from mipbake.judging.judge import Judge
 from mipbake.judging.scores import Score, Scores, between_levels
 from mipbake.reference.problem import Image
 
-SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Shares of a level's change that may be kept. A guess."""
+KEPT = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""How much of a level's change may be kept. A guess."""
 
 Texels = Callable[[int, int, float], Image]
-"""The (N, C) lookups at a probe, by its index, of a level of which a share is kept."""
+"""The (N, C) lookups at a probe, by its index, of a level of whose change so much is kept."""
 
 
 def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[float]:
-    """Shares of levels, so that nothing is behind what is asked for beyond chance; 1 where nothing speaks against it.
+    """How much of each level's change is kept, so that nothing is behind what is asked for beyond chance.
+
+    All of it, 1, is kept where nothing speaks against it.
 
     Args:
         judge: of the levels of detail of `check`, which are all in steps of 1/2.
     """
-    shares = [1.0] * levels
+    kept = [1.0] * levels
 
     def score(index: int) -> Score:
-        seen = [texels(index, level, shares[level]) for level in check.probes[index].levels]
+        seen = [texels(index, level, kept[level]) for level in check.probes[index].levels]
         return check.of(between_levels(seen), index)
 
     now = [score(index) for index in range(len(check.probes))]
@@ -39,21 +41,21 @@ def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[flo
             for level in check.probes[index].levels:
                 near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
                 tried = {}
-                for share in SHARES:
-                    shares[level] = share
-                    tried[share] = [score(i) for i in near]
+                for much in KEPT:
+                    kept[level] = much
+                    tried[much] = [score(i) for i in near]
                 totals = {
-                    share: sum(judge.value(each, i) for each, i in zip(found, near, strict=True))
-                    for share, found in tried.items()
+                    much: sum(judge.value(each, i) for each, i in zip(found, near, strict=True))
+                    for much, found in tried.items()
                 }
-                shares[level] = min(totals, key=lambda share: totals[share])
-                for i, found in zip(near, tried[shares[level]], strict=True):
+                kept[level] = min(totals, key=lambda much: totals[much])
+                for i, found in zip(near, tried[kept[level]], strict=True):
                     now[i] = found
-    return shares
+    return kept
 
 
-def between(first: Image, second: Image, share: float, model: str) -> Image:
-    """first + share (second - first), made valid; exact at both ends."""
-    if share in (0.0, 1.0):
-        return second if share else first
-    return material.regularise(first + np.float32(share) * (second - first), model)
+def between(first: Image, second: Image, kept: float, model: str) -> Image:
+    """first + kept (second - first), made valid; exact at both ends."""
+    if kept in (0.0, 1.0):
+        return second if kept else first
+    return material.regularise(first + np.float32(kept) * (second - first), model)

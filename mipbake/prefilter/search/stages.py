@@ -15,21 +15,21 @@ import numpy as np
 
 from mipbake import directions
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score
 from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.blending import Blend, Gathered, gathered
-from mipbake.prefilter.search.budget import Budget
-from mipbake.prefilter.search.ingredients import Candidate
-from mipbake.prefilter.search.regions import COARSE, Part, parts
+from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.prefilter.search.ingredients import Ingredient
+from mipbake.prefilter.search.regions import COARSE, TimedRegion, timed_regions
 from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out; a guess.
 _BAKING = 0.75
 _SETTLING = 0.04  # share of the time left after the blend, for judging what was gained; a guess
-_FEWEST = 3  # rounds that are worth beginning with a part; a guess
+_FEWEST = 3  # rounds that are worth beginning with a region; a guess
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve; a guess
 
 
@@ -55,14 +55,14 @@ class Work:
     """What a search is for.
 
     Args:
-        candidates: the ingredients.
+        ingredients: the ingredients.
         seed: of all that is drawn.
         progress: told the finished share of all stages, and notes.
         judged_by: what errors count.
     """
 
     problem: Problem
-    candidates: Sequence[Candidate]
+    ingredients: Sequence[Ingredient]
     seed: int
     clock: Clock
     progress: Progress
@@ -75,7 +75,7 @@ class Search:
 
     Args:
         gathered: the ingredients. start: a stack made of them. levels: what became of it.
-        before: what the judge's renders say of the start. shares: how much of each level's change was kept.
+        before: what the judge's renders say of the start. kept: how much of each level's change was kept.
     """
 
     work: Work
@@ -83,7 +83,7 @@ class Search:
     start: Blend | None = None
     before: list[Score] = field(default_factory=list)
     levels: list[Image] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
+    kept: list[float] = field(default_factory=list)
 
     @property
     def blend(self) -> Blend:
@@ -108,14 +108,14 @@ Stage = Callable[[Search, Progress], Search]
 class Gather:
     """Bakes the ingredients, and looks them up in renders."""
 
-    effort: Effort
+    effort: ProbeEffort
 
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
         work = search.work
         deadline = work.clock.until(_BAKING)
         found = gathered(
-            work.problem, work.candidates, self.effort, work.seed, progress, deadline, judged_by=work.judged_by
+            work.problem, work.ingredients, self.effort, work.seed, progress, deadline, judged_by=work.judged_by
         )
         return replace(search, gathered=found)
 
@@ -131,23 +131,23 @@ class Make:
         start = self.way(search.ingredients)
         before = start.check.of_stack(start.levels)
         progress(1.0)
-        return replace(search, start=start, before=before, levels=start.levels, shares=[0.0] * len(start.levels))
+        return replace(search, start=start, before=before, levels=start.levels, kept=[0.0] * len(start.levels))
 
 
 @dataclass(frozen=True)
 class Descend:
     """Texels optimised from the coarsest levels on (texel_descent.py), until the time is over.
 
-    Each part has a share of the time. Where a part would get so little that a round or two is all, its levels stay as
-    they are, and the other parts have its time.
+    Each region has a share of the time. Where a region would get so little that a round or two is all, its levels stay
+    as they are, and the other regions have its time.
 
     Args:
-        budget: effort on a part.
+        effort: on a region.
         fine: whether levels of more than `coarse` texels a side take part.
         trust: rounds that the start is worth: it holds texels as so many past rounds would.
     """
 
-    budget: Budget
+    effort: DescentEffort
     fine: bool
     trust: float
     coarse: int = COARSE
@@ -161,57 +161,57 @@ class Descend:
         worst = np.array([score.decibels.min() for score in search.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
         todo = [
-            part
-            for part in parts(problem, self.budget.window, self.fine, self.coarse)
-            if any(moving[i] for i in part.region.levels)
+            timed
+            for timed in timed_regions(problem, self.effort.window, self.fine, self.coarse)
+            if any(moving[i] for i in timed.region.levels)
         ]
-        descent = Descent(problem, moving, self.budget, self.trust, work.judged_by) if todo else None
+        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
             end -= _SETTLING * max(0.0, end - time.monotonic())
-        total, done = sum(part.share for part in todo), 0.0
+        total, done = sum(timed.share for timed in todo), 0.0
         pace = 0.0  # seconds that a round takes for a texel
-        for index, part in enumerate(todo):
-            now, texels = time.monotonic(), part.texels(problem)
+        for index, timed in enumerate(todo):
+            now, texels = time.monotonic(), timed.texels(problem)
             rest = sum(each.share for each in todo[index:])
-            until = now + max(0.0, end - now) * part.share / rest if work.clock.timed else math.inf
+            until = now + max(0.0, end - now) * timed.share / rest if work.clock.timed else math.inf
             if descent is not None and not (work.clock.timed and until - now <= _FEWEST * pace * texels):
                 rounds = descend(
                     descent,
                     levels,
-                    part.region,
+                    timed.region,
                     np.random.default_rng([work.seed, 3, index]),
                     until,
-                    _PartProgress(progress, work.progress, part, done / total, total, last),
+                    _RegionProgress(progress, work.progress, timed, done / total, total, last),
                 )
                 pace = (time.monotonic() - now) / max(1, rounds) / texels
-            done += part.share
+            done += timed.share
         return replace(search, levels=levels)
 
 
 @dataclass(frozen=True)
-class _PartProgress:
-    """Progress and notes of a part of the descent, as the search's."""
+class _RegionProgress:
+    """Progress and notes of the descent in a region, as the search's."""
 
     stage: Progress
     search: Progress
-    part: Part
+    timed: TimedRegion
     done: float
     total: float
     last: int
 
     def __call__(self, share: float) -> None:
-        self.stage(min(0.99, self.done + share * self.part.share / self.total))
+        self.stage(min(0.99, self.done + share * self.timed.share / self.total))
 
     def note(self, text: str) -> None:
-        levels = self.part.region.levels
+        levels = self.timed.region.levels
         spoken = f"level {levels.start}" + (f" to {self.last}" if levels.stop > self.last else "")
         say(self.search, f"{spoken}: {text}")
 
 
 @dataclass(frozen=True)
 class Keep:
-    """Of every level's change the share that the judge confirms, against the start."""
+    """Of every level's change as much as the judge confirms, against the start."""
 
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
@@ -221,19 +221,19 @@ class Keep:
             return replace(search, levels=start.levels)
         check = start.check
 
-        def texels(index: int, level: int, share: float) -> Image:
+        def texels(index: int, level: int, kept: float) -> Image:
             if (index, level) not in cache:
                 both = (start.levels[level], search.levels[level])
                 cache[index, level] = check.looked_up(both[0], index), check.looked_up(both[1], index)
-            return between(*cache[index, level], share, problem.target)
+            return between(*cache[index, level], kept, problem.target)
 
         # Nothing becomes worse than the start, which itself was held against every closed form.
         asked = [
             Asked(score.log_errors, score.pooled, max(before.lit, score.lit), before.plain)
             for before, score in zip(start.judge.asked, search.before, strict=True)
         ]
-        shares = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
-        shares = [share if moved else 0.0 for share, moved in zip(shares, changed, strict=True)]
-        kept = [between(*each, problem.target) for each in zip(start.levels, search.levels, shares, strict=True)]
+        kept = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
+        kept = [much if moved else 0.0 for much, moved in zip(kept, changed, strict=True)]
+        levels = [between(*each, problem.target) for each in zip(start.levels, search.levels, kept, strict=True)]
         progress(1.0)
-        return replace(search, levels=directions.aligned(kept, problem.target, problem.wrap), shares=shares)
+        return replace(search, levels=directions.aligned(levels, problem.target, problem.wrap), kept=kept)

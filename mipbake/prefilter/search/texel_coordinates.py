@@ -1,4 +1,4 @@
-"""Texels as coordinates to descend on, and the part of a level that a block of them sees.
+"""Texels as coordinates to descend on, and the part of a level that a region of them sees.
 
 Coordinates are what `mipbake.models.parameters` makes of each map: colours as they are, roughness as ln alpha^2,
 normals as x and y, directions as they are, strengths squared. A unit is chosen for each, about as large a change
@@ -23,7 +23,7 @@ from mipbake.pixel_filter import Wrap
 from mipbake.reference.problem import Image, Region
 
 _LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
-# Texels around a block that its pixels read: one of their own level, two or three of the finer one, a half; not
+# Texels around a region that its pixels read: one of their own level, two or three of the finer one, a half; not
 # tuned.
 _RING = 4
 
@@ -156,7 +156,7 @@ class Axis:
 
 
 class Crop:
-    """The part of a level that a block sees, its free texels in coordinates.
+    """The part of a level that a region sees, its free texels in coordinates.
 
     Args:
         level: (H, W, C) stored channels.
@@ -214,7 +214,7 @@ class Crop:
         )
 
     def pixels(self, least: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """(P, 2) uv: a random place in every texel that the block sees, several where there are few."""
+        """(P, 2) uv: a random place in every texel that the region sees, several where there are few."""
         (top, bottom), (left, right) = self.rows.pixels(), self.columns.pixels()
         cells = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), -1).reshape(-1, 2)
         cells = np.tile(cells, (-(-least // len(cells)), 1))

@@ -27,12 +27,12 @@ from mipbake.judging.lit_renders import display_slope_float32, displayed_float32
 from mipbake.judging.scores import Errors, Scores, spoken_snr
 from mipbake.judging.weights import WEIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
-from mipbake.prefilter.search.budget import Budget
+from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.gauss_newton import System, signs
-from mipbake.prefilter.search.lit_samples import LitBatch, lit_pixels
+from mipbake.prefilter.search.lit_samples import LitChunk, lit_pixels
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
-from mipbake.prefilter.search.pixel_samples import Batch, Lobes, common_pairs, own_pairs, targets
+from mipbake.prefilter.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.prefilter.search.texel_coordinates import Crop, limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image, Problem, Region
 from mipbake.shading import shade
@@ -66,7 +66,7 @@ class Descent:
 
     Args:
         moving: whether the texels of each level may move.
-        budget: effort on a region.
+        effort: effort on a region.
         trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
         judged_by: what errors count.
     """
@@ -75,11 +75,11 @@ class Descent:
         self,
         problem: Problem,
         moving: Sequence[bool],
-        budget: Budget,
+        effort: DescentEffort,
         trust: float = 0.0,
         judged_by: Weights = WEIGHTS,
     ) -> None:
-        self.problem, self.moving, self.budget, self.trust = problem, moving, budget, trust
+        self.problem, self.moving, self.effort, self.trust = problem, moving, effort, trust
         self.judged_by = judged_by
         self.lobes = Lobes.under(problem)
 
@@ -87,28 +87,28 @@ class Descent:
 def descend(
     descent: Descent,
     levels: list[Image],
-    block: Region,
+    region: Region,
     rng: np.random.Generator,
     deadline: float = math.inf,
     progress: Progress = lambda _: None,
 ) -> int:
-    """Optimises the texels of a block, until looks at other renders of it see no gain.
+    """Optimises the texels of a region, until looks at other renders of it see no gain.
 
     Args:
-        levels: (H_L, W_L, C) the stack, changed in place inside the block.
+        levels: (H_L, W_L, C) the stack, changed in place inside the region.
         deadline: time.monotonic() after which no round begins.
         progress: where it takes notes, it is told the SNR at each look.
 
     Returns:
         The rounds that were worked.
     """
-    problem, moving, budget = descent.problem, descent.moving, descent.budget
-    near = range(max(0, block.levels.start - 1), min(len(levels), block.levels.stop + 1))
-    crops = {i: Crop(levels[i], block, problem.target, problem.wrap, i in block.levels and moving[i]) for i in near}
+    problem, moving, effort = descent.problem, descent.moving, descent.effort
+    near = range(max(0, region.levels.start - 1), min(len(levels), region.levels.stop + 1))
+    crops = {i: Crop(levels[i], region, problem.target, problem.wrap, i in region.levels and moving[i]) for i in near}
     free = {i: crop for i, crop in crops.items() if crop.free}
     for crop in free.values():
         crop.move(crop.coordinates)
-    scores = _looks(problem, block, budget, int(rng.integers(1 << 31)))
+    scores = _looks(problem, region, effort, int(rng.integers(1 << 31)))
     errors = scores.stack_errors(levels)
     judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
     weights = PairWeights(scores, judge, descent.lobes[-1].levels[-1][0, 0])
@@ -118,16 +118,16 @@ def descend(
     least, best = last.sum(), _within(levels, free)
     done, still, began, seed = 0, 0, time.monotonic(), int(rng.integers(1 << 31))
 
-    def draw(turn: int) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
-        return _draw(descent, crops, weights, block, turn, np.random.default_rng([seed, turn]))
+    def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[LitChunk]]:
+        return _draw(descent, crops, weights, region, turn, np.random.default_rng([seed, turn]))
 
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
     with ThreadPoolExecutor(1) as ahead_of_time:
-        drawn = ahead_of_time.submit(draw, 0) if free and budget.rounds else None
+        drawn = ahead_of_time.submit(draw, 0) if free and effort.rounds else None
         while drawn is not None:
             started = time.monotonic()
             renders, lit = drawn.result()
-            more = done + 1 < budget.rounds and started < deadline
+            more = done + 1 < effort.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
             round_ = _Drawn.of(crops, renders, weights, lit)
             _round(descent, free, states, round_, done, rng)
@@ -137,7 +137,7 @@ def descend(
             finished = time.monotonic()
             # Half a round late is no later on average than half a round early.
             late = finished + (finished - started) / 2 > deadline
-            progress(min(1.0, max(done / budget.rounds, (finished - began) / max(1e-9, deadline - began))))
+            progress(min(1.0, max(done / effort.rounds, (finished - began) / max(1e-9, deadline - began))))
             if done % CHECK and drawn is not None and not late:
                 continue
             for i, crop in free.items():
@@ -148,7 +148,7 @@ def descend(
             weights.update(errors)
             now = _values(judge, errors)
             say(progress, spoken_snr(np.mean([each.score.decibels for each in errors], 0)))
-            gains = _per_level(last - now, block, scores.lods)
+            gains = _per_level(last - now, region, scores.lods)
             last = now
             if now.sum() < least:
                 least, best = now.sum(), _within(levels, free)
@@ -168,10 +168,10 @@ def _within(levels: Sequence[Image], free: dict[int, Crop]) -> dict[int, Image]:
     return {i: levels[i][crop.window].copy() for i, crop in free.items()}
 
 
-def _looks(problem: Problem, block: Region, budget: Budget, seed: int) -> Scores:
-    """Renders of a block, at the levels of detail of its levels and half a level further."""
-    lods = [level + half for level in block.levels for half in (0.0, 0.5) if level + half <= problem.last]
-    return Scores(problem, budget.looks, [seed], lods, block)
+def _looks(problem: Problem, region: Region, effort: DescentEffort, seed: int) -> Scores:
+    """Renders of a region, at the levels of detail of its levels and half a level further."""
+    lods = [level + half for level in region.levels for half in (0.0, 0.5) if level + half <= problem.last]
+    return Scores(problem, effort.looks, [seed], lods, region)
 
 
 def _values(judge: Judge, errors: Sequence[Errors]) -> NDArray[np.float64]:
@@ -179,9 +179,9 @@ def _values(judge: Judge, errors: Sequence[Errors]) -> NDArray[np.float64]:
     return np.array([judge.value(each.score, index) for index, each in enumerate(errors)])
 
 
-def _per_level(gains: NDArray[np.float64], block: Region, lods: Sequence[float]) -> NDArray[np.float64]:
+def _per_level(gains: NDArray[np.float64], region: Region, lods: Sequence[float]) -> NDArray[np.float64]:
     """(levels,) means of (M,) nepers over the levels of detail within 1/2."""
-    near = [np.abs(np.array(lods) - level) <= 0.5 for level in block.levels]
+    near = [np.abs(np.array(lods) - level) <= 0.5 for level in region.levels]
     return np.array([gains[each].mean() for each in near])
 
 
@@ -189,26 +189,26 @@ def _draw(
     descent: Descent,
     crops: dict[int, Crop],
     weights: PairWeights,
-    block: Region,
+    region: Region,
     turn: int,
     rng: np.random.Generator,
-) -> tuple[list[tuple[Batch, Image]], list[LitBatch]]:
-    """The batches of a round, with (K, P, 3) estimates of the reference."""
-    problem, budget = descent.problem, descent.budget
+) -> tuple[list[tuple[Chunk, Image]], list[LitChunk]]:
+    """The chunks of a round, with (K, P, 3) estimates of the reference."""
+    problem, effort = descent.problem, descent.effort
     free = {i for i, crop in crops.items() if crop.free}
-    out, lit = list[tuple[Batch, Image]](), list[LitBatch]()
-    for level in block.levels:
+    out, lit = list[tuple[Chunk, Image]](), list[LitChunk]()
+    for level in region.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
-            batches = own_pairs(problem, descent.lobes, level, uv, budget.pairs, turn, rng)
+            chunks = own_pairs(problem, descent.lobes, level, uv, effort.pairs, turn, rng)
         else:
             times = max(1, min(_COMMON, _COMMON_PIXELS // len(uv)))
-            batches = common_pairs(problem, weights.pairs(level), level, uv, times * budget.pairs, rng)
-        for batch in batches:
-            if any(index in free for index, _ in batch.seen):
-                out.append((replace(batch, pixels=len(uv)), targets(problem, batch, budget.samples, rng)))
-        lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), budget.samples, rng)
-    return out, [batch for batch in lit if any(index in free for index, _ in batch.seen)]
+            chunks = common_pairs(problem, weights.pairs(level), level, uv, times * effort.pairs, rng)
+        for chunk in chunks:
+            if any(index in free for index, _ in chunk.seen):
+                out.append((replace(chunk, pixels=len(uv)), estimates(problem, chunk, effort.samples, rng)))
+        lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), effort.samples, rng)
+    return out, [chunk for chunk in lit if any(index in free for index, _ in chunk.seen)]
 
 
 @dataclass(frozen=True)
@@ -216,14 +216,14 @@ class _Drawn:
     """What a round is fitted to.
 
     Args:
-        renders: batches, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        lit: batches under the studio's lights. lit_counts: by level, what a neper of their error counts, and the mean
+        renders: chunks, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
+        lit: chunks under the studio's lights. lit_counts: by level, what a neper of their error counts, and the mean
             square of that error.
         lookups: of all pixels, renders first.
     """
 
-    renders: list[tuple[Batch, Image, Image]]
-    lit: list[LitBatch]
+    renders: list[tuple[Chunk, Image, Image]]
+    lit: list[LitChunk]
     lit_counts: dict[int, tuple[float, float]]
     lookups: Lookups
 
@@ -231,18 +231,18 @@ class _Drawn:
     def of(
         cls,
         crops: dict[int, Crop],
-        renders: Sequence[tuple[Batch, Image]],
+        renders: Sequence[tuple[Chunk, Image]],
         weights: PairWeights,
-        lit: list[LitBatch],
+        lit: list[LitChunk],
     ) -> _Drawn:
-        weighed = [(batch, target, (weights.of(batch) / batch.pixels).numpy()) for batch, target in renders]
-        counts = {batch.level: weights.lit(batch.level) for batch in lit}
-        return cls(weighed, lit, counts, Lookups(crops, [*(batch for batch, _ in renders), *lit]))
+        weighed = [(chunk, estimate, (weights.of(chunk) / chunk.pixels).numpy()) for chunk, estimate in renders]
+        counts = {chunk.level: weights.lit(chunk.level) for chunk in lit}
+        return cls(weighed, lit, counts, Lookups(crops, [*(chunk for chunk, _ in renders), *lit]))
 
 
 @dataclass(frozen=True)
 class _LitSlopes:
-    """A batch under the studio's lights: half the slopes of what is minimised, and half of what bounds its curvature.
+    """A chunk under the studio's lights: half the slopes of what is minimised, and half of what bounds its curvature.
 
     Args:
         by_radiance: (P, 3). bounds: (P, 3) for squares of the radiance.
@@ -260,7 +260,7 @@ def _round(
     turn: int,
     rng: np.random.Generator,
 ) -> None:
-    """One round on its batches: curvature where the texels are, then steps."""
+    """One round on its chunks: curvature where the texels are, then steps."""
     model, trust = descent.problem.target, descent.trust
     texels = drawn.lookups.texels()
     curvature = _curvature(model, free, drawn, texels, turn, rng)
@@ -268,7 +268,7 @@ def _round(
         if state.held is None and trust:
             state.held, state.mean = _MEMORY * trust * curvature[i], free[i].coordinates
     systems = {i: _system(crop, curvature[i], states[i].held) for i, crop in free.items()}
-    for step in range(descent.budget.steps):
+    for step in range(descent.effort.steps):
         rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels)
         for i, crop in free.items():
             by_texel = drawn.lookups.scattered(i, rows)
@@ -284,12 +284,12 @@ def _round(
 
 
 def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArray[np.float32]]:
-    """(P, C) of each batch: half the gradients of what is minimised by what its pixels see."""
+    """(P, C) of each chunk: half the gradients of what is minimised by what its pixels see."""
     rows = []
-    for (batch, target, weight), seen in zip(drawn.renders, texels, strict=False):
-        light, view = batch.light.numpy()[None], batch.view.numpy()[None]
+    for (chunk, estimate, weight), seen in zip(drawn.renders, texels, strict=False):
+        light, view = chunk.light.numpy()[None], chunk.view.numpy()[None]
         off = shade(model, seen[None], light, view)
-        off -= target
+        off -= estimate
         off *= weight[..., None]
         rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
     lit_texels = texels[len(drawn.renders) :]
@@ -299,17 +299,17 @@ def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArr
 
 
 def _lit_slopes(drawn: _Drawn, texels: Sequence[Image], model: str) -> list[_LitSlopes]:
-    """What each batch under the studio's lights says of the errors of its pixels. Brightness by angle is left to the
+    """What each chunk under the studio's lights says of the errors of its pixels. Brightness by angle is left to the
     judge: a round has too few pixels of an angle."""
-    size = {level: sum(b.target.size for b in drawn.lit if b.level == level) for level in drawn.lit_counts}
+    size = {level: sum(b.estimate.size for b in drawn.lit if b.level == level) for level in drawn.lit_counts}
     out = []
-    for batch, seen in zip(drawn.lit, texels, strict=True):
-        radiance = batch.pixels.radiance(seen, model)
+    for chunk, seen in zip(drawn.lit, texels, strict=True):
+        radiance = chunk.pixels.radiance(seen, model)
         # The mean square is the judge's, of many renders; here the noise of the reference would be in it.
-        counts, square = drawn.lit_counts[batch.level]
-        weight = np.float32(counts * pixel_slope(square) / size[batch.level])
+        counts, square = drawn.lit_counts[chunk.level]
+        weight = np.float32(counts * pixel_slope(square) / size[chunk.level])
         slope = display_slope_float32(radiance)
-        off = displayed_float32(radiance) - batch.target
+        off = displayed_float32(radiance) - chunk.estimate
         out.append(_LitSlopes(weight * off * slope, weight * np.square(slope)))
     return out
 
@@ -330,10 +330,10 @@ def _curvature(
     stride = _STRIDE if turn else 1
     some = slice(turn % stride, None, stride)
     packed = []
-    for (batch, _, weight), seen in zip(drawn.renders, texels, strict=False):
+    for (chunk, _, weight), seen in zip(drawn.renders, texels, strict=False):
         turned = signs((len(weight[some]), *weight.shape[1:], 3), rng)
         turned *= np.sqrt(stride * weight[some])[..., None]
-        light, view = (d.numpy()[some, None] for d in (batch.light, batch.view))
+        light, view = (d.numpy()[some, None] for d in (chunk.light, chunk.view))
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
         packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))

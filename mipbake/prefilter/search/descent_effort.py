@@ -1,30 +1,30 @@
-"""How much effort an optimisation makes."""
+"""How much effort a descent makes: rounds, pairs and samples. How long it may take is a budget (time_budget.py)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from mipbake.errors import UsageError
-from mipbake.judging.probes import Effort
+from mipbake.judging.probes import ProbeEffort
 from mipbake.metrics.pairs import PAIR_SETS
 
 LOBES = 2
 """Lobes that half vectors of pixels are drawn from (pixel_samples.py). Not tuned: what is drawn from has so many."""
 
-LOOKS = Effort(groups=16)  # groups of the renders that say whether rounds still help; a guess
+LOOKS = ProbeEffort(groups=16)  # groups of the renders that say whether rounds still help; a guess
 
 
 @dataclass(frozen=True)
-class Budget:
-    """How much effort an optimisation makes.
+class DescentEffort:
+    """How much effort a descent makes.
 
     Args:
-        rounds: most rounds of a block. A round draws pixels, pairs and targets anew.
+        rounds: most rounds of a region. A round draws pixels, pairs and estimates of the reference anew.
         steps: Gauss-Newton steps of a round.
         pairs: light-view pairs of each pixel in a round, a multiple of 2 + LOBES: each has its own.
         samples: reference samples of a pixel of level 0; they double with every second level.
         looks: effort of the renders that say, after every few rounds, whether that still helps.
-        window: blocks of large sets are at most so many texels a side.
+        window: regions of large sets are at most so many texels a side.
 
     The numbers are guesses.
     """
@@ -34,14 +34,16 @@ class Budget:
     pairs: int = 32
     samples: int = 8
     window: int = 512
-    looks: Effort = LOOKS
+    looks: ProbeEffort = LOOKS
 
     def __post_init__(self) -> None:
         least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "window": 8}
         for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:
-                raise UsageError(f"{name} of the budget is {value!r}: expected a whole number from {low} up")
+                raise UsageError(f"DescentEffort was given {name}={value!r}: expected a whole number from {low} up")
         for name, factor in (("pairs", len(PAIR_SETS) + LOBES), ("samples", 2)):
             if getattr(self, name) % factor:
-                raise UsageError(f"{name} of the budget is {getattr(self, name)}: expected a multiple of {factor}")
+                raise UsageError(
+                    f"DescentEffort was given {name}={getattr(self, name)}: expected a multiple of {factor}"
+                )
