@@ -40,7 +40,7 @@ from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network, Stacks
-from mipbake.models.parameters import clamp, settled
+from mipbake.models.parameters import agreeing, clamp
 from mipbake.pixel_filter import Wrap
 
 TARGETS = ("gltf", "gltf-anisotropic")
@@ -148,7 +148,7 @@ class MipnetNetwork(Network):
         if self.target == "gltf":
             return {self.target: levels}
         levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
-        return {self.target: settled(levels, self.target, ("wrap", "wrap"))}
+        return {self.target: agreeing(levels, self.target, ("wrap", "wrap"))}
 
     def _states(self, stored: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from results_measure import Asked, ResultsEffort, Plan
+    from results_measure import Asked, Plan, ResultsEffort
 
 
 def narrow(threads: int) -> None:

@@ -53,7 +53,7 @@ def main() -> None:
         view = pictures.turned(at_rest, options.repeats, index / options.frames)
         # All samples are always taken, at the same places in the pixels: a reference that stopped earlier in some
         # frames than in others would flicker by its noise.
-        frames, reference = pictures.render(options.set, view, options.passes, target=0)
+        frames, reference = pictures.render(options.set, view, options.passes, resolved_share=0)
         for name, frame in frames.items():
             radiance[name].append(frame.image)
         halves.append(np.stack([reference.first, reference.second]))

@@ -65,7 +65,7 @@ def turned(view: View, repeats: int, turns: float) -> View:
     return replace(view, mesh=replace(view.mesh, uv=uv))
 
 
-def render(folder: Path, view: View, passes: int, target: float = 0.1) -> tuple[dict[str, Frame], Reference]:
+def render(folder: Path, view: View, passes: int, resolved_share: float = 0.1) -> tuple[dict[str, Frame], Reference]:
     """The candidates of a view, and the reference: at most `passes` samples a pixel, until it resolves both."""
     texture_set, stacks = load(folder)
     frames = {
@@ -75,7 +75,7 @@ def render(folder: Path, view: View, passes: int, target: float = 0.1) -> tuple[
     model = texture_set.source_model
     kernel = stacks[BAKED].provenance.pixel_filter
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, kernel)
-    wanted = Passes(target, min(32, passes), passes)
+    wanted = Passes(resolved_share, min(32, passes), passes)
     reference = mesh_render.reference(view.shot, source, 0, list(frames.values()), wanted)
     return frames, reference
 

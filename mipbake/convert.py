@@ -33,7 +33,7 @@ from mipbake.io.map_files import (
     save_maps,
     write_files,
 )
-from mipbake.io.publish import check_target
+from mipbake.io.publish import check_place
 from mipbake.manifest import declared
 from mipbake.material import MODELS, model_named
 from mipbake.packing import unpacked
@@ -141,11 +141,11 @@ class Material:
             UsageError: an unknown format, or one that cannot hold this material.
             OutputError: the folder cannot be written, or holds the material of other source files.
         """
-        target, container = Path(path), image_container(self.model, format)
-        check_material_output(target, self.provenance.sources)
+        place, container = Path(path), image_container(self.model, format)
+        check_material_output(place, self.provenance.sources)
         maps = self.files(container)
         write = write_files(maps, self.wrap, json.dumps({"model": self.model, "rule": self.provenance.rule}), progress)
-        files = save_maps(target, MATERIAL_MANIFEST, self._manifest(maps), write, is_material_folder)
+        files = save_maps(place, MATERIAL_MANIFEST, self._manifest(maps), write, is_material_folder)
         progress(1.0)
         return files
 
@@ -251,10 +251,10 @@ def check_material_output(path: str | Path, sources: Mapping[str, str] | None = 
         sources: source file name to SHA-256, empty where the file has not been read yet: a material that shares no
             source file with them is in the way. None leaves that to `Material.save`.
     """
-    target = Path(path)
-    check_target(target, is_material_folder)
-    if sources is not None and is_material_folder(target):
-        check_same_sources([target / MATERIAL_MANIFEST], "material", sources)
+    place = Path(path)
+    check_place(place, is_material_folder)
+    if sources is not None and is_material_folder(place):
+        check_same_sources([place / MATERIAL_MANIFEST], "material", sources)
 
 
 def open_material(path: str | Path) -> Material:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mipbake.material import MIN_ROUGHNESS, Array, Lines, model_named
 
 TOGETHER = 1 << 18
-"""Texels of the finest level whose signs are settled together; finer levels follow what they lie over. A guess."""
+"""Texels of the finest level whose signs are found together; finer levels follow what they lie over. A guess."""
 
 _LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well; a guess
 # What a texel of the next level counts beside a neighbour: a texel has two of these to either side. A guess.
@@ -40,7 +40,7 @@ Wrap = tuple[str, str]
 """Addressing along u and along v, each "wrap" or "clamp"."""
 
 
-def settled(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
+def agreeing(levels: list[NDArray[np.float32]], model: str, wrap: Wrap) -> list[NDArray[np.float32]]:
     """Levels as they are stored: of a model that stores directions `aligned` and `eased`, of other models as they are.
 
     Args:
@@ -109,7 +109,7 @@ def signs(levels: Sequence[Array], wrap: Wrap, together: int = TOGETHER) -> list
     Args:
         levels: (..., H_L, W_L, 3) direction x, y and strength, finest first; leading axes are images of their own.
         wrap: addressing along u and v.
-        together: texels of the finest level whose signs are settled together.
+        together: texels of the finest level whose signs are found together.
 
     Returns:
         (..., H_L, W_L) of each level.
@@ -177,7 +177,7 @@ def shares(levels: Sequence[Array], wrap: Wrap) -> list[NDArray[np.float32]]:
     if all neighbours had the texel's own sign; at least 0.
 
     Args:
-        levels: (..., H_L, W_L, 2) unit directions whose signs are settled. wrap: addressing along u and v.
+        levels: (..., H_L, W_L, 2) unit directions that have their signs. wrap: addressing along u and v.
     """
     out = []
     for level in levels:
@@ -262,10 +262,10 @@ def _agreement(images: NDArray[np.float32], place: Sequence[NDArray[Any]], wrap:
         near[index] = images[image, y, x]
     own = near[4]
     agreeing = near * facing(near, own)[..., None]
-    meant = _looked_up(_doubled(near))
+    meant = _four_lookups(_doubled(near))
 
     def agreement(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-        seen = _doubled(_looked_up(vectors))
+        seen = _doubled(_four_lookups(vectors))
         length = np.maximum(np.linalg.norm(seen, axis=-1), np.float32(1e-9))
         return np.asarray((np.einsum("imc,imc->im", seen, meant) / length).sum(0), np.float32)
 
@@ -279,7 +279,7 @@ def _doubled(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([x * x - y * y, 2 * x * y], -1)
 
 
-def _looked_up(near: NDArray[np.float32]) -> NDArray[np.float32]:
+def _four_lookups(near: NDArray[np.float32]) -> NDArray[np.float32]:
     """(4, M, 2) lookups from a texel and its neighbours."""
     return np.asarray((_LOOKUPS @ near.reshape(9, -1)).reshape(4, *near.shape[1:]), np.float32)
 
@@ -296,7 +296,7 @@ def _interpolated(image: NDArray[np.float32], axis: int, size: int, mode: str) -
 
 
 def _tied(images: Sequence[NDArray[np.float32]], wrap: Wrap) -> list[NDArray[np.int8]]:
-    """(N, H, W) signs of levels that are settled together."""
+    """(N, H, W) signs of levels that are found together."""
     starts = np.cumsum([0, *(image[..., 0].size for image in images)])
     number = [np.arange(a, b).reshape(i.shape[:3]) for a, b, i in zip(starts, starts[1:], images, strict=False)]
     vectors = [image[..., :2] * (image[..., 2:] + np.float32(_LEAST)) for image in images]
@@ -358,10 +358,10 @@ def _agreeing(count: int, a: NDArray[np.int64], b: NDArray[np.int64], weight: ND
         if not len(a):
             break
         # Ties between the same two groups are one, the sum of all.
-        pair = np.minimum(a, b) * count + np.maximum(a, b)
-        order = np.argsort(pair, kind="stable")
-        pair, weight = pair[order], weight[order]
-        start = np.nonzero(np.append(True, pair[1:] != pair[:-1]))[0]
-        weight, pair = np.add.reduceat(weight, start), pair[start]
-        a, b = pair // count, pair % count
+        both = np.minimum(a, b) * count + np.maximum(a, b)
+        order = np.argsort(both, kind="stable")
+        both, weight = both[order], weight[order]
+        start = np.nonzero(np.append(True, both[1:] != both[:-1]))[0]
+        weight, both = np.add.reduceat(weight, start), both[start]
+        a, b = both // count, both % count
     return sign

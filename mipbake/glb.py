@@ -29,7 +29,7 @@ from mipbake.io.gltf.write import GltfResult, rewritten
 from mipbake.io.gpu_files import KTX2, GpuFile
 from mipbake.io.map_files import MapFile, quantised_levels, stood_for
 from mipbake.io.options import CARRIED, SHADING_ROLES
-from mipbake.io.publish import check_target, replaced_file
+from mipbake.io.publish import check_place, replaced_file
 from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.packing import Normals
@@ -189,7 +189,7 @@ def check_file(path: Path, source: Path) -> None:
     """OutputError where a GLB cannot be written to a path: its folder does not let it, it is the source, or a file that
     mipbake did not make."""
     if not path.exists():
-        check_target(path, lambda _: False)
+        check_place(path, lambda _: False)
         return
     if path.resolve() == source.resolve():
         raise OutputError(f"cannot write {path}: it is the source, choose another output folder")

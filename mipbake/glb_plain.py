@@ -93,4 +93,4 @@ def averaged(texture: PlainTexture, pixels: Image) -> Levels:
     if texture.cutoff is not None:
         alphas = keeping_coverage(alphas, texture.cutoff)
     seen = premultiplied(colours, opacity, plain, "box", texture.wrap)
-    return [np.concatenate(pair, -1) for pair in zip(seen, alphas, strict=True)]
+    return [np.concatenate(both, -1) for both in zip(seen, alphas, strict=True)]

@@ -22,7 +22,7 @@ from mipbake.io.map_files import (
     normal_convention,
     read_files,
 )
-from mipbake.io.publish import check_target
+from mipbake.io.publish import check_place
 from mipbake.material import MODELS
 from mipbake.output import Output
 
@@ -37,11 +37,11 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
         sources: source file name to SHA-256, empty where the file has not been read yet: a stack that shares no source
             file with them is in the way. None leaves that to `MipStack.save`.
     """
-    target = Path(path)
-    check_target(target, is_stack_folder)
-    if sources is None or not is_stack_folder(target):
+    place = Path(path)
+    check_place(place, is_stack_folder)
+    if sources is None or not is_stack_folder(place):
         return
-    check_same_sources(manifests(target), "stack", sources)
+    check_same_sources(manifests(place), "stack", sources)
 
 
 def is_stack_folder(path: Path) -> bool:

@@ -286,7 +286,7 @@ def unpacked(files: Sequence[tuple[FileLayout, Levels]], model: str) -> dict[str
     for name, parts in channels.items():
         wanted = next((len(m.encodings) for m in LAYOUTS[model] if m.name == name), len(parts))
         if name == "normal" and set(parts) == {0, 1} and wanted == 3:
-            pairs = zip(parts[0], parts[1], strict=True)
-            parts[2] = [np.sqrt(np.maximum(1 - x * x - y * y, 0)) for x, y in pairs]
+            both = zip(parts[0], parts[1], strict=True)
+            parts[2] = [np.sqrt(np.maximum(1 - x * x - y * y, 0)) for x, y in both]
         maps[name] = [np.stack(level, -1) for level in zip(*(parts[i] for i in sorted(parts)), strict=True)]
     return maps

@@ -114,10 +114,10 @@ class MipStack(Content):
             UsageError: an unknown format or preset, or one that cannot hold this stack.
             OutputError: the folder cannot be written, or holds the stack of other source files.
         """
-        target = Path(path)
+        place = Path(path)
         outputs, wants_glb = self._wanted(format, preset)
         check_outputs(outputs, self.model)
-        check_output(target, self.provenance.sources)
+        check_output(place, self.provenance.sources)
         if wants_glb and glb is None:
             glb = encoded(replace(self, tile=0), None, levels)
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
@@ -133,7 +133,7 @@ class MipStack(Content):
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
 
         manifest = manifest_of(self, plans)
-        saved = save_maps(target, manifest_name(self.tile), manifest, write, is_stack_folder)
+        saved = save_maps(place, manifest_name(self.tile), manifest, write, is_stack_folder)
         progress(1.0)
         return saved
 

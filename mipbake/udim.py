@@ -316,12 +316,12 @@ def _cut(
             top, left = cell[0] * rows, cell[1] * columns
             part = levels[index][top : top + rows, left : left + columns]
         else:
-            part = _looked_up(levels, grid, cell, (height, width), (rows, columns))
+            part = _trilinear(levels, grid, cell, (height, width), (rows, columns))
         out.append(np.ascontiguousarray(part))
     return out
 
 
-def _looked_up(
+def _trilinear(
     levels: list[NDArray[np.float32]],
     grid: tuple[int, int],
     cell: tuple[int, int],

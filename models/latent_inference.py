@@ -39,7 +39,7 @@ def bake(
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
     if made != target:
-        levels = directions.settled([material.convert(level, made, target) for level in levels], target, wrap)
+        levels = directions.agreeing([material.convert(level, made, target) for level in levels], target, wrap)
     return [material.regularise(level, target) for level in levels]
 
 
@@ -90,7 +90,7 @@ def bake_levels(
             assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return directions.settled(levels, target or network.config.decoders[0], wrap)
+    return directions.agreeing(levels, target or network.config.decoders[0], wrap)
 
 
 def _encode_tile(

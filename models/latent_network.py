@@ -27,7 +27,7 @@ from mipbake.models.base import Network, Patches, Stacks
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent import downsample
 from mipbake.models.latent_config import PARAMETERS, LatentConfig
-from mipbake.models.parameters import settled, to_parameters, to_stored
+from mipbake.models.parameters import agreeing, to_parameters, to_stored
 from mipbake.models.tiles import extend
 from mipbake.pixel_filter import Wrap, level_sizes
 
@@ -259,7 +259,7 @@ class LatentNetwork(Network):
         for target in self.config.decoders:
             decoded = torch.split(self.decode(texels, target), counts, 1)
             levels = [d.reshape(*z.shape[:3], -1) for d, z in zip(decoded, latents, strict=True)]
-            stacks[target] = settled(levels, target, wrap)
+            stacks[target] = agreeing(levels, target, wrap)
         return stacks
 
     def bake(

@@ -49,7 +49,7 @@ def bake(
     if made == target:
         return levels
     converted = [material.regularise(material.convert(level, made, target), target) for level in levels]
-    return directions.settled(converted, target, wrap)
+    return directions.agreeing(converted, target, wrap)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def bake_levels(
         levels = [top, *(_decoded(plan, latent, level) for level, latent in enumerate(latents, 1))]
     progress(1.0)
     (made,) = network.config.decoders
-    return directions.settled([material.regularise(level, made) for level in levels], made, wrap)
+    return directions.agreeing([material.regularise(level, made) for level in levels], made, wrap)
 
 
 @dataclass(frozen=True)

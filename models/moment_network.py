@@ -37,7 +37,7 @@ from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.moment_statistics import feature_count, statistics
 from mipbake.models.moments import least_roughness, moment_count, moment_places, moments
-from mipbake.models.parameters import settled
+from mipbake.models.parameters import agreeing
 from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
 _CODE = 3 + len(FILTERS)
@@ -154,7 +154,7 @@ class MomentNetwork(Network):
         latents, index = self._latents(stored, pixel_filter)
         levels = _split(self.decode(latents, index, pixel_filter), stored)
         (made,) = self.config.decoders
-        return {made: settled(levels, made, ("wrap", "wrap"))}
+        return {made: agreeing(levels, made, ("wrap", "wrap"))}
 
     def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""

@@ -181,8 +181,8 @@ def _lobe(log_tensor: Tensor) -> dict[Kind, Tensor]:
     }
 
 
-def settled(levels: list[Tensor], model: str, wrap: Wrap) -> list[Tensor]:
-    """`mipbake.directions.settled` of (B, H_L, W_L, C) levels; signs and shares are constants.
+def agreeing(levels: list[Tensor], model: str, wrap: Wrap) -> list[Tensor]:
+    """`mipbake.directions.agreeing` of (B, H_L, W_L, C) levels; signs and shares are constants.
 
     Differentiable: the gradients of roughness and strength meet along cuts, and are their own elsewhere.
     """

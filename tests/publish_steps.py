@@ -37,14 +37,14 @@ def is_ours(folder):
     return {path.name for path in folder.iterdir()} <= {"first", "second"}
 
 
-def write_folder(target, text):
-    with publish.published(target, is_ours) as folder:
+def write_folder(place, text):
+    with publish.published(place, is_ours) as folder:
         (folder / "first").write_text(text)
         (folder / "second").write_text(text)
 
 
-def write_file(target, text):
-    publish.replaced_file(target, text.encode())
+def write_file(place, text):
+    publish.replaced_file(place, text.encode())
 
 
 def read(path):
@@ -58,7 +58,7 @@ def read(path):
         return "none"
 
 
-def stopped_at(step, number, write, target):
+def stopped_at(step, number, write, place):
     """Publishes in a child that gets a signal at a step. How it ended: "done", "stopped", "killed", "left <names>"."""
     child = os.fork()
     if child:
@@ -81,7 +81,7 @@ def stopped_at(step, number, write, target):
     code = 0
     try:
         sys.setprofile(count)
-        write(target, "new")
+        write(place, "new")
         sys.setprofile(None)
     except (KeyboardInterrupt, Terminated):
         code = 1
@@ -98,17 +98,17 @@ def main(place, how, name, what):
     signal.signal(signal.SIGTERM, terminate)
     write = write_folder if what == "folder" else write_file
     folder, number = Path(place), signal.Signals[f"SIG{name}"]
-    target = folder / "set"
+    place = folder / "set"
     allowed = {"old", "new"}
     step, wrong, seen = 0, [], {}
     while True:
         step += 1
-        if read(target) != "old":
-            write(target, "old")
-        ended = stopped_at(step, number, write, target)
+        if read(place) != "old":
+            write(place, "old")
+        ended = stopped_at(step, number, write, place)
         if ended == "done":
             break
-        found, beside = read(target), sorted(path.name for path in folder.iterdir() if path != target)
+        found, beside = read(place), sorted(path.name for path in folder.iterdir() if path != place)
         seen[found] = seen.get(found, 0) + 1
         if ended != ("killed" if name == "KILL" else "stopped"):
             wrong.append(f"step {step}: {ended}")
@@ -118,9 +118,9 @@ def main(place, how, name, what):
         )
         if lost or (name != "KILL" and beside):
             wrong.append(f"step {step}: {found}, beside it {beside}")
-        leftovers.settle(target)  # with which the next bake begins
-        leftovers.settle(target.with_name(publish.TRIAL))
-        after, beside = read(target), [path.name for path in folder.iterdir() if path != target]
+        leftovers.tidy(place)  # with which the next bake begins
+        leftovers.tidy(place.with_name(publish.TRIAL))
+        after, beside = read(place), [path.name for path in folder.iterdir() if path != place]
         if after != (found if found in allowed else "old") or beside:
             wrong.append(f"step {step}, afterwards: {after}, beside it {beside}")
     print(f"{step - 1} steps, {seen}")

@@ -213,7 +213,7 @@ def test_filters_with_negative_lobes_and_views_without_interior_are_measured() -
     assert result.change is None and set(found) == {name for name, m in MEASURES.items() if m.needs != "frames"}
     assert all(math.isfinite(value) for value in found.values())
 
-    away = dataclasses.replace(view.camera, target=(0.0, 5.0, 0.1))
+    away = dataclasses.replace(view.camera, looks_at=(0.0, 5.0, 0.1))
     view, settings = dataclasses.replace(view, camera=away), RenderSettings(0, 32)
     nothing = render_view(view, filtered(stored, "mitchell"), candidates, settings, flicker=True)
     assert not nothing.rendered.interior.any()

@@ -213,7 +213,7 @@ def test_levels_follow_a_level_0_from_elsewhere() -> None:
 @pytest.mark.parametrize("model", [name for name, each in material.MODELS.items() if each.lines is None])
 def test_other_models_stay_as_they_are(model: str) -> None:
     levels = [np.ones((2, 2, material.MODELS[model].channels), np.float32)]
-    assert directions.settled(levels, model, WRAP) is levels
+    assert directions.agreeing(levels, model, WRAP) is levels
 
 
 def test_training_settles_levels_alike() -> None:
@@ -226,8 +226,8 @@ def test_training_settles_levels_alike() -> None:
         level[..., 8:11] = each
         levels.append(level)
     given = [torch.tensor(level[None], requires_grad=True) for level in levels]
-    found = parameters.settled(given, "gltf-anisotropic", CLAMP)
-    wanted = directions.settled(levels, "gltf-anisotropic", CLAMP)
+    found = parameters.agreeing(given, "gltf-anisotropic", CLAMP)
+    wanted = directions.agreeing(levels, "gltf-anisotropic", CLAMP)
     changed = 0
     for mine, theirs, start in zip(found, wanted, levels, strict=True):
         assert mine[0].detach().numpy() == pytest.approx(theirs, abs=2e-4)

@@ -238,8 +238,8 @@ def test_every_closed_form_takes_every_pair(source: str, target: str) -> None:
 def test_signs_are_settled_where_a_model_has_lines(name: str) -> None:
     levels = stack_of(texels(name), name).levels
     given, wrap = [torch.from_numpy(level[None]) for level in levels], ("wrap", "wrap")
-    assert (directions.settled(levels, name, wrap) is levels) == (MODELS[name].lines is None)
-    assert (parameters.settled(given, name, wrap) is given) == (MODELS[name].lines is None)
+    assert (directions.agreeing(levels, name, wrap) is levels) == (MODELS[name].lines is None)
+    assert (parameters.agreeing(given, name, wrap) is given) == (MODELS[name].lines is None)
     assert directions.led(levels, name)[0] is levels[0]
 
 

@@ -463,9 +463,9 @@ def test_directions_of_levels_agree() -> None:
     ]
     assert float(torch.stack(against[:3]).max()) < 0.2, against
     given = [level.numpy().copy() for level in levels]
-    settled = directions.settled(given, "gltf-anisotropic", ("wrap", "wrap"))
-    for mine, again in zip(given, settled, strict=True):
-        assert ((mine[..., 8:10] * again[..., 8:10]).sum(-1) > 0).mean() > 0.9
+    again = directions.agreeing(given, "gltf-anisotropic", ("wrap", "wrap"))
+    for mine, made in zip(given, again, strict=True):
+        assert ((mine[..., 8:10] * made[..., 8:10]).sum(-1) > 0).mean() > 0.9
 
 
 def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:

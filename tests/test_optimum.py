@@ -188,7 +188,7 @@ def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> 
             whole = texel_coordinates.Crop(levels[index], Region(0, 1, 0, 1, range(1)), "gltf", wrap, False)
             inside = (uv >= region.origin).all(1) & (uv <= region.origin + region.extent).all(1)
             assert inside.any()
-            assert part.look_up(uv[inside]) == pytest.approx(whole.look_up(uv[inside]), abs=1e-4)
+            assert part.bilinear(uv[inside]) == pytest.approx(whole.bilinear(uv[inside]), abs=1e-4)
     assert all((count == 1).all() for count in counts)
 
 

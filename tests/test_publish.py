@@ -14,7 +14,7 @@ import pytest
 from mipbake.errors import OutputError
 from mipbake.io import publish
 from mipbake.io.leftovers import remove, unfinished
-from mipbake.io.publish import check_target, published, replaced_file
+from mipbake.io.publish import check_place, published, replaced_file
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks as POSIX has them")
 
@@ -34,8 +34,8 @@ def ours(_folder: Path) -> bool:
     return True
 
 
-def publish_text(target: Path, text: str) -> None:
-    with published(target, ours) as folder:
+def publish_text(place: Path, text: str) -> None:
+    with published(place, ours) as folder:
         (folder / "text").write_text(text)
 
 
@@ -128,10 +128,10 @@ def test_a_result_that_was_moved_aside_comes_back(tmp_path: Path) -> None:
     aside.mkdir()
     (aside / "text").write_text("old")
     with pytest.raises(OutputError, match="not mipbake's"):
-        check_target(tmp_path / "set", lambda _folder: False)  # what it holds now counts, as ever
+        check_place(tmp_path / "set", lambda _folder: False)  # what it holds now counts, as ever
     assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "old"
     aside.mkdir()  # the process died before it could remove it: the new one is there
-    check_target(tmp_path / "set", ours)
+    check_place(tmp_path / "set", ours)
     assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "old"
 
 
@@ -188,7 +188,7 @@ def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytes
         raise OSError(5, "Input/output error")
     assert len(unfinished()) == 2  # the trial, too
     monkeypatch.undo()
-    check_target(tmp_path / "set", ours)
+    check_place(tmp_path / "set", ours)
     assert not unfinished() and names(tmp_path) == []
 
 

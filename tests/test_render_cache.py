@@ -43,7 +43,7 @@ def render(
     stored = arguments["stored"]
     frame = candidate(**{k: v for k, v in arguments.items() if k != "stored"}, levels=[stored])
     cache = Cache(cache) if isinstance(cache, Path) else cache
-    return reference(**arguments, pixel_filter=pixel_filter, seed=seed, candidates=[frame], target=1e-9,
+    return reference(**arguments, pixel_filter=pixel_filter, seed=seed, candidates=[frame], resolved_share=1e-9,
                      min_passes=passes, max_passes=passes, cache=cache)  # fmt: skip
 
 
@@ -80,14 +80,14 @@ def test_other_candidates_of_the_same_view_continue_the_same_reference(tmp_path:
     frame = candidate(**arguments, levels=[stored])
     common = {**arguments, "stored": stored, "pixel_filter": "gaussian", "seed": 0, "min_passes": 4}
     common["cache"] = Cache(tmp_path)
-    far = reference(**common, candidates=[frame], target=0.5)
+    far = reference(**common, candidates=[frame], resolved_share=0.5)
     assert far.converged and far.resumed == 0
     unchanged = files(tmp_path)[0].read_bytes()
-    used = reference(**common, candidates=[replace(frame, image=frame.image * 2)], target=0.5)
+    used = reference(**common, candidates=[replace(frame, image=frame.image * 2)], resolved_share=0.5)
     assert used.converged and used.resumed == used.passes == far.passes and np.array_equal(used.image, far.image)
     assert files(tmp_path)[0].read_bytes() == unchanged
     close = replace(frame, image=far.image + (frame.image - far.image) / 4)
-    nearer = reference(**common, candidates=[close, frame], target=0.5)
+    nearer = reference(**common, candidates=[close, frame], resolved_share=0.5)
     assert nearer.converged and nearer.passes > nearer.resumed == far.passes
     assert len(files(tmp_path)) == 1
 
@@ -108,7 +108,7 @@ def test_every_ingredient_has_a_key_of_its_own(tmp_path: Path) -> None:
         *({"mesh": replace(mesh, **{n: nudged(getattr(mesh, n))})} for n in ("positions", "normals", "uv", "tangents")),
         {"mesh": replace(mesh, triangles=swapped)},
         {"camera": replace(camera, field_of_view=40.5)},
-        {"camera": replace(camera, target=(0.0, 0.0, 1e-9))},
+        {"camera": replace(camera, looks_at=(0.0, 0.0, 1e-9))},
         {"camera": replace(camera, near=0.06)},
         {"lighting": replace(lighting, direction=-lighting.direction)},
         {"lighting": replace(lighting, radiance=lighting.radiance + 1e-9)},
@@ -186,7 +186,7 @@ def test_a_folder_that_cannot_be_written_is_said_to_be_so(tmp_path: Path) -> Non
 def test_a_render_that_is_stopped_is_resumed_from_its_last_save(tmp_path: Path) -> None:
     arguments = scene()
     frame = candidate(**{k: v for k, v in arguments.items() if k != "stored"}, levels=[arguments["stored"]])
-    common = {"pixel_filter": "gaussian", "seed": 0, "candidates": [frame], "target": 1e-9, "heard_every": 0}
+    common = {"pixel_filter": "gaussian", "seed": 0, "candidates": [frame], "resolved_share": 1e-9, "heard_every": 0}
     common["cache"] = Cache(tmp_path, saved_every=0)
 
     def stop(passes: int, ratio: float) -> None:

@@ -175,7 +175,7 @@ def test_passes_go_on_until_the_target_is_met_or_the_cap() -> None:
     assert 4 in passes and passes == sorted(passes) and passes[-1] == got.passes > 4
     assert heard[-1][1] <= 1 < dict(heard)[4]
     assert got.resumed == 0 and got.cache_note == ""
-    capped = reference(*arguments, "gaussian", 0, [frame], target=1e-4, min_passes=4, max_passes=8)
+    capped = reference(*arguments, "gaussian", 0, [frame], resolved_share=1e-4, min_passes=4, max_passes=8)
     assert not capped.converged and capped.passes == 8
     same = reference(*arguments, "gaussian", 0, [frame], min_passes=4)
     assert np.array_equal(got.first, same.first) and np.array_equal(got.second, same.second)
@@ -195,7 +195,7 @@ def test_progress_is_heard_between_checks() -> None:
     arguments = scene()
     frame = baseline(*arguments)
     heard: list[tuple[int, float]] = []
-    got = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=8, heard_every=0,
+    got = reference(*arguments, "gaussian", 0, [frame], resolved_share=0.2, min_passes=8, heard_every=0,
                     progress=lambda passes, ratio: heard.append((passes, ratio)))  # fmt: skip
     first, rest = heard[:8], heard[8:]
     assert first == [(passes, np.inf) for passes in range(1, 9)]
@@ -221,9 +221,9 @@ def test_the_closest_candidate_decides_how_far_passes_go() -> None:
     frame = baseline(*arguments)
     long = reference(*arguments, "gaussian", 9, [frame], min_passes=1024, max_passes=1024)
     close = replace(frame, image=long.image + (frame.image - long.image) / 4)
-    alone = reference(*arguments, "gaussian", 0, [frame], target=0.2, min_passes=4)
+    alone = reference(*arguments, "gaussian", 0, [frame], resolved_share=0.2, min_passes=4)
     for order in ([frame, close], [close, frame]):
-        got = reference(*arguments, "gaussian", 0, order, target=0.2, min_passes=4)
+        got = reference(*arguments, "gaussian", 0, order, resolved_share=0.2, min_passes=4)
         assert got.candidate_error == pytest.approx(alone.candidate_error / 4, rel=0.15)
         assert got.converged and got.standard_error <= 0.2 * got.candidate_error and got.passes > alone.passes
 

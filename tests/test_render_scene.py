@@ -40,7 +40,7 @@ def test_an_offset_moves_the_sampling_point_by_pixels() -> None:
 
 @pytest.mark.parametrize("elevation", [-90, -30, 0, 60, 90])
 def test_orbit_keeps_its_distance_and_looks_at_the_target(elevation: float) -> None:
-    camera = orbit(3, 130, elevation, target=(1, 2, 3))
+    camera = orbit(3, 130, elevation, looks_at=(1, 2, 3))
     assert np.linalg.norm(np.subtract(camera.position, (1, 2, 3))) == pytest.approx(3)
     assert to_pixel(camera, (1, 2, 3), (64, 64)) == pytest.approx([32, 32])
     matrix = camera.view_matrix()[:3, :3]

@@ -273,7 +273,7 @@ def test_draws_are_functions_of_seed_and_step() -> None:
     config = tiny()
     materials, _ = data.load_materials(config)
     first, again, other = (draw_batch(materials, config, step) for step in (3, 3, 4))
-    assert torch.equal(first.target, again.target)
+    assert torch.equal(first.noisy_reference, again.noisy_reference)
     assert torch.equal(first.patches, again.patches)
     assert not torch.equal(first.patches, other.patches)
 
@@ -300,7 +300,10 @@ def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_
     rng = np.random.default_rng(5)
     views = loss.draw_views(config, rng)
     targets = torch.stack(
-        [loss.draw_target(torch.from_numpy(patch), views, model, pixel_filter, samples, rng)[0] for _ in range(600)]
+        [
+            loss.draw_noisy_reference(torch.from_numpy(patch), views, model, pixel_filter, samples, rng)[0]
+            for _ in range(600)
+        ]
     ).double()
     mean, spread = targets.mean(0), targets.std(0) / np.sqrt(len(targets))
     pairs = pair_set("hemisphere", 0, 4)

@@ -137,7 +137,7 @@ def test_targets_are_the_reference(pixel_filter: str, model: str) -> None:
             for index in range(seen.lods):
                 some = slice(index * band.side**2, index * band.side**2 + 64)
                 uv, lod = seen.uv[0, some].numpy().astype(float), float(seen.lod[0, some.start])
-                found = (seen.target[0, :single, some] + seen.independent[0, :single, some]).numpy() / 2
+                found = (seen.noisy_reference[0, :single, some] + seen.independent[0, :single, some]).numpy() / 2
                 for name in errors:
                     rng = np.random.default_rng(5)
                     source = FilteredSource(patches[0].numpy(), model, TORUS, name)
@@ -176,7 +176,7 @@ def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None
                 levels = state.network(batch.patches, batch.source, batch.pixel_filter)[model]
                 for seen in batch.seen:
                     shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view, model)
-                    total += float((shaded - seen.target).square().mean().log())
+                    total += float((shaded - seen.noisy_reference).square().mean().log())
         return total
 
     before, start = error(), [p.detach().clone() for p in state.network.parameters()]
@@ -198,7 +198,7 @@ def test_batches_serve_twice_and_a_resumed_training_sees_the_same() -> None:
     for left, right in zip(drawn[7:], resumed, strict=True):
         assert isinstance(left, BalancedBatch) and isinstance(right, BalancedBatch)
         assert torch.equal(left.patches, right.patches)
-        assert torch.equal(left.seen[0].target, right.seen[0].target)
+        assert torch.equal(left.seen[0].noisy_reference, right.seen[0].noisy_reference)
 
 
 def test_plain_and_strided_patches_are_materials_of_the_data() -> None:

@@ -19,7 +19,7 @@ from mipbake.training import data, loop
 from mipbake.training.batches import batches, draw_batch
 from mipbake.training.config import TrainingConfig
 from mipbake.training.export import export_weights
-from mipbake.training.loss import look_up, render_loss
+from mipbake.training.loss import render_loss, trilinear
 from mipbake.training.procedural import procedural_set
 
 from .small_training import tiny, train
@@ -72,7 +72,7 @@ def test_the_loss_is_the_mean_over_decoders_each_shaded_under_its_own_model() ->
     with torch.no_grad():
         stacks = state.network.stacks(batch.patches, ("wrap", "wrap"), batch.source)
         each = [
-            render_loss(look_up(levels, batch.views), model, batch.views, batch.target)
+            render_loss(trilinear(levels, batch.views), model, batch.views, batch.noisy_reference)
             for model, levels in stacks.items()
         ]
         assert list(stacks) == list(DECODERS)
@@ -108,7 +108,7 @@ def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
             for batch in held:
                 stacks = state.network.stacks(batch.patches, ("wrap", "wrap"), batch.source)
                 out += [
-                    float(render_loss(look_up(levels, batch.views), model, batch.views, batch.target))
+                    float(render_loss(trilinear(levels, batch.views), model, batch.views, batch.noisy_reference))
                     for model, levels in stacks.items()
                 ]
         return out

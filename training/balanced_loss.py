@@ -72,13 +72,13 @@ class Seen:
 
     Args:
         lod: (B, S N) levels of detail. uv: (B, S N, 2). lods: S.
-        target, independent: (B, K, S N, 3) two noisy references.
+        noisy_reference, independent: (B, K, S N, 3), two of them.
     """
 
     lod: Tensor
     uv: Tensor
     lods: int
-    target: Tensor
+    noisy_reference: Tensor
     independent: Tensor
 
 
@@ -202,11 +202,11 @@ def _seen(
     row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
-    target, independent = (
-        torch.cat([_target(sources, *where, band.samples, each, rng) for each in seen_groups(pairs, band)], 1)
+    noisy_reference, independent = (
+        torch.cat([_noisy_reference(sources, *where, band.samples, each, rng) for each in seen_groups(pairs, band)], 1)
         for _ in range(2)
     )
-    return Seen(*where, band.lods, target, independent)
+    return Seen(*where, band.lods, noisy_reference, independent)
 
 
 class _Group(NamedTuple):
@@ -228,7 +228,7 @@ def seen_groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
     return _Group(*single), _Group(light, view, torch.from_numpy(slanted_axes(view[:, :, 0].numpy())))
 
 
-def _target(
+def _noisy_reference(
     sources: Sequence[FilteredSource],
     lod: Tensor,
     uv: Tensor,
@@ -265,7 +265,7 @@ def _band_loss(
     prediction = rendered(levels, seen, pairs.light, pairs.view, model)
     weights = pairs.weights[..., None]  # (2, B, K, 1)
     share = weights.new_tensor([config.mirror_weight, config.hemisphere_weight])[:, None, None, None]
-    difference, other = prediction - seen.target, (prediction - seen.independent).detach()
+    difference, other = prediction - seen.noisy_reference, (prediction - seen.independent).detach()
     error = _squares(difference, seen.lods)
     with torch.no_grad():
         own = own_errors(difference, other, seen.lods) + _FLOOR * _squares(seen.independent, seen.lods)
@@ -275,10 +275,10 @@ def _band_loss(
     of_sets = (error[:, :single] * counts).sum(1).mean()
     of_lights = (error[:, single:] * lights).mean()
     total = of_sets + config.light_weight * of_lights
-    first, second, target = (_rooms(each, single, config) for each in (difference, other, seen.independent))
+    first, second, noisy = (_rooms(each, single, config) for each in (difference, other, seen.independent))
     for weight, block, floor in zip(config.room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
         if weight > 0:
-            total = total + weight * room_error(first, second, target, seen.lods, block, floor)
+            total = total + weight * room_error(first, second, noisy, seen.lods, block, floor)
     return total
 
 
@@ -286,10 +286,10 @@ def room_error(
     difference: Tensor, other: Tensor, independent: Tensor, lods: int, block: int | None, floor: float
 ) -> Tensor:
     """Squared error of rooms, (B, R, S N, 3), after averaging over blocks of pixels, over what it is now."""
-    first, second, target = (_averaged(radiance, lods, block) for radiance in (difference, other, independent))
+    first, second, noisy = (_averaged(radiance, lods, block) for radiance in (difference, other, independent))
     with torch.no_grad():
         own = own_errors(first, second, lods)
-        own = own + floor * _squares(target, lods) + _DARK_ROOM
+        own = own + floor * _squares(noisy, lods) + _DARK_ROOM
     return (_squares(first, lods) / own).mean()
 
 

@@ -118,20 +118,20 @@ def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memo
     theirs.close()  # the parent's end, which its death is to close
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to handle
     _one_thread()
-    target = memoryview(memory)
+    shared = memoryview(memory)
     while True:
         try:
-            pipe.send(_answer(draw, pipe.recv(), target))
+            pipe.send(_answer(draw, pipe.recv(), shared))
         except (EOFError, OSError):
             return  # nobody asks any more
 
 
-def _answer(draw: Callable[[int], Any], index: int, target: memoryview) -> tuple[bytes | Exception, list[int]]:
+def _answer(draw: Callable[[int], Any], index: int, shared: memoryview) -> tuple[bytes | Exception, list[int]]:
     try:
         answer, buffers = pack(draw(index))
         sizes = [len(buffer) for buffer in buffers]
         for place, buffer in zip(_places(sizes)[0], buffers, strict=True):
-            target[place] = buffer
+            shared[place] = buffer
     except Exception as error:  # whatever it is, the parent raises it
         return error, []
     return answer, sizes

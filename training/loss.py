@@ -58,11 +58,11 @@ class SingleLightsBatch(Batch):
     """Of one step, beside the patches.
 
     Args:
-        target: (B, S, K, N, 3) noisy references.
+        noisy_reference: (B, S, K, N, 3).
     """
 
     views: Views
-    target: Tensor
+    noisy_reference: Tensor
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
     def draw(self, patches: Tensor, source: str, rng: np.random.Generator) -> SingleLightsBatch:
         """See Loss. The noisy reference is rendered in the model that is read (section 3.5)."""
         views = draw_views(self, rng)
-        target = draw_target(patches, views, source, self.pixel_filter, self.target_samples, rng)
-        return SingleLightsBatch(source, patches, views, target)
+        noisy_reference = draw_noisy_reference(patches, views, source, self.pixel_filter, self.target_samples, rng)
+        return SingleLightsBatch(source, patches, views, noisy_reference)
 
     def value(self, network: Network, batch: SingleLightsBatch) -> Tensor:
         """See Loss."""
         stacks = network(batch.patches, batch.source, self.pixel_filter)
         losses = [
-            render_loss(look_up(levels, batch.views), model, batch.views, batch.target)
+            render_loss(trilinear(levels, batch.views), model, batch.views, batch.noisy_reference)
             for model, levels in stacks.items()
         ]
         return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
@@ -142,7 +142,7 @@ def draw_views(config: SingleLightsLossConfig, rng: np.random.Generator) -> View
     )
 
 
-def draw_target(
+def draw_noisy_reference(
     patches: Tensor, views: Views, model: str, pixel_filter: str, samples: int, rng: np.random.Generator
 ) -> Tensor:
     """Unbiased noisy references (B, S, K, N, 3) of (B, size, size, C) patches, each the mean of `samples` samples.
@@ -163,22 +163,22 @@ def draw_target(
     return torch.from_numpy(out.reshape(b, lods, k, n, 3))
 
 
-def look_up(levels: list[Tensor], views: Views) -> Tensor:
+def trilinear(levels: list[Tensor], views: Views) -> Tensor:
     """(B, S, N, C) texels of a stack of (B, H_L, W_L, C) levels, looked up once a pixel."""
     lod = views.lod[:, :, None].expand(views.uv.shape[:3])
     return texture(levels[0], views.uv, None, lod, levels[1:], boundary_mode=TORUS)
 
 
-def render_loss(texels: Tensor, model: str, views: Views, target: Tensor) -> Tensor:
+def render_loss(texels: Tensor, model: str, views: Views, noisy_reference: Tensor) -> Tensor:
     """Shades texels and compares: the mean over all renders of squared error over norm, a scalar (equation 5).
 
     A render's error and norm are sums over its pixels and channels. The norm is a constant to the gradient.
 
     Args:
         texels: (B, S, N, C) stored channels, one a pixel.
-        target: (B, S, K, N, 3) noisy references.
+        noisy_reference: (B, S, K, N, 3).
     """
-    out: Tensor = _RenderLoss.apply(texels, model, views, target)  # type: ignore[no-untyped-call]
+    out: Tensor = _RenderLoss.apply(texels, model, views, noisy_reference)  # type: ignore[no-untyped-call]
     return out
 
 
@@ -186,9 +186,9 @@ class _RenderLoss(torch.autograd.Function):
     """One level of detail at a time, backwards at once: its renders are used while they are near a core."""
 
     @staticmethod
-    def forward(ctx: Any, texels: Tensor, model: str, views: Views, target: Tensor) -> Tensor:
+    def forward(ctx: Any, texels: Tensor, model: str, views: Views, noisy_reference: Tensor) -> Tensor:
         needed = ctx.needs_input_grad[0]
-        renders = target.shape[0] * target.shape[1] * target.shape[2]
+        renders = noisy_reference.shape[0] * noisy_reference.shape[1] * noisy_reference.shape[2]
         total = texels.new_zeros(())
         gradient = torch.empty_like(texels) if needed else None
         for lod in range(texels.shape[1]):
@@ -197,7 +197,7 @@ class _RenderLoss(torch.autograd.Function):
                 prediction = shade(model, part, views.light, views.view)
             render = prediction.detach()
             norm = relative_norms(render)
-            error = render - target[:, lod]
+            error = render - noisy_reference[:, lod]
             total += (energies(error) / norm).sum() / renders
             if gradient is not None:
                 error *= (2 / renders / norm)[..., None, None]

@@ -173,10 +173,10 @@ class Validator:
             levels, row = self.stacks(network, patch)[self.models[0]], []
             for lod in _PICTURE_LODS:
                 rng = np.random.default_rng(_SEED)
-                target = self._reference(patch, uv, lod, pairs, self.effort.picture_samples, rng)
+                reference = self._reference(patch, uv, lod, pairs, self.effort.picture_samples, rng)
                 prediction = candidate(levels, self.models[0], _TORUS, uv, lod, pairs)
-                exposure = 0.25 / max(float(target.mean()), 1e-6)
-                shown = _tonemap(prediction * exposure), _tonemap(target * exposure)
+                exposure = 0.25 / max(float(reference.mean()), 1e-6)
+                shown = _tonemap(prediction * exposure), _tonemap(reference * exposure)
                 row += [*shown, np.clip(4 * abs(shown[0] - shown[1]), 0, 1)]
             rows.append(np.concatenate([r.reshape(size, size, 3) for r in row], 1))
         _write_png(path, np.concatenate(rows))

@@ -57,7 +57,7 @@ class EngineView:
         }
         return {
             **{name: np.asarray(values).reshape(-1).tolist() for name, values in arrays.items()},
-            **{"position": camera.position, "target": camera.target, "up": camera.up},
+            **{"position": camera.position, "target": camera.looks_at, "up": camera.up},
             **{"fieldOfView": camera.field_of_view, "near": camera.near, "far": camera.far},
             **{"width": self.side, "height": self.side},
         }

@@ -161,26 +161,26 @@ def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
 
 def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
-    target = out / _set_of_tiles(groups[0])[1]
+    place = out / _set_of_tiles(groups[0])[1]
     found = [each for job in groups for each in job.found().values()]
-    check_output(target, {name: told for each in found for name, told in file_hashes(each).items()})
-    with published(target, is_stack_folder) as folder:
+    check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
+    with published(place, is_stack_folder) as folder:
         made = [tile for job in groups for tile in bake_job(run, job, folder)]
-        check_output(target, {name: told for tile in made for name, told in tile.provenance.sources.items()})
-        tiles = [_gathered(tile, folder, target) for tile in made]
-    run.listener.gathered(target, tiles)
+        check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
+        tiles = [_gathered(tile, folder, place) for tile in made]
+    run.listener.gathered(place, tiles)
     return tiles
 
 
-def _gathered(tile: BakedSet, folder: Path, target: Path) -> BakedSet:
-    """Moves the files of a tile out of its own folder, into the folder of all tiles, which will be called `target`."""
+def _gathered(tile: BakedSet, folder: Path, place: Path) -> BakedSet:
+    """Moves the files of a tile out of its own folder, into the folder of all tiles, which will be called `place`."""
     files = []
     for each in tile.files:
         moved = folder / each.path.name
         if moved.exists():
-            raise OutputError(f"cannot write {target}: two of its tiles have a file {moved.name}, rename the maps")
+            raise OutputError(f"cannot write {place}: two of its tiles have a file {moved.name}, rename the maps")
         each.path.rename(moved)
-        files.append(WrittenFile(target / moved.name, each.bytes))
+        files.append(WrittenFile(place / moved.name, each.bytes))
     tile.out.rmdir()
     return replace(tile, out=files[0].path, files=tuple(files))
 

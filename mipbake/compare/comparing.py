@@ -181,14 +181,14 @@ def compare(
             for each in candidates
             if each.name in shown
         }
-    settled = dataclasses.replace(
+    told = dataclasses.replace(
         comparison,
         notes=(*notes, *limits(texture_set.source_model, model, stack is not None), *comparison.notes),
         warnings=(*warnings, *comparison.warnings),
         foreign=foreign is not None,
         seconds=clock.seconds,
     )
-    return Compared(settled, stacks)
+    return Compared(told, stacks)
 
 
 def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
@@ -278,7 +278,7 @@ def _compared(
         figures=(*comparison.figures, *figures, *turning.figures),
         rendered=tuple(rendered),
         plots=(_only(turning.plot, few), *pictures, lobe),
-        warnings=_unsettled([each.scene for each in rendered if not each.scene.converged]),
+        warnings=_not_converged([each.scene for each in rendered if not each.scene.converged]),
     )
 
 
@@ -329,7 +329,7 @@ def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[
             yield dataclasses.replace(figure, measure=SNR_GAIN, value=gain.estimate, low=gain.low, high=gain.high)
 
 
-def _unsettled(scenes: Sequence[Scene]) -> tuple[str, ...]:
+def _not_converged(scenes: Sequence[Scene]) -> tuple[str, ...]:
     """One sentence about all references that did not converge."""
     if not scenes:
         return ()

@@ -281,8 +281,8 @@ def _psnr(planned: MapFile, written: MapFile) -> float:
     squares, count = 0.0, 0
     srgb = written.container.srgb(written.layout)
     for wanted, found in zip(planned.levels, written.levels, strict=False):
-        for pair in zip(row_blocks(found), row_blocks(wanted), strict=True):
-            error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in pair))
+        for both in zip(row_blocks(found), row_blocks(wanted), strict=True):
+            error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in both))
             squares += float(np.square(error).sum())
             count += error.size
     return float("inf") if squares == 0 else float(-10 * np.log10(squares / count))

@@ -19,7 +19,7 @@ from mipbake.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.metrics.pairs import cosine_directions
 from mipbake.reference.estimate import reference
 from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate as looked_up
+from mipbake.render import candidate
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
@@ -145,7 +145,7 @@ def apparent_brdf(
         return image
 
     def shown(each: Candidate) -> NDArray[np.float32]:
-        return looked_up(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
+        return candidate(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
 
     images = {each.method.name: disc(shown(each)) for each in candidates}
     height, width = source.stored.shape[:2]
@@ -169,7 +169,7 @@ def _worst(source: FilteredSource, subject: Candidate, seed: int, lod: float) ->
     light[:, 2] = np.sqrt(1 - np.square(light[:, :2]).sum(-1))
     pairs = LightViewPairs(light.astype(np.float32), np.broadcast_to(_ABOVE, light.shape))
     r = reference(source, uv, lod, pairs, _SAMPLES, rng).astype(np.float64)
-    p = looked_up(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
+    p = candidate(subject.levels, subject.method.model, source.wrap, uv, lod, pairs)
     error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
     u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]
     return float(u), float(v)

@@ -99,7 +99,7 @@ def exposed(lighting: Lighting) -> Lighting:
 def shifted(camera: Camera, shift: tuple[float, float]) -> Camera:
     """The camera with its picture moved by `shift` pixels, columns to the right and rows upwards."""
     c = camera
-    return ShiftedCamera(c.position, c.target, c.up, c.field_of_view, c.near, c.far, shift)
+    return ShiftedCamera(c.position, c.looks_at, c.up, c.field_of_view, c.near, c.far, shift)
 
 
 def standard_views(
@@ -148,7 +148,7 @@ def mesh_views(
         distance = fitted * times
         seen = orbit(distance, *_MESH_FROM, (x, y, z), _MESH_ANGLE)
         room = (max(distance - 1.1 * radius, 1e-3 * distance), distance + 1.1 * radius)
-        camera = Camera(seen.position, seen.target, seen.up, _MESH_ANGLE, *room)
+        camera = Camera(seen.position, seen.looks_at, seen.up, _MESH_ANGLE, *room)
         lod = median_lod(mesh, camera, resolution, size)
         if math.isnan(lod):
             raise InputError(

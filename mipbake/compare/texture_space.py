@@ -1,6 +1,6 @@
 """Measures in texture space, of many candidates at once: every pixel covers 2^lod texels, lit by single directions.
 
-All candidates are measured against the same pair of independent estimates of the reference, at the same pixels, so
+All candidates are measured against the same two independent estimates of the reference, at the same pixels, so
 whatever differs is a difference of the candidates. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
 
     (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
@@ -41,7 +41,7 @@ from mipbake.pixel_filter import level_sizes
 from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate as looked_up
+from mipbake.render import candidate
 from mipbake.texture_set import TextureSet
 
 DEFAULT_SEED = 0  # not tuned
@@ -284,10 +284,10 @@ class _Scene:
         return reference(self.source, uv, lod, self.pairs, samples, rng)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
-        return looked_up(each.levels, each.method.model, self.source.wrap, uv, lod, self.pairs)
+        return candidate(each.levels, each.method.model, self.source.wrap, uv, lod, self.pairs)
 
 
-class _Target:
+class _Compared:
     """What a candidate is compared with: the mean of two independent estimates, (K, P, 3), and what they say of it."""
 
     def __init__(self, first: Radiance, second: Radiance) -> None:
@@ -323,12 +323,12 @@ def _at_rest(
 ) -> None:
     """The SNR of a block at a level of detail, and the tonemapped error where it is wanted."""
     uv = random_points(draws.rng, draws.points)
-    target = _Target(*(scene.estimate(uv, lod, draws.samples, draws.rng) for _ in range(2)))
+    compared = _Compared(*(scene.estimate(uv, lod, draws.samples, draws.rng) for _ in range(2)))
     some = _a_block(_TONE_POINTS)
-    toned = displayed(target.mean[:, :some]) if tones else None
+    toned = displayed(compared.mean[:, :some]) if tones else None
     for each in candidates:
         shown = scene.shown(each, uv, lod)
-        sums.setdefault(("snr", each.name, lod), []).append(target.snr_sums(shown))
+        sums.setdefault(("snr", each.name, lod), []).append(compared.snr_sums(shown))
         if toned is not None:
             apart = np.abs(displayed(shown[:, :some]) - toned).sum((1, 2))
             rows = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
@@ -346,14 +346,14 @@ def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws
     uv = random_points(rng, points)
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
     first, second = ([scene.estimate(place, lod, samples, rng) for place in places] for _ in range(2))
-    targets = [_Target(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
+    compared = [_Compared(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
     del first, second
     for each in candidates:
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
-        pairs = list(zip(targets, changes, strict=True))
-        flicker = np.sum([target.flicker_sums(change) for target, change in pairs], 0) / points
-        snr = np.sum([target.snr_sums(change) for target, change in pairs], 0) / points
+        both = list(zip(compared, changes, strict=True))
+        flicker = np.sum([of.flicker_sums(change) for of, change in both], 0) / points
+        snr = np.sum([of.snr_sums(change) for of, change in both], 0) / points
         sums.setdefault(("flicker", each.name, lod), []).append(flicker)
         sums.setdefault(("flicker-snr", each.name, lod), []).append(snr)
 

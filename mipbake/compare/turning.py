@@ -93,9 +93,9 @@ class Turning:
             for index in range(passes // 2):
                 offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
                 uv, _, view = self._see((float(offset[0]), float(offset[1])))
-                looked_up = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
+                texels = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
                 weight = float(sign.prod())
-                total += weight * self._lit(looked_up[0, 0], view, source.model)
+                total += weight * self._lit(texels[0, 0], view, source.model)
                 weights += weight
                 progress((half + 2 * (index + 1) / passes) / 2)
             # As mesh_render divides: a constant stays constant under signed filters too.

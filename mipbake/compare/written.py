@@ -68,7 +68,7 @@ class Written:
     Args:
         lods: from 0 to the last level in steps of 1/2.
         snr: pair set to dB at each.
-        dips: pairs of levels that do not belong together; empty unless mipbake has a defect.
+        dips: between two levels that do not belong together; empty unless mipbake has a defect.
     """
 
     lods: tuple[float, ...]

@@ -202,13 +202,13 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
 
 
 def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
-    target = folder.joinpath(*_place(member).parts)
-    if target.exists():
+    place = folder.joinpath(*_place(member).parts)
+    if place.exists():
         raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder")
     chunks = _chunks(path, opened, member)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("xb") as file:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with place.open("xb") as file:
             for chunk in chunks:
                 file.write(chunk)
     except OSError as error:

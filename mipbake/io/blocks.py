@@ -47,12 +47,12 @@ def from_blocks(texture: GpuTexture) -> list[Texels]:
     """
     made = texture.format
     sizes = [level_size(texture.width, texture.height, index) for index in range(len(texture.levels))]
-    pairs = list(zip(texture.levels, sizes, strict=True))
+    sized = list(zip(texture.levels, sizes, strict=True))
     if made.side == 1:
         kind = np.dtype(np.float16 if made.is_float else np.uint8)
-        return [np.frombuffer(data, kind).reshape(height, width, -1) for data, (width, height) in pairs]
+        return [np.frombuffer(data, kind).reshape(height, width, -1) for data, (width, height) in sized]
     if made.name.startswith(("BC4", "BC5")):
-        return [_red_green(data, made, width, height) for data, (width, height) in pairs]
+        return [_red_green(data, made, width, height) for data, (width, height) in sized]
     found = uastc.decompressed(texture) if made.name.startswith("UASTC") else _by_image_library(texture)
     return [level[..., : made.channels] for level in found]
 

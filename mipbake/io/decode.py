@@ -131,8 +131,8 @@ def upsample(pixels: Pixels, width: int, height: int, wrap: tuple[str, str]) -> 
         at = (np.arange(size) + 0.5) * count / size - 0.5
         low = np.floor(at).astype(np.intp)
         weight = (at - low).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-        pair = [i % count if mode == "wrap" else np.clip(i, 0, count - 1) for i in (low, low + 1)]
-        first, second = (np.take(pixels, i, axis) for i in pair)
+        both = [i % count if mode == "wrap" else np.clip(i, 0, count - 1) for i in (low, low + 1)]
+        first, second = (np.take(pixels, i, axis) for i in both)
         second -= first
         second *= weight
         second += first

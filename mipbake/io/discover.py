@@ -61,14 +61,14 @@ def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discove
         return replace(found, convention=NormalConvention("opengl", "flat", 1.0))
     if test.decided:
         note = f"{label}: {spoken(test.convention)} by the curl of its slopes (confidence {test.confidence:.2f})"
-        settled = NormalConvention(test.convention, "pixels", test.confidence)
-        return replace(found, convention=settled, notes=(*found.notes, note))
+        decided = NormalConvention(test.convention, "pixels", test.confidence)
+        return replace(found, convention=decided, notes=(*found.notes, note))
     warning = (
         f"{label}: neither its name nor the curl of its slopes (confidence {test.confidence:.2f}, {DECIDED_CONFIDENCE} "
         "needed) tells OpenGL from DirectX; OpenGL is assumed, set the normal convention if that is wrong"
     )
-    settled = NormalConvention("opengl", "assumed", test.confidence)
-    return replace(found, convention=settled, warnings=(*found.warnings, warning))
+    decided = NormalConvention("opengl", "assumed", test.confidence)
+    return replace(found, convention=decided, warnings=(*found.warnings, warning))
 
 
 def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:

@@ -206,7 +206,7 @@ def decoded(data: bytes, name: str) -> GpuTexture:
     levels = found.levels
     if found.supercompressed:
         sizes = (found.format.level_size(*level_size(found.width, found.height, i)) for i in range(len(levels)))
-        levels = tuple(_inflated(*pair, name, i) for i, pair in enumerate(zip(levels, sizes, strict=True)))
+        levels = tuple(_inflated(*each, name, i) for i, each in enumerate(zip(levels, sizes, strict=True)))
     return GpuTexture(found.format, found.width, found.height, levels, found.values)
 
 

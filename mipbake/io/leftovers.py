@@ -35,16 +35,16 @@ def unfinished() -> list[Path]:
     return sorted(path for path in _unfinished if os.path.lexists(path))
 
 
-def name_beside(target: Path, suffix: str) -> Path:
+def name_beside(place: Path, suffix: str) -> Path:
     """A new name beside a path for unfinished work on it."""
-    return target.with_name(f".{target.name}.{secrets.token_hex(4)}{suffix}")
+    return place.with_name(f".{place.name}.{secrets.token_hex(4)}{suffix}")
 
 
 @contextmanager
-def begun(target: Path, make: Callable[[Path], None]) -> Iterator[Path]:
-    """What `make` makes at a new path beside `target`, locked; what is there when the block ends is removed."""
+def begun(place: Path, make: Callable[[Path], None]) -> Iterator[Path]:
+    """What `make` makes at a new path beside `place`, locked; what is there when the block ends is removed."""
     with contextlib.ExitStack() as locks:
-        partial = name_beside(target, PARTIAL)
+        partial = name_beside(place, PARTIAL)
         _unfinished.add(partial)
         try:
             make(partial)
@@ -66,14 +66,14 @@ def kept(path: Path) -> Iterator[None]:
         yield
 
 
-def settle(target: Path) -> None:
+def tidy(place: Path) -> None:
     """Removes what processes that are gone left beside a path, and gives an earlier result that was moved aside its
     name back where nothing else has it."""
     with suppress(OSError):
-        for path in target.parent.iterdir():
-            if _pattern(target).fullmatch(path.name):
+        for path in place.parent.iterdir():
+            if _pattern(place).fullmatch(path.name):
                 with suppress(OSError):
-                    _settle_one(path, target)
+                    _tidy_one(path, place)
 
 
 def remove(path: Path) -> None:
@@ -85,17 +85,17 @@ def remove(path: Path) -> None:
             path.unlink()
 
 
-def _pattern(target: Path) -> re.Pattern[str]:
-    return re.compile(rf"\.{re.escape(target.name)}\.[0-9a-f]{{8}}({re.escape(PARTIAL)}|{re.escape(OLD)})")
+def _pattern(place: Path) -> re.Pattern[str]:
+    return re.compile(rf"\.{re.escape(place.name)}\.[0-9a-f]{{8}}({re.escape(PARTIAL)}|{re.escape(OLD)})")
 
 
-def _settle_one(path: Path, target: Path) -> None:
+def _tidy_one(path: Path, place: Path) -> None:
     with _lock(path, wait=False) as ours:
         if not ours:
             return
         with uninterrupted():
-            if path.suffix == OLD and not os.path.lexists(target):
-                path.rename(target)
+            if path.suffix == OLD and not os.path.lexists(place):
+                path.rename(place)
             else:
                 remove(path)
 

@@ -48,7 +48,7 @@ class MapFile:
 
 
 def save_maps(
-    target: Path,
+    place: Path,
     manifest_name: str,
     manifest: Mapping[str, Any],
     write: Callable[[Path], None],
@@ -57,17 +57,17 @@ def save_maps(
     """Publishes a folder of maps with the manifest that describes them; gives its files, the manifest first.
 
     Args:
-        target: the folder; it appears when it is complete, in the place of an earlier one that `is_ours`.
+        place: the folder; it appears when it is complete, in the place of an earlier one that `is_ours`.
         manifest: with `maps` or `outputs` as `described` gives them.
         write: from `write_files`.
 
     Raises:
         OutputError: the folder cannot be written, or holds anything else.
     """
-    with published(target, is_ours) as folder:
+    with published(place, is_ours) as folder:
         write(folder)
         (folder / manifest_name).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-    return [target / manifest_name, *(target / name for name in listed_files(manifest))]
+    return [place / manifest_name, *(place / name for name in listed_files(manifest))]
 
 
 def write_files(
@@ -207,10 +207,10 @@ def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[st
     shared = [n for n in sources if n in earlier and sources[n] in ("", earlier[n])]
     if shared or not earlier or not sources:
         return
-    target = manifests[0].parent
+    place = manifests[0].parent
     raise OutputError(
-        f"cannot write to {target}: it holds the {what} {listed(names)!r} of other source files ({listed(earlier)}) "
-        f"than the files to be read now; choose another output folder, or remove {target} if it is no longer needed"
+        f"cannot write to {place}: it holds the {what} {listed(names)!r} of other source files ({listed(earlier)}) "
+        f"than the files to be read now; choose another output folder, or remove {place} if it is no longer needed"
     )
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mipbake.errors import OutputError
-from mipbake.io.leftovers import OLD, PARTIAL, begun, kept, name_beside, remove, settle
+from mipbake.io.leftovers import OLD, PARTIAL, begun, kept, name_beside, remove, tidy
 from mipbake.io.signals import uninterrupted
 
 IsOurs = Callable[[Path], bool]
@@ -26,89 +26,89 @@ _TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
 
 
-def check_target(target: Path, is_ours: IsOurs) -> None:
-    """Raises OutputError when publishing to `target` cannot succeed; leaves nothing behind. Call it before long work.
+def check_place(place: Path, is_ours: IsOurs) -> None:
+    """Raises OutputError when publishing to `place` cannot succeed; leaves nothing behind. Call it before long work.
 
-    What killed processes left beside `target` is removed, and an earlier result that such a process had moved
+    What killed processes left beside `place` is removed, and an earlier result that such a process had moved
     aside gets its name back. Permissions do not tell everything (read-only and virtual file systems, names that are
     too long), so the folders that are missing are made on trial, under a name of their own that no other process
     relies on.
     """
     try:
-        str(target.resolve()).encode()
-        settle(target.resolve())
-        _check_existing(target, is_ours)
-        _try_to_make(target.resolve())
+        str(place.resolve()).encode()
+        tidy(place.resolve())
+        _check_existing(place, is_ours)
+        _try_to_make(place.resolve())
     except UnicodeEncodeError as error:
-        shown = os.fsencode(target).decode("utf-8", "backslashreplace")
+        shown = os.fsencode(place).decode("utf-8", "backslashreplace")
         raise OutputError(f"cannot write to {shown}: its name is not UTF-8, choose another folder") from error
     except OSError as error:
-        raise OutputError(f"cannot write to {target}: {reason(error)}") from error
+        raise OutputError(f"cannot write to {place}: {reason(error)}") from error
     except RuntimeError as error:  # what Python says of loops of links before version 3.13
         raise OutputError(
-            f"cannot write to {target}: a link leads back to itself, remove it or choose another folder"
+            f"cannot write to {place}: a link leads back to itself, remove it or choose another folder"
         ) from error
 
 
-def _check_existing(target: Path, is_ours: IsOurs) -> None:
-    for each in (target, *target.parents):
+def _check_existing(place: Path, is_ours: IsOurs) -> None:
+    for each in (place, *place.parents):
         if each.is_symlink() and not each.exists():
-            what = "it" if each == target else each
+            what = "it" if each == place else each
             raise OutputError(
-                f"cannot write to {target}: {what} is a link to nothing, remove it or choose another folder"
+                f"cannot write to {place}: {what} is a link to nothing, remove it or choose another folder"
             )
-    _check_replaceable(target, is_ours)
+    _check_replaceable(place, is_ours)
     # The closest folder that exists must let us create what is missing below it.
-    existing = next(p for p in target.resolve().parents if p.exists())
+    existing = next(p for p in place.resolve().parents if p.exists())
     if not existing.is_dir():
-        raise OutputError(f"cannot write to {target}: {existing} is a file, choose another folder")
+        raise OutputError(f"cannot write to {place}: {existing} is a file, choose another folder")
     if not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(f"cannot write to {target}: no permission to write in {existing}, choose another folder")
+        raise OutputError(f"cannot write to {place}: no permission to write in {existing}, choose another folder")
 
 
-def _check_replaceable(target: Path, is_ours: IsOurs) -> None:
+def _check_replaceable(place: Path, is_ours: IsOurs) -> None:
     """Looks again where another process has put its result at the same name meanwhile."""
-    while (found := _state(target)) is not None:
-        foreign = stat.S_ISDIR(found.st_mode) and _listed(target) and not is_ours(target)
-        now = _state(target)
+    while (found := _state(place)) is not None:
+        foreign = stat.S_ISDIR(found.st_mode) and _listed(place) and not is_ours(place)
+        now = _state(place)
         if now is None or not os.path.samestat(now, found):
             continue
         if foreign:
             raise OutputError(
-                f"cannot write to {target}: it holds files that are not mipbake's, empty it or choose another folder"
+                f"cannot write to {place}: it holds files that are not mipbake's, empty it or choose another folder"
             )
         if not stat.S_ISDIR(found.st_mode):
-            raise OutputError(f"cannot write to {target}: it is a file, choose another folder")
+            raise OutputError(f"cannot write to {place}: it is a file, choose another folder")
         return
 
 
-def _try_to_make(target: Path) -> None:
-    existing = next(p for p in target.parents if p.exists())
+def _try_to_make(place: Path) -> None:
+    existing = next(p for p in place.parents if p.exists())
     trial = existing / TRIAL
-    settle(trial)
+    tidy(trial)
     with begun(trial, Path.mkdir) as folder:
-        name_beside(folder / target.relative_to(existing), PARTIAL).mkdir(parents=True)
+        name_beside(folder / place.relative_to(existing), PARTIAL).mkdir(parents=True)
 
 
 @contextlib.contextmanager
-def published(target: Path, is_ours: IsOurs) -> Iterator[Path]:
-    """A temporary folder beside `target`, which takes its name when the block ends and is removed when it raises.
+def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
+    """A temporary folder beside `place`, which takes its name when the block ends and is removed when it raises.
 
     Parent folders are made as needed, and removed again when the block raises. Wherever the process is
-    stopped, `target` is the earlier result or the new one, whole. Only where a file system cannot exchange two names is
-    there neither for a moment; after a process was killed in it, the next `check_target` restores the earlier result.
+    stopped, `place` is the earlier result or the new one, whole. Only where a file system cannot exchange two names is
+    there neither for a moment; after a process was killed in it, the next `check_place` restores the earlier result.
 
     Raises:
-        OutputError: what check_target says, and whatever the file system refuses on the way.
+        OutputError: what check_place says, and whatever the file system refuses on the way.
     """
-    check_target(target, is_ours)
-    target = target.resolve()
-    with _told(f"cannot write to {target}"), _parents(target), begun(target, Path.mkdir) as partial:
+    check_place(place, is_ours)
+    place = place.resolve()
+    with _told(f"cannot write to {place}"), _parents(place), begun(place, Path.mkdir) as partial:
         yield partial
         _flush(partial)
-        _check_existing(target, is_ours)  # it may have been long since the first time
+        _check_existing(place, is_ours)  # it may have been long since the first time
         with uninterrupted():
-            _swap(partial, target)
+            _swap(partial, place)
 
 
 @contextlib.contextmanager
@@ -118,7 +118,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: whatever the file system refuses.
     """
-    settle(path)
+    tidy(path)
     with begun(path, lambda partial: partial.touch(exist_ok=False)) as partial:
         yield partial
         _flush(partial)
@@ -234,35 +234,35 @@ def _flush(path: Path) -> None:
             os.fsync(opened.fileno())
 
 
-def _swap(partial: Path, target: Path) -> None:
+def _swap(partial: Path, place: Path) -> None:
     """Gives a folder its name. An earlier folder of that name is what lies at `partial` then.
 
     Raises:
         OSError: the file system refuses it; then everything is as it was.
     """
-    while not exchanged(partial, target):
+    while not exchanged(partial, place):
         try:
-            partial.rename(target)  # there is none, or an empty one
+            partial.rename(place)  # there is none, or an empty one
             return
         except OSError as error:
-            if error.errno not in _TAKEN and not os.path.lexists(target):
+            if error.errno not in _TAKEN and not os.path.lexists(place):
                 raise
-        old = name_beside(target, OLD)
-        with kept(target):
+        old = name_beside(place, OLD)
+        with kept(place):
             try:
-                target.rename(old)
+                place.rename(old)
             except FileNotFoundError:  # another process has moved it: once more
                 continue
             try:
-                partial.rename(target)
+                partial.rename(place)
             except OSError as error:
                 if error.errno in _TAKEN or os.path.lexists(
-                    target
+                    place
                 ):  # another process was quicker: its result is what is to be replaced
                     remove(old)
                     continue
                 with contextlib.suppress(FileNotFoundError):  # another process has given it its name back
-                    old.rename(target)
+                    old.rename(place)
                 raise
             with contextlib.suppress(FileNotFoundError):  # another process has cleaned it up
                 old.rename(partial)

@@ -52,7 +52,7 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
 
     Args:
         files: of one folder.
-        options: choices of maps; roles that they settle for all sets tell nothing.
+        options: choices of maps; roles that they decide for all sets tell nothing.
         tiles: file to the text of its UDIM tile, which is not a part of a set's name.
 
     Raises:
@@ -74,13 +74,13 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
     groups: dict[str, list[_Named]] = {}
     for each in named:
         groups.setdefault(_key(each.match.asset, each.stem), []).append(each)
-    settled = {role for role in options.maps if role not in patterns}
-    roles = {asset: _roles(group) | settled for asset, group in groups.items()}
+    decided = {role for role in options.maps if role not in patterns}
+    roles = {asset: _roles(group) | decided for asset, group in groups.items()}
     complete = [asset for asset in groups if {"normal", "roughness"} <= roles[asset] and _roles(groups[asset])]
-    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], settled):
+    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], decided):
         return None
     # A set that lacks one of the two is told when its turn comes; what has neither may be anybody's.
-    sets = [asset for asset in groups if {"normal", "roughness"} & (roles[asset] - settled)]
+    sets = [asset for asset in groups if {"normal", "roughness"} & (roles[asset] - decided)]
     own = {asset: [each.file for each in groups[asset]] for asset in sets}
     left_out: list[Path] = []
     for file in images:
@@ -149,10 +149,10 @@ def _roles(group: Sequence[_Named]) -> set[str]:
     return {meaning.role for each in group for meaning in each.match.meanings}
 
 
-def _compete(groups: Sequence[Sequence[_Named]], settled: set[str]) -> bool:
+def _compete(groups: Sequence[Sequence[_Named]], decided: set[str]) -> bool:
     """Whether files of two groups would fill one role of a set, none of them preferred."""
     for role in SHADING_ROLES:
-        if role in settled:
+        if role in decided:
             continue
         ranks = [min((m.rank for e in g for m in e.match.meanings if m.role == role), default=None) for g in groups]
         known = [rank for rank in ranks if rank is not None]

@@ -106,9 +106,9 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
         if not isinstance(choice, (str, os.PathLike)) or not is_pattern(choice):
             continue
         u, v = place(tile)
-        pair = f"u{u + 1}_v{v + 1}"
+        cell = f"u{u + 1}_v{v + 1}"
         text = _PLACEHOLDER.sub(
-            lambda m: str(tile) if m[1].upper() == "UDIM" else pair,  # noqa: B023
+            lambda m: str(tile) if m[1].upper() == "UDIM" else cell,  # noqa: B023
             os.fspath(choice),
         )
         there = (folder or Path()) / _CHANNELS.sub("", text)
@@ -147,8 +147,8 @@ def _tile_named(text: str) -> int | None:
     """The tile that a placeholder's text names: 1001 to 1999, or u1_v1 and so on."""
     if re.fullmatch(r"1\d{3}", text):
         tile = int(text)
-    elif pair := re.fullmatch(r"u(\d{1,2})_v(\d{1,3})", text, re.IGNORECASE):
-        u, v = int(pair[1]), int(pair[2])
+    elif found := re.fullmatch(r"u(\d{1,2})_v(\d{1,3})", text, re.IGNORECASE):
+        u, v = int(found[1]), int(found[2])
         if not (1 <= u <= 10 and v >= 1):
             return None
         tile = FIRST + u - 1 + 10 * (v - 1)

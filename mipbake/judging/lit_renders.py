@@ -85,7 +85,7 @@ def pixel_slope(square: float) -> float:
     return (1 - _BRIGHTNESS) / max(square, _LEAST)
 
 
-def lit_error(off: Image, shown: Image, cosine: Image, noise: float = 0.0) -> LitError:
+def lit_error(off: Image, shown: Image, cosine: Image | Array, noise: float = 0.0) -> LitError:
     """The error of (P, 3) differences to what is shown (P, 3), at (P,) cosines of the angle of view.
 
     Args:

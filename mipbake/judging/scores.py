@@ -17,7 +17,7 @@ from mipbake.judging.lit_renders import LitError, displayed_float32, lit_error, 
 from mipbake.judging.pairs import KINDS
 from mipbake.judging.probes import Probe, ProbeEffort, mean_squares, probe
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.reference.estimate import look_up
+from mipbake.reference.estimate import bilinear
 from mipbake.reference.problem import Image, Problem, Region, whole
 from mipbake.render.environment import studio
 from mipbake.shading import shade
@@ -136,7 +136,7 @@ class Scores:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
         probe = self.probes[index]
         where = np.concatenate([probe.uv.reshape(-1, 2), probe.lit_uv])
-        return look_up(level, where, self.problem.wrap)
+        return bilinear(level, where, self.problem.wrap)
 
     def errors(self, texels: Image, index: int) -> Errors:
         """What (G * P + Q, C) stored channels of the target are off by at a probe, as `looked_up` has them."""

@@ -10,8 +10,8 @@ shades. Arrays are `(..., C)` of float32 or float64; every function is pure and 
 | `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
 | `beckmann` | the channels of `ggx`; g = ln(gamma) |
 
-`model.py` says what a record holds, and `kinds.py` what a channel can be. Each model, or each pair of models that share
-their formulas, has a file of its own; `models.py` lists them.
+`model.py` says what a record holds, and `kinds.py` what a channel can be. Each model, or two models that share their
+formulas, have a file of its own; `models.py` lists them.
 """
 
 from mipbake.material.beckmann import beckmann_to_ggx, ggx_to_beckmann

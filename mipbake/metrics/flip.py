@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake.errors import UsageError
-from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair, radiance_pair
+from mipbake.metrics.images import ImageArray, Measured, check_picture, checked_display, checked_radiance
 
 PIXELS_PER_DEGREE = 3840 * math.pi / 180
 """About 67.02, FLIP's own default: a 0.7 m wide display of 3840 pixels seen from 0.7 m."""
@@ -58,7 +58,7 @@ def hdr_flip_exposures(reference: ImageArray) -> Exposures:
     Raises:
         UsageError: another shape, values that are negative or not finite, or a reference that is black everywhere.
     """
-    values, _ = radiance_pair(reference, reference)
+    values, _ = checked_radiance(reference, reference)
     luminance = np.sort((values @ np.array([0.2126, 0.7152, 0.0722])).reshape(-1))
     if luminance[-1] <= 0:
         raise UsageError("reference is black everywhere, so HDR-FLIP finds no exposures in it: pass them as exposures=")
@@ -86,7 +86,7 @@ def ldr_flip(candidate: ImageArray, reference: ImageArray, pixels_per_degree: fl
     Raises:
         UsageError: other shapes or values, or no positive pixels_per_degree.
     """
-    p, r = display_pair(candidate, reference, np.float32)
+    p, r = checked_display(candidate, reference, np.float32)
     return _evaluate(p, r, "LDR", pixels_per_degree, {})
 
 
@@ -110,7 +110,7 @@ def hdr_flip(
         UsageError: other shapes or values, a black reference without exposures, no positive pixels_per_degree, or
             flip-evaluator missing.
     """
-    p, r = radiance_pair(candidate, reference, np.float32)
+    p, r = checked_radiance(candidate, reference, np.float32)
     chosen = exposures or hdr_flip_exposures(r)
     parameters = {"startExposure": chosen.start, "stopExposure": chosen.stop, "numExposures": chosen.count}
     return _evaluate(p, r, "HDR", pixels_per_degree, {**parameters, "tonemapper": "aces"})

@@ -80,7 +80,7 @@ def check_same_shape(**arrays: NDArray[np.generic]) -> None:
             )
 
 
-def radiance_pair(
+def checked_radiance(
     candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
 ) -> tuple[ImageArray, ImageArray]:
     """Both images in `dtype`, checked: (..., 3), one shape, linear radiance, finite and not negative.
@@ -88,16 +88,16 @@ def radiance_pair(
     Raises:
         UsageError: otherwise, saying which image, which value and where.
     """
-    pair = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
-    check_same_shape(reference=pair[1], candidate=pair[0])
-    for name, image in zip(("candidate", "reference"), pair, strict=True):
+    both = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
+    check_same_shape(reference=both[1], candidate=both[0])
+    for name, image in zip(("candidate", "reference"), both, strict=True):
         _refuse(
             name, image, image < 0, "negative", "expected linear radiance; clip at 0 what a filter's lobes undershot"
         )
-    return pair
+    return both
 
 
-def display_pair(
+def checked_display(
     candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
 ) -> tuple[ImageArray, ImageArray]:
     """Both images in `dtype`, checked: (..., 3), one shape, sRGB-encoded values in [0, 1].
@@ -105,12 +105,12 @@ def display_pair(
     Raises:
         UsageError: otherwise, saying which image, which value and where.
     """
-    pair = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
-    check_same_shape(reference=pair[1], candidate=pair[0])
-    for name, image in zip(("candidate", "reference"), pair, strict=True):
+    both = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
+    check_same_shape(reference=both[1], candidate=both[0])
+    for name, image in zip(("candidate", "reference"), both, strict=True):
         outside = (image < 0) | (image > 1)
         _refuse(name, image, outside, "outside [0, 1]", "expected sRGB-encoded colours; encode with srgb_encode")
-    return pair
+    return both
 
 
 def check_picture(image: ImageArray, side: int = 1) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mipbake._colour_science import colour_science
 from mipbake.errors import UsageError
-from mipbake.metrics.images import ImageArray, Measured, radiance_pair
+from mipbake.metrics.images import ImageArray, Measured, checked_radiance
 
 NITS_PER_UNIT = 203.0
 """Luminance in cd/m^2 of radiance 1: diffuse (reference) white of ITU-R BT.2408, for high dynamic range."""
@@ -39,7 +39,7 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
     if not 0 < nits_per_unit < math.inf:
         raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")
     colour = colour_science()
-    p, r = (_ictcp(image, nits_per_unit) for image in radiance_pair(candidate, reference))
+    p, r = (_ictcp(image, nits_per_unit) for image in checked_radiance(candidate, reference))
     per_pixel = np.asarray(colour.delta_E(p, r, method="ITP"), np.float64)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
 

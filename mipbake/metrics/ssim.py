@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics.images import ImageArray, Measured, check_picture, display_pair
+from mipbake.metrics.images import ImageArray, Measured, check_picture, checked_display
 
 WINDOW = 11
 """Pixels a side of the Gaussian window; smaller images have no SSIM."""
@@ -25,7 +25,7 @@ def structural_similarity(candidate: ImageArray, reference: ImageArray) -> Measu
     """
     from skimage import metrics
 
-    p, r = display_pair(candidate, reference)
+    p, r = checked_display(candidate, reference)
     check_picture(r, WINDOW)
     mean, values = metrics.structural_similarity(
         r, p, data_range=1, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, full=True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics.images import ImageArray, Measured, displayed, radiance_pair
+from mipbake.metrics.images import ImageArray, Measured, checked_radiance, displayed
 
 
 def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
@@ -22,6 +22,6 @@ def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
     Raises:
         UsageError: other shapes, or values that are negative or not finite.
     """
-    p, r = radiance_pair(candidate, reference)
+    p, r = checked_radiance(candidate, reference)
     per_pixel = np.abs(displayed(p) - displayed(r)).mean(-1)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))

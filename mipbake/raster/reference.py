@@ -183,26 +183,26 @@ def antialias(color: Tensor, rast: Tensor, pos: Tensor, tri: Tensor, pos_gradien
     """`mipbake.raster.antialias` (section 3.6), the topology found anew: arguments, shapes and result."""
     height, width = rast.shape[1:3]
     with torch.no_grad():
-        pairs = list(_crossed_pairs(rast, pos, tri))
+        crossed = list(_crossed(rast, pos, tri))
     flat = color.double().reshape(-1, color.shape[-1])
     out = flat
-    for pair in pairs:
-        a, b = (_corners(pos, tri, pair.batch, pair.triangle)[torch.arange(len(pair.batch)), e] for e in pair.ends)
-        # Along the pair's axis, from the first pixel's centre to the crossing, in pixels.
-        axis, size = (0, width) if pair.horizontal else (1, height)
-        at_a, at_b = (p[:, 1 - axis] - pair.line * p[:, 3] for p in (a, b))
+    for each in crossed:
+        a, b = (_corners(pos, tri, each.batch, each.triangle)[torch.arange(len(each.batch)), e] for e in each.ends)
+        # Along the axis of both, from the first pixel's centre to the crossing, in pixels.
+        axis, size = (0, width) if each.horizontal else (1, height)
+        at_a, at_b = (p[:, 1 - axis] - each.line * p[:, 3] for p in (a, b))
         crossing = (at_b * a[:, axis] - at_a * b[:, axis]) / (at_b * a[:, 3] - at_a * b[:, 3])
-        d = (crossing - pair.start) * (size / 2)
+        d = (crossing - each.start) * (size / 2)
         d = d.detach() + pos_gradient_boost * (d - d.detach())
         # Half of the slab between the centres belongs to each pixel; the crossing says how much of each half is
         # covered.
         second = d > 0.5
-        into, source = torch.where(second, pair.second, pair.first), torch.where(second, pair.first, pair.second)
+        into, source = torch.where(second, each.second, each.first), torch.where(second, each.first, each.second)
         out = out.index_add(0, into, (d - 0.5).abs()[:, None] * (flat[source] - flat[into]))
     return out.reshape(color.shape).to(color.dtype)
 
 
-class _Pairs(NamedTuple):
+class _Crossed(NamedTuple):
     """Neighbouring pixels that a silhouette edge passes between, along one axis; tensors are (N,)."""
 
     horizontal: bool
@@ -211,15 +211,15 @@ class _Pairs(NamedTuple):
     """Index of the pixel in the flattened (B, H, W) image: the left, or the lower in memory."""
     second: Tensor
     start: Tensor
-    """x (y of a vertical pair) of the first pixel's centre, in NDC."""
+    """x (y where one is above the other) of the first pixel's centre, in NDC."""
     line: Tensor
-    """y (x of a vertical pair) of both centres."""
+    """y (x where one is above the other) of both centres."""
     triangle: Tensor
     ends: tuple[Tensor, Tensor]
     """Which vertices of the triangle, 0 to 2, are the ends of the edge."""
 
 
-def _crossed_pairs(rast: Tensor, pos: Tensor, tri: Tensor) -> Iterator[_Pairs]:
+def _crossed(rast: Tensor, pos: Tensor, tri: Tensor) -> Iterator[_Crossed]:
     _, height, width, _ = rast.shape
     outline = silhouettes(pos, tri)
     ids, depth = rast[..., 3].long(), rast[..., 2]
@@ -251,7 +251,7 @@ def _crossed_pairs(rast: Tensor, pos: Tensor, tri: Tensor) -> Iterator[_Pairs]:
             item = batch if len(outline) > 1 else torch.zeros_like(batch)
             edge[found & outline[item, triangle, e]] = e
         kept = edge >= 0
-        yield _Pairs(
+        yield _Crossed(
             horizontal=horizontal,
             batch=batch[kept],
             first=pixel[before][differ][kept],

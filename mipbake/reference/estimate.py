@@ -50,13 +50,13 @@ def estimate(
         out = np.empty((groups, lighting.renders, count, 3), np.float32)
     for whole in _parts(Part(slice(0, groups), slice(0, count)), samples, _LOOKUPS):
         uv, weights = drawn.at(whole)
-        texels = look_up(source.stored, uv, source.wrap)
+        texels = bilinear(source.stored, uv, source.wrap)
         for part in _parts(whole, samples * lighting.lights, _RADIANCES):
             rows, some = part.inside(whole)
             weight = None if weights is None else weights[rows, :, some]
             mean = _mean(source.model, lighting, texels[rows, :, some], weight, part)
             if weight is not None:
-                centres = look_up(source.stored, drawn.centres(part), source.wrap)
+                centres = bilinear(source.stored, drawn.centres(part), source.wrap)
                 alone = lighting.shaded(source.model, centres, part).reshape(mean.shape)
                 mean += _weighed(alone, 1 - weight.mean(1)[:, None])
             out[part.groups, :, part.pixels] = mean
@@ -75,7 +75,7 @@ def reference(
     return np.asarray(estimate(source, Pixels(uv, lod), common_pairs(pairs), samples, rng)[0])
 
 
-def look_up(level: Image, uv: NDArray[np.floating], wrap: Wrap) -> Image:
+def bilinear(level: Image, uv: NDArray[np.floating], wrap: Wrap) -> Image:
     """(..., C): an image at (..., 2) uv, bilinearly."""
     texels = sampling.texture(level[None], uv.reshape(1, 1, -1, 2), filter_mode="linear", boundary_mode=wrap)
     return np.asarray(texels.reshape(*uv.shape[:-1], -1))

@@ -22,7 +22,7 @@ class Camera:
     """Where from and where to one looks.
 
     Args:
-        position, target: points in the world, not the same.
+        position, looks_at: points in the world, not the same.
         up: the direction that shows upwards in the image, not along the view.
         field_of_view: vertical, between the centres of the lower and upper image edges, in degrees, 0 to 180 exclusive.
         near, far: distances along the view of what is seen, 0 < near < far.
@@ -32,14 +32,14 @@ class Camera:
     """
 
     position: Vector
-    target: Vector = (0.0, 0.0, 0.0)
+    looks_at: Vector = (0.0, 0.0, 0.0)
     up: Vector = (0.0, 1.0, 0.0)
     field_of_view: float = 40.0
     near: float = 0.05
     far: float = 200.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.position, *self.target, *self.up, self.field_of_view, self.near, self.far)
+        numbers = (*self.position, *self.looks_at, *self.up, self.field_of_view, self.near, self.far)
         if not all(math.isfinite(number) for number in numbers):
             raise UsageError("the camera has a value that is not finite: expected numbers")
         if not 0 < self.field_of_view < 180:
@@ -50,17 +50,17 @@ class Camera:
             raise UsageError(
                 f"the camera's near and far planes are {self.near} and {self.far}: expected 0 < near < far"
             )
-        forward = np.subtract(self.target, self.position)
+        forward = np.subtract(self.looks_at, self.position)
         reach = float(np.linalg.norm(forward) * np.linalg.norm(self.up))
         if np.linalg.norm(np.cross(forward, self.up)) <= 1e-9 * reach:
             raise UsageError(
-                f"the camera at {self.position} looks at {self.target} along its up direction {self.up}: "
-                "expected a target elsewhere, and another up direction"
+                f"the camera at {self.position} looks at {self.looks_at} along its up direction {self.up}: "
+                "expected another point to look at, and another up direction"
             )
 
     def view_matrix(self) -> NDArray[np.float64]:
         """(4, 4): world to eye space, where the camera sits at 0 and looks along -z; a rotation and a translation."""
-        back = _unit(np.subtract(self.position, self.target))
+        back = _unit(np.subtract(self.position, self.looks_at))
         right = _unit(np.cross(self.up, back))
         rotation = np.stack([right, np.cross(back, right), back])
         matrix = np.eye(4)
@@ -95,9 +95,9 @@ class Camera:
 
 
 def orbit(
-    distance: float, azimuth: float, elevation: float, target: Vector = (0.0, 0.0, 0.0), field_of_view: float = 40.0
+    distance: float, azimuth: float, elevation: float, looks_at: Vector = (0.0, 0.0, 0.0), field_of_view: float = 40.0
 ) -> Camera:
-    """A camera that looks at `target` from `distance`: `azimuth` degrees from +z towards +x, `elevation` up from there.
+    """A camera that looks at a point from `distance`: `azimuth` degrees from +z towards +x, `elevation` up from there.
 
     At the elevations of 90 and -90 degrees, where +y is not an up direction, the up direction of neighbouring
     elevations is kept. Near and far planes leave room for a scene as deep as the distance, and for one of radius 1.
@@ -105,8 +105,8 @@ def orbit(
     a, e = math.radians(azimuth), math.radians(elevation)
     offset = (math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e))
     up = (-math.sin(a) * math.sin(e), math.cos(e), -math.cos(a) * math.sin(e))
-    x, y, z = (float(t + distance * o) for t, o in zip(target, offset, strict=True))
-    return Camera((x, y, z), target, up, field_of_view, near=0.01 * distance, far=2 * distance + 2)
+    x, y, z = (float(t + distance * o) for t, o in zip(looks_at, offset, strict=True))
+    return Camera((x, y, z), looks_at, up, field_of_view, near=0.01 * distance, far=2 * distance + 2)
 
 
 def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:

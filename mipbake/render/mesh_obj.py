@@ -72,8 +72,8 @@ def read_obj(path: Path) -> Mesh:
 
     # One vertex for each combination that is used.
     flat = corner.reshape(-1, 3)
-    _, pair = np.unique(flat[:, 0] * len(uv) + flat[:, 1], return_inverse=True)
-    _, first, index = np.unique(pair.reshape(-1) * len(normals) + flat[:, 2], return_index=True, return_inverse=True)
+    _, two = np.unique(flat[:, 0] * len(uv) + flat[:, 1], return_inverse=True)
+    _, first, index = np.unique(two.reshape(-1) * len(normals) + flat[:, 2], return_index=True, return_inverse=True)
     used = flat[first]
     triangles = index.reshape(-1, 3).astype(np.int32)
     return with_tangents(path.name, positions[used[:, 0]], normals[used[:, 2]], uv[used[:, 1]], triangles)

@@ -57,7 +57,8 @@ class Passes:
     """How long a reference is rendered, and how often it says how far it is.
 
     Args:
-        target: standard error over the smallest error of a candidate, root mean squares over the interior.
+        resolved_share: the standard error that is small enough, as a share of the smallest error of a candidate; both
+            are root mean squares over the interior.
         least, most: passes of both halves together, even numbers from 4 on.
         heard_every: seconds between two calls of `progress`, at most, as far as half a pass takes no longer.
 
@@ -65,7 +66,7 @@ class Passes:
         UsageError: other numbers of passes.
     """
 
-    target: float = 0.1
+    resolved_share: float = 0.1
     least: int = 32
     most: int = 4096
     heard_every: float = 0.25
@@ -123,8 +124,8 @@ class Reference:
         standard_error: estimated root mean square error of `image` over the interior, radiance.
         candidate_error: estimated root mean square error over the interior, radiance, of the candidate that comes
             closest.
-        converged: whether standard_error is within the target, or so small that no measure resolves it (80 dB below
-            the image); else the cap on passes came first.
+        converged: whether standard_error is within the share that was asked for, or so small that no measure resolves
+            it (80 dB below the image); else the cap on passes came first.
         resumed: how many of the passes came from the cache.
         cache_note: why the passes could not be cached, in a sentence, where they were to be; else empty.
     """
@@ -204,7 +205,7 @@ def reference(
 
     A pass renders the whole image with one sub-pixel offset, importance-sampled from the filter. Either half takes its
     offsets from a low-discrepancy sequence under a random shift of its own. Passes go on until the standard error of
-    the mean, estimated from the halves' difference, is at most `passes.target` of the smallest error among the
+    the mean, estimated from the halves' difference, is at most `passes.resolved_share` of the smallest error among the
     candidates, or 10^-4 of the image's root mean square.
 
     The result depends on the arguments, and on the passes that a cache already holds: no candidate has a say in what a
@@ -255,7 +256,7 @@ def reference(
             state.done += 1
         first, second, interior = state.result()
         noise, error, signal = _errors(first, second, images, interior)
-        wanted = max(passes.target * error, _RESOLVED * signal)
+        wanted = max(passes.resolved_share * error, _RESOLVED * signal)
         converged = noise <= wanted
         ratio, checked, heard = noise / wanted if wanted > 0 else 0.0, state.done, time.monotonic()
         finished = converged or 2 * state.done >= passes.most
@@ -296,7 +297,7 @@ def _errors(
 
 @dataclass(eq=False)
 class _State:
-    """How far a reference is; rows from the bottom, and pairs for the two halves.
+    """How far a reference is; rows from the bottom, and two of a kind for the two halves.
 
     Args:
         sums: (2, H W, 3) float64 weighted radiance.

@@ -49,10 +49,10 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     np.add.at(sums, key.reshape(-1), tangent.reshape(-1, 3))
 
     # A vertex for each combination of an old vertex and a side.
-    pair, corner = np.unique(triangles.astype(np.int64) * 2 + (side < 0)[:, None], return_inverse=True)
+    combined, corner = np.unique(triangles.astype(np.int64) * 2 + (side < 0)[:, None], return_inverse=True)
     corner = corner.reshape(-1)
-    old, w = pair // 2, np.where(pair % 2, -1.0, 1.0)
-    key_of = np.zeros(len(pair), np.int64)
+    old, w = combined // 2, np.where(combined % 2, -1.0, 1.0)
+    key_of = np.zeros(len(combined), np.int64)
     key_of[corner] = key.reshape(-1)
     n, found = normals[old], sums[key_of]
     found = np.where(np.linalg.norm(found, axis=-1, keepdims=True) > 1e-30, found, any_tangent(n))

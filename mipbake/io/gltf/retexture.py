@@ -20,7 +20,7 @@ class Replaced:
 
     Args:
         contents: content to the map.
-        textures: content to the textures that show it; the image that they name is still to be settled.
+        textures: content to the textures that show it; the image that they name is still to be found.
         images: content to the images that those who show it showed before, in order.
     """
 

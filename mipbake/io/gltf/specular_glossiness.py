@@ -84,7 +84,7 @@ class _Made:
 
 @dataclass(frozen=True, eq=False)
 class _Want:
-    """A textureInfo that is to show a PNG file; the index of its texture is still to be settled."""
+    """A textureInfo that is to show a PNG file; the index of its texture is still to be found."""
 
     info: Json
     sampler: int | None
@@ -235,7 +235,7 @@ def _rewritten(document: Document, done: Iterable[tuple[int, _Given, _Made]]) ->
     made: Json = copy.deepcopy(document.json)
     wants: list[_Want] = []
     for index, given, result in done:
-        wants += _settle(document.all("materials")[index], made["materials"][index], given, result)
+        wants += _rewrite(document.all("materials")[index], made["materials"][index], given, result)
     before, after = ({use.index for use in texture_uses(each)} for each in (document.json, made))
     free = sorted(index for index in before - after if index < len(document.all("textures")))
     textures = made.setdefault("textures", [])
@@ -263,7 +263,7 @@ def _rewritten(document: Document, done: Iterable[tuple[int, _Given, _Made]]) ->
     return Document(document.path, made, buffers, document.chunks)
 
 
-def _settle(before: Json, material: Json, given: _Given, made: _Made) -> list[_Want]:
+def _rewrite(before: Json, material: Json, given: _Given, made: _Made) -> list[_Want]:
     """Changes a material; gives the textureInfos that are still to be given a texture."""
     held = before["extensions"][SPECULAR_GLOSSINESS]
     del material["extensions"][SPECULAR_GLOSSINESS]

@@ -152,16 +152,16 @@ class Document:
             return Dangling("a loop of connections")
         if "interfacename" in entry.attrib:
             return self._interface(entry.attrib["interfacename"], scope, depth)
-        target = entry.get("nodename") or entry.get("nodegraph")
+        wanted = entry.get("nodename") or entry.get("nodegraph")
         output = entry.get("output", "")
-        if target:
-            node = _named(scope.container, target, None)
+        if wanted:
+            node = _named(scope.container, wanted, None)
             # A graph's own inputs may be fed by nodes beside the graph; names may carry the document's namespace.
             outer: Scope | None = scope.outside
             while node is None and outer is not None:
-                node, scope, outer = _named(outer.container, target, None), outer, outer.outside
+                node, scope, outer = _named(outer.container, wanted, None), outer, outer.outside
             if node is None:
-                return Dangling(f"{target}, which is not there")
+                return Dangling(f"{wanted}, which is not there")
             channels = entry.get("channels")
             return Link(node, scope, output, (channels,) if channels else ())
         if output:  # an output of the document

@@ -125,7 +125,7 @@ class RoughnessRule:
         for index, level in enumerate(levels):
             images = (level, blurred) if index == 0 and blurred is not None else (level,)
             levels[index] = by_rows(write, *images, band=self.band)
-        return PrefilterResult(directions.settled(levels, target, wrap))
+        return PrefilterResult(directions.agreeing(levels, target, wrap))
 
     def _spread(self, normals: Array) -> tuple[Array, Array]:
         """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from averaged NormalMoments."""

@@ -69,7 +69,7 @@ class Lean:
         levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
         for index, level in enumerate(levels):
             levels[index] = by_rows(write, level)
-        return PrefilterResult(directions.settled(levels, target, wrap))
+        return PrefilterResult(directions.agreeing(levels, target, wrap))
 
 
 def _slopes(stored: Array, model: str) -> Array:

@@ -30,4 +30,4 @@ class Linear:
         del channels
         for index, level in enumerate(levels):
             levels[index] = by_rows(lambda texels: material.regularise(texels, target), level)
-        return PrefilterResult(directions.settled(levels, target, wrap))
+        return PrefilterResult(directions.agreeing(levels, target, wrap))

@@ -117,7 +117,7 @@ class Bench:
         texels = sum(height * width for height, width in problem.sizes) * MODELS[problem.target].channels
         self._keep = list(dict.fromkeys(first))[: max(2, _MEMORY // (4 * texels))]
         self._kept: dict[str, list[Image]] = {}
-        self._looked_up: dict[tuple[str, int, int, int], Image] = {}
+        self._seen: dict[tuple[str, int, int, int], Image] = {}
         self._found: dict[tuple[str, int], list[Score]] = {}
         timed = not math.isinf(deadline)
 
@@ -126,9 +126,9 @@ class Bench:
                 return False
             levels = self.levels(name)
             for which, each in enumerate(scores):
-                self._look_up(name, levels, which, each)
+                self._see(name, levels, which, each)
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
-            self._look_up(name, levels, len(scores), witness)
+            self._see(name, levels, len(scores), witness)
             return True
 
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
@@ -174,10 +174,10 @@ class Bench:
             self._kept[name] = levels
         return levels
 
-    def _look_up(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
+    def _see(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
         for index, probe in enumerate(scores.probes):
             for level in probe.levels:
-                self._looked_up[name, which, index, level] = scores.looked_up(levels[level], index)
+                self._seen[name, which, index, level] = scores.looked_up(levels[level], index)
 
     def _score(self, name: str, which: int, index: int) -> Score:
         levels = self._scores[which].probes[index].levels
@@ -196,7 +196,7 @@ class Bench:
 
     def seen(self, name: str, which: int, index: int, level: int) -> Image:
         """(N, C): a level of an ingredient at the points of a probe."""
-        return self._looked_up[name, which, index, level]
+        return self._seen[name, which, index, level]
 
     def fitted(self, which: int, index: int, level: int, shares: NDArray[np.float32]) -> Image:
         """(N, C): a fitted blend there."""

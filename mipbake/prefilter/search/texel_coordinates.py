@@ -206,7 +206,7 @@ class Crop:
         """(P, 2) uv in units of the crop."""
         return np.stack([self.columns.local(uv[:, 0]), self.rows.local(uv[:, 1])], -1).astype(np.float32)
 
-    def look_up(self, uv: NDArray[np.float64]) -> Image:
+    def bilinear(self, uv: NDArray[np.float64]) -> Image:
         """(P, C): the level as it is now at (P, 2) uv, bilinearly."""
         where = self.local(uv)[None, None]
         return np.asarray(

@@ -84,13 +84,13 @@ def settings(comparison: Comparison) -> Html:
     seconds = {stage: f"{value:.1f} s" for stage, value in comparison.seconds.items()}
     return element(
         "div",
-        element("div", element("h3", "Settings"), _pairs(general)),
-        element("div", element("h3", "What it took"), _pairs(seconds)) if seconds else None,
+        element("div", element("h3", "Settings"), _listed(general)),
+        element("div", element("h3", "What it took"), _listed(seconds)) if seconds else None,
         class_="columns",
     )
 
 
-def _pairs(entries: Mapping[str, str]) -> Html:
+def _listed(entries: Mapping[str, str]) -> Html:
     return element("dl", [(element("dt", key), element("dd", value)) for key, value in entries.items()])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mipbake._version import __version__
 from mipbake.compare.result import Comparison
-from mipbake.io.publish import check_target, published
+from mipbake.io.publish import check_place, published
 from mipbake.report.page.document import RESULTS, document
 from mipbake.report.page.pictures import IMAGES, Album
 from mipbake.report.page.plain import plain
@@ -71,7 +71,7 @@ def write_report(
 
 def check_report(folder: Path) -> None:
     """Raises OutputError when a report cannot be written to a folder; leaves nothing there. For before long work."""
-    check_target(folder, is_report)
+    check_place(folder, is_report)
 
 
 def is_report(folder: Path) -> bool:
