@@ -11,7 +11,7 @@ from typing import Any
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
 from mipbake.baking.options import Asked
 from mipbake.baking.results import DEFECT, Result
-from mipbake.cli.session import Session, failed, stages
+from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
 from mipbake.compare.costs import Cost
 from mipbake.content import Provenance
@@ -21,8 +21,8 @@ from mipbake.output import GLB
 from mipbake.packing import Normals
 from mipbake.presets import Preset
 from mipbake.stack import MipStack
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Printer(Listener):
     session: Session
 
     @contextmanager
-    def stages(self, label: str) -> Iterator[Stages]:
+    def timings(self, label: str) -> Iterator[Timings]:
         """See Listener: with a progress bar."""
-        with stages(self.session, label) as made:
+        with timings(self.session, label) as made:
             yield made
 
     def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
@@ -52,7 +52,7 @@ class Printer(Listener):
         """See Listener."""
         self.session.print(f"note: {sentence}")
 
-    def baked(self, job: Job, stack: MipStack, result: BakedSet, stages: Stages) -> None:
+    def baked(self, job: Job, stack: MipStack, result: BakedSet, timings: Timings) -> None:
         """See Listener."""
         made = result.provenance
         learned = f" with {made.weights}" if made.weights else ""
@@ -64,7 +64,7 @@ class Printer(Listener):
             *_promise(made),
             *(line for each in result.costs for line in _cost_lines(each)),
             *(f"warning: {line}" for line in result.warnings),
-            f"time: {stages.summary()}",
+            f"time: {timings.summary()}",
             *([wrote] if result.files and not job.tiled else []),
         )
         for line in result.defects:

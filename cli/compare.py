@@ -14,7 +14,7 @@ from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, plain, stages
+from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
 from mipbake.compare.comparing import Settings, Subjects
@@ -38,8 +38,8 @@ from mipbake.report.page import check_report, write_report
 from mipbake.report.page.verdict import verdict
 from mipbake.report.page.writing import PAGE
 from mipbake.report.viewer import Source
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -170,7 +170,7 @@ def compare(
         check_report(place)
         known = stack_of(baked, job, texture_set, alone) if baked else None
         stack = mipbake.open_stack(known) if known else None
-        with stages(session, texture_set.name) as progress, temporary_folder() as kept:
+        with timings(session, texture_set.name) as progress, temporary_folder() as kept:
             renders = kept if keep_renders else None
             compared = Subjects(stack, known, names, target, pixel_filter)
             found = compare_methods(texture_set, compared, settings, conditions, renders, progress)
@@ -191,7 +191,7 @@ def compare(
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
 
 
-def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Stages) -> None:
+def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:
     """What a comparison found, for people."""
     session.print(verdict(comparison).sentence)
     for pairs in PAIR_SETS:

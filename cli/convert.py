@@ -16,7 +16,7 @@ from mipbake import MipbakeError, UsageError
 from mipbake.cli import options
 from mipbake.cli.folders import check_names
 from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, stages
+from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources
 from mipbake.cli.tables import description, remarks_of
 from mipbake.convert import (
@@ -37,10 +37,10 @@ from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Failure, Job, Part
 from mipbake.material import model_named
 from mipbake.prefilter import method_named
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
-_Write: TypeAlias = "Callable[[TextureSet | Material, Path, Stages], dict[str, Any]]"
+_Write: TypeAlias = "Callable[[TextureSet | Material, Path, Timings], dict[str, Any]]"
 
 
 @options.reads_sets
@@ -90,7 +90,7 @@ def convert(
         except MipbakeError as error:
             results.append(session.failed(source, error))
 
-    def write(given: TextureSet | Material, place: Path, reading: Stages) -> dict[str, Any]:
+    def write(given: TextureSet | Material, place: Path, reading: Timings) -> dict[str, Any]:
         return _write(session, given, place, to, format, weights, reading)
 
     every = expand(sources)
@@ -132,7 +132,7 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
             f"{source} holds a converted material, which says itself how it is read: leave out the options for "
             "reading a set"
         )
-    with stages(session, source.name) as reading:
+    with timings(session, source.name) as reading:
         reading("read", 0.0)
         given = open_material(source)
         reading("read", 1.0)
@@ -152,7 +152,7 @@ def _convert_set(session: Session, job: Job, tile: int, part: Part, out: Path, w
     """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
     place = out / job.place / job.names[tile]
     check_material_output(place, file_hashes(part.find()))
-    with stages(session, place.name) as reading:
+    with timings(session, place.name) as reading:
         reading("read", 0.0)
         given = job.read_tile(tile)
         reading("read", 1.0)
@@ -168,9 +168,9 @@ def _write(
     to: str,
     format: str,
     weights: str | None,
-    reading: Stages,
+    reading: Timings,
 ) -> dict[str, Any]:
-    with stages(session, place.name) as converting:
+    with timings(session, place.name) as converting:
         converting.seconds.update(reading.seconds)
         made = mipbake.convert(given, to, weights)
         converting("convert", 1.0)

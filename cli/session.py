@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mipbake import MipbakeError
-from mipbake.stages import Stages
+from mipbake.timings import Timings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -99,10 +99,10 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def stages(session: Session, label: str) -> Iterator[Stages]:
-    """Stages with a progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
+def timings(session: Session, label: str) -> Iterator[Timings]:
+    """Timings with a progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
     if session.quiet or not sys.stderr.isatty():
-        yield Stages()
+        yield Timings()
         return
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
@@ -110,13 +110,13 @@ def stages(session: Session, label: str) -> Iterator[Stages]:
     with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
         tasks: dict[str, Any] = {}
 
-        def show(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(f"{label}: {stage}", total=1.0)
-            bar.update(tasks[stage], completed=share)
+        def show(phase: str, share: float) -> None:
+            if phase not in tasks:
+                tasks[phase] = bar.add_task(f"{label}: {phase}", total=1.0)
+            bar.update(tasks[phase], completed=share)
 
         def note(text: str) -> None:
-            stage, task = next(reversed(tasks.items()))
-            bar.update(task, description=f"{label}: {stage}, {text}")
+            phase, task = next(reversed(tasks.items()))
+            bar.update(task, description=f"{label}: {phase}, {text}")
 
-        yield Stages(show, note)
+        yield Timings(show, note)

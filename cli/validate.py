@@ -12,7 +12,7 @@ from mipbake import TextureSet, UsageError, Validation
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.options import parse_lods, spoken_lods
-from mipbake.cli.session import Session, stages
+from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
 from mipbake.glb import multiple_of_side
@@ -69,7 +69,7 @@ def validate(
         if in_glb:
             texture_set = multiple_of_side(texture_set)
         baked = stack_in_glb(stack, job, texture_set) if in_glb else mipbake.open_stack(place)
-        with stages(session, texture_set.name) as progress:
+        with timings(session, texture_set.name) as progress:
             measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
         name = f"{place}: " + (f"{measured.name}, " if in_glb else "")
         session.print(f"{name}{measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")

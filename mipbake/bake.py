@@ -26,14 +26,14 @@ AUTO_TARGET = "auto"
 
 TARGETS = (AUTO_TARGET, *MODELS)
 
-StageProgress = Callable[[str, float], None]
-"""Is told the name of the stage and its finished share, from 0 to 1."""
+PhaseProgress = Callable[[str, float], None]
+"""Is told the name of the phase and its finished share, from 0 to 1."""
 
 
 class _Prefiltering:
-    """Progress of the prefilter as the progress of a stage; notes go through (mipbake.prefilter.base.Notes)."""
+    """Progress of the prefilter as the progress of a phase; notes go through (mipbake.prefilter.base.Notes)."""
 
-    def __init__(self, progress: StageProgress) -> None:
+    def __init__(self, progress: PhaseProgress) -> None:
         self._progress = progress
 
     def __call__(self, share: float) -> None:
@@ -57,7 +57,7 @@ def bake(
     method: str = DEFAULT_METHOD,
     target: str = AUTO_TARGET,
     pixel_filter: str = DEFAULT_FILTER,
-    progress: StageProgress = lambda _stage, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     weights: str | None = None,
     budget: str | None = None,
 ) -> MipStack:
@@ -68,7 +68,7 @@ def bake(
         method: a name in `mipbake.prefilter.METHODS`.
         target: a material model in `mipbake.material.MODELS`, or "auto".
         pixel_filter: a name in `mipbake.pixel_filter.FILTERS`, for the filter of the engine's pixels.
-        progress: told stage and share as the work goes on. Where it has a method `note`, methods that optimise tell it
+        progress: told phase and share as the work goes on. Where it has a method `note`, methods that optimise tell it
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
         budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the default of the method.

@@ -11,12 +11,12 @@ from pathlib import Path
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
 from mipbake.io.archives import GLTF, LIMITS, MATERIALX, Limits, Shelf
-from mipbake.io.candidates import is_map, is_textures, name_of, refuse_baked
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import image_files
 from mipbake.io.gltf.materials import read_materials
 from mipbake.io.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.io.inputs import expand, kind
+from mipbake.io.matches import is_map, is_textures, name_of, refuse_baked
 from mipbake.io.messages import listed
 from mipbake.io.mtlx.materials import MtlxMaterials, read_materialx
 from mipbake.io.options import LoadOptions

@@ -9,11 +9,11 @@ from typing import TypeVar
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.archives import SUFFIX, Archive
-from mipbake.io.candidates import name_of
 from mipbake.io.discover import find
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
 from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.matches import name_of
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions
 from mipbake.io.safe_names import unique_name

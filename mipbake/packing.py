@@ -133,11 +133,11 @@ def _distinct(names: Iterable[str]) -> list[str]:
     seen: set[str] = set()
     out = []
     for name in names:
-        candidate, number = name, 2
-        while candidate.lower() in seen:
-            candidate, number = f"{name}_{number}", number + 1
-        seen.add(candidate.lower())
-        out.append(candidate)
+        tried, number = name, 2
+        while tried.lower() in seen:
+            tried, number = f"{name}_{number}", number + 1
+        seen.add(tried.lower())
+        out.append(tried)
     return out
 
 

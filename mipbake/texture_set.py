@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
-from mipbake.io.candidates import BASE_ALPHA, alpha_note
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import (
     DecodedMap,
@@ -31,6 +30,7 @@ from mipbake.io.decode import (
     widened,
 )
 from mipbake.io.discover import find, settle_convention
+from mipbake.io.matches import BASE_ALPHA, alpha_note
 from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
 from mipbake.io.read import read_image

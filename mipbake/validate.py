@@ -109,7 +109,7 @@ def validate(
     seed: int = DEFAULT_SEED,
     points: int = DEFAULT_POINTS,
     samples: int = DEFAULT_SAMPLES,
-    progress: Callable[[str, float], None] = lambda _stage, _share: None,
+    progress: Callable[[str, float], None] = lambda _phase, _share: None,
     baselines: Sequence[tuple[str, str | None]] = CLOSED_FORMS,
 ) -> Validation:
     """Measures a stack, and the closed forms baked from the same set, against the reference.
@@ -138,7 +138,7 @@ def validate(
         candidates = [opened(stack), *baked]
         effort = MeasureEffort(seed, points, samples)
         measured = measure(
-            texture_set, candidates, kernel, lods, (), effort, lambda _stage, share: progress("validate", share)
+            texture_set, candidates, kernel, lods, (), effort, lambda _phase, share: progress("validate", share)
         )
     return Validation(
         name=texture_set.name,

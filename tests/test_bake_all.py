@@ -87,7 +87,7 @@ class Heard(mipbake.Listener):
     def read(self, job: Job, sets: Sequence[mipbake.TextureSet]) -> None:
         self.said += [f"read {each.name}" for each in sets]
 
-    def baked(self, job: Job, stack: MipStack, result: mipbake.BakedSet, stages: object) -> None:
+    def baked(self, job: Job, stack: MipStack, result: mipbake.BakedSet, timings: object) -> None:
         self.said.append(f"baked {stack.name} into {result.out.name}")
 
     def failed(self, failure: NotBaked) -> None:

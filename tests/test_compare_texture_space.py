@@ -230,7 +230,7 @@ def test_progress_runs_from_0_to_1() -> None:
     told: list[tuple[str, float]] = []
     measured(bumpy(8), ["linear (box)"], points=16, samples=4, progress=lambda *args: told.append(args))
     shares = [share for _, share in told]
-    assert {stage for stage, _ in told} == {"texture space"}
+    assert {phase for phase, _ in told} == {"texture space"}
     assert shares == sorted(shares)
     assert 0 < shares[0] < shares[-1] == pytest.approx(1.0)
     assert shares.count(shares[-1]) == 1

@@ -24,8 +24,8 @@ from mipbake.metrics import PAIR_SETS
 from mipbake.output import GLB_TEXELS, Output
 from mipbake.presets import PRESETS
 from mipbake.stack import MipStack
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
 from .command_line import bumps, write_set
 from .gltf_files import GltfFile
@@ -260,20 +260,20 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
 
 
-def test_long_stages_move_as_they_go(tmp_path) -> None:
+def test_long_phases_move_as_they_go(tmp_path) -> None:
     """Choosing texels, encoding a GLB and measuring: by every file and every level of detail, never back."""
     told: dict[str, list[float]] = {}
 
     class Heard(Listener):
         @contextmanager
-        def stages(self, label: str) -> Iterator[Stages]:
-            yield Stages(lambda stage, share: told.setdefault(stage, []).append(share))
+        def timings(self, label: str) -> Iterator[Timings]:
+            yield Timings(lambda phase, share: told.setdefault(phase, []).append(share))
 
     options = mipbake.BakeOptions(method="linear", format="ktx2,dds,png,glb")
     bake_sources(write_set(tmp_path / "metal"), tmp_path / "out", options, listener=Heard())
-    for stage in ("texels", "encode", "write", "check"):
-        assert told[stage] == sorted(told[stage]) and told[stage][-1] == 1, stage
-        assert len(set(told[stage])) > 5, stage
+    for phase in ("texels", "encode", "write", "check"):
+        assert told[phase] == sorted(told[phase]) and told[phase][-1] == 1, phase
+        assert len(set(told[phase])) > 5, phase
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_progress_rises_to_one(tmp_path: Path) -> None:
     told: list[float] = []
     comparison = made_up(FEW, 16)
     stacks, source = made_up_stacks(comparison, (8, 8))
-    write_report(comparison, stacks, source, tmp_path / "r", lambda stage, share: told.append(share))
+    write_report(comparison, stacks, source, tmp_path / "r", lambda phase, share: told.append(share))
     assert told == sorted(told) and told[-1] == 1 and told[-2] < 1 and len(set(told)) > 40
 
 
@@ -156,7 +156,7 @@ def test_a_folder_that_holds_anything_else_is_left_alone(tmp_path: Path, foreign
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    def fail(stage: str, share: float) -> None:
+    def fail(phase: str, share: float) -> None:
         if share > 0.5:
             raise KeyboardInterrupt
 

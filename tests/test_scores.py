@@ -9,6 +9,7 @@ import pytest
 
 from mipbake.judging.judge import Asked
 from mipbake.judging.lit_renders import lit_error, lit_reference, placed, room
+from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score, Scores, certainty
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.problem import Problem

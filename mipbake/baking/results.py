@@ -14,8 +14,8 @@ from mipbake.errors import MipbakeError
 from mipbake.found import SetReport
 from mipbake.jobs import Failure, Job
 from mipbake.stack import MipStack
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
 if TYPE_CHECKING:
     from mipbake.baking.options import Asked
@@ -43,7 +43,7 @@ class BakedSet:
         costs: what every output costs and gives back. defects: a sentence for each that shows a defect of mipbake.
         warnings: what a user should know, in sentences.
         model: the material model. levels: how many were written. provenance: how they were made.
-        seconds: stage to its time.
+        seconds: phase to its time.
         set: the facts about the texture set.
     """
 
@@ -105,10 +105,10 @@ class Listener:
     """Hears what happens while sources are baked. This one does nothing with it: overwrite what you want to hear."""
 
     @contextmanager
-    def stages(self, label: str) -> Iterator[Stages]:
+    def timings(self, label: str) -> Iterator[Timings]:
         """Progress of one piece of work; `label`: what it is about."""
         del label
-        yield Stages()
+        yield Timings()
 
     def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
         """What is going to be baked is known; nothing is read."""
@@ -119,7 +119,7 @@ class Listener:
     def note(self, sentence: str) -> None:
         """Something that a user should know, about what was read last."""
 
-    def baked(self, job: Job, stack: MipStack, result: BakedSet, stages: Stages) -> None:
+    def baked(self, job: Job, stack: MipStack, result: BakedSet, timings: Timings) -> None:
         """A set has been baked, and its files have been written. Tiles are moved into their folder after that."""
 
     def gathered(self, folder: Path, tiles: Sequence[BakedSet]) -> None:

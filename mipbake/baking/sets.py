@@ -24,8 +24,8 @@ from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
 from mipbake.presets import Preset
 from mipbake.stack import MipStack
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     asked, listener = run.asked, run.listener
     for found in [] if job.tiled else job.found().values():
         check_output(place / found.name, file_hashes(found))
-    with listener.stages(job.source.name) as reading:
+    with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
         read = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
         reading("read", 1.0)
@@ -70,7 +70,7 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     if whole.anisotropic and not MODELS[model].anisotropic:
         listener.note(f"the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
     options = asked.options
-    with listener.stages(whole.name) as baking:
+    with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
         baked = bake(whole, options.method, model, options.pixel_filter, baking, options.weights, options.budget)
         baked = adjusted(baked, whole, asked.adjustments)
@@ -80,7 +80,7 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
         ]
 
 
-def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: Path, baking: Stages) -> BakedSet:
+def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: Path, baking: Timings) -> BakedSet:
     """Writes the stack of one set, and measures what was written."""
     asked = run.asked
     asked_for = asked.outputs if asked.writes_maps(job) else ()

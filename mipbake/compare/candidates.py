@@ -34,8 +34,8 @@ MEMORY_LIMIT = 1 << 30
 
 _LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory; a guess
 
-StageProgress = Callable[[str, float], None]
-"""Is told the name of the stage and its finished share, from 0 to 1."""
+PhaseProgress = Callable[[str, float], None]
+"""Is told the name of the phase and its finished share, from 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def bake_all(
     model: str,
     pixel_filter: str,
     names: Sequence[str],
-    progress: StageProgress = lambda _stage, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
 ) -> Iterator[list[Candidate]]:

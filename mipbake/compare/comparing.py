@@ -32,18 +32,18 @@ from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.render_file import write_render
 from mipbake.stack import MipStack
-from mipbake.stages import Stages
 from mipbake.texture_set import TextureSet
+from mipbake.timings import Timings
 
-StageProgress = Callable[[str, float], None]
-"""Is told the name of the stage and its finished share, from 0 to 1."""
+PhaseProgress = Callable[[str, float], None]
+"""Is told the name of the phase and its finished share, from 0 to 1."""
 
 IN_MOTION = ("flicker", "flicker-snr")
 """Measures of what changes from one picture to the next."""
 
 _SPOKEN = {"side": "size (side)", "max_passes": "passes (max_passes)"}  # where the command line has another name
 
-_SLICE, _LOBE = "temporal slice", "apparent BRDF"  # stages
+_SLICE, _LOBE = "temporal slice", "apparent BRDF"  # phases
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ def compare(
     settings: Settings | None = None,
     conditions: Sequence[Condition] = (),
     renders: Path | None = None,
-    progress: StageProgress = lambda _stage, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
 ) -> Compared:
     """Measures prefilters of one texture set against the supersampled, pixel-filtered reference, and each other.
 
@@ -144,7 +144,7 @@ def compare(
         settings: how thoroughly, and what is rendered; None for the defaults.
         conditions: that the figures will be asked for; those that cannot be decided are found before any work.
         renders: an existing folder for every render as a multi-part EXR file, SCENE--METHOD.exr; None keeps none.
-        progress: told stage and share as the work goes on.
+        progress: told phase and share as the work goes on.
 
     Raises:
         UsageError: unknown names, settings that are impossible, a condition on what is not measured.
@@ -152,7 +152,7 @@ def compare(
         OutputError: temporary files cannot be written.
     """
     settings, asked = settings or Settings(), compared or Subjects()
-    clock, stack, path = Stages(progress), asked.stack, asked.path
+    clock, stack, path = Timings(progress), asked.stack, asked.path
     model = stack.model if stack else resolve_target(texture_set, asked.target)
     kernel = stack.provenance.pixel_filter if stack else filter_named(asked.pixel_filter).name
     names, notes = (
@@ -229,7 +229,7 @@ def _compared(
     settings: Settings,
     views: Sequence[View],
     renders: Path | None,
-    clock: Stages,
+    clock: Timings,
 ) -> Comparison:
     subject = candidates[0].method
     effort = MeasureEffort(settings.seed, settings.points, settings.samples)

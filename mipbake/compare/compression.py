@@ -260,7 +260,7 @@ def losses(
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     kernel = baked.method.kernel
     effort = MeasureEffort(_SEED, _POINTS, _SAMPLES)
-    measured = measure(texture_set, [baked, *others], kernel, LODS, (), effort, lambda _stage, share: progress(share))
+    measured = measure(texture_set, [baked, *others], kernel, LODS, (), effort, lambda _phase, share: progress(share))
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:
         snr.setdefault((figure.method, figure.view), []).append(figure.value)

@@ -104,7 +104,7 @@ def render_view(
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: how the view is rendered.
-        progress: told the stage and its finished share.
+        progress: told the phase and its finished share.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
 
     Returns:

@@ -163,7 +163,7 @@ class Comparison:
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
         foreign: whether the opened stack was baked from another texture set, which is one of the warnings.
         settings: seed, points, samples, resolution and so on.
-        seconds: by stage.
+        seconds: by phase.
     """
 
     name: str

@@ -63,8 +63,8 @@ _LEAST_CHANGE_POINTS = 1024  # a guess
 # Encoding costs far more than a lookup, and no square gives few bright pixels all the weight; a guess.
 _TONE_POINTS = 2048
 
-StageProgress = Callable[[str, float], None]
-"""Is told the name of the stage and its finished share, from 0 to 1."""
+PhaseProgress = Callable[[str, float], None]
+"""Is told the name of the phase and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""
@@ -128,7 +128,7 @@ def check_settings(lods: Sequence[float] | None, points: int, samples: int) -> N
         raise UsageError(f"points and samples must be at least 1, got {points} and {samples}")
 
 
-STAGE = "texture space"
+PHASE = "texture space"
 """What `measure` calls its work."""
 
 
@@ -165,7 +165,7 @@ def measure(
     lods: Sequence[float] | None = None,
     scales: Sequence[str] = tuple(SCALES),
     effort: MeasureEffort = MeasureEffort(),
-    progress: StageProgress = lambda _stage, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
 ) -> TextureSpace:
     """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.
 
@@ -213,12 +213,12 @@ def measure(
             rng = np.random.default_rng([seed, index, block])
             _at_rest(scene, candidates, lod, _Draws(_a_block(points), samples, rng), lod in shifted, sums)
             done += 1 / len(blocks)
-            progress(STAGE, min(1.0, done / work))
+            progress(PHASE, min(1.0, done / work))
             if lod in shifted:
                 count, most = drawn[lod]
                 _in_motion(scene, candidates, lod, _Draws(_a_block(count), most, rng), sums)
                 done += moving[lod] / len(blocks)
-                progress(STAGE, min(1.0, done / work))
+                progress(PHASE, min(1.0, done / work))
     named = [(each.name, view) for each in candidates for view in PAIR_SETS]
     pooled = {
         (measure, name, view, scale): np.sum([_of_set(sums[measure, name, lod], view) for lod in at], 0)

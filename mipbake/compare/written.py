@@ -116,7 +116,7 @@ def measure_written(
     kernel = stack.provenance.pixel_filter
 
     def measured(at: Sequence[float], points: int, samples: int, seed: int) -> TextureSpace:
-        told = (lambda _stage, share: progress(share)) if at is lods else (lambda _stage, _share: None)
+        told = (lambda _phase, share: progress(share)) if at is lods else (lambda _phase, _share: None)
         return measure(texture_set, [found], kernel, at, (), MeasureEffort(seed, points, samples), told)
 
     first = measured(lods, points, _SAMPLES, _SEED)

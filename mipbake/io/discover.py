@@ -7,11 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from mipbake.errors import InputError
-from mipbake.io.candidates import (
+from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space, is_linear
+from mipbake.io.colour_names import RAW
+from mipbake.io.matches import (
     NO_ROLE,
     OUTVOTED,
     PREVIEW,
-    Candidate,
+    Match,
     PathLike,
     choose,
     classified,
@@ -19,8 +21,6 @@ from mipbake.io.candidates import (
     list_files,
     take_alpha_as_opacity,
 )
-from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space, is_linear
-from mipbake.io.colour_names import RAW
 from mipbake.io.messages import listed
 from mipbake.io.names import colour_space_of
 from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
@@ -83,9 +83,9 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     """
     name, folder, files = list_files(path)
     name = options.name or name
-    candidates, ignored = classified(files, options.maps)
+    matches, ignored = classified(files, options.maps)
     log = Log()
-    chosen = choose(candidates, folder, options, log)
+    chosen = choose(matches, folder, options, log)
     take_alpha_as_opacity(chosen, options, log)
     specular = take_specular(chosen, ignored, folder, options)
     colour_space = None if options.colour_space is None else canonical_colour_space(options.colour_space)
@@ -93,7 +93,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     sources |= {r: _constant(r, (float(v),)) for r, v in options.maps.items() if isinstance(v, (int, float))}
     if specular is not None:
         sources |= {"metallic": specular, "base_color": replace(sources["base_color"], converted=True)}
-    _check_complete(sources, options, folder, candidates, ignored)
+    _check_complete(sources, options, folder, matches, ignored)
     unread = [i for i in ignored if i.reason in (NO_ROLE, PREVIEW) and i.path not in {s.path for s in sources.values()}]
     _check_colour(sources, options, folder, unread)
     for role, value in _CONSTANTS.items():
@@ -102,7 +102,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
             _tell_constant(role, value, options, unread, log)
     carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
     used = {s.path for s in sources.values()}
-    ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(candidates)]
+    ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(matches)]
     width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
     return Discovery(
         name,
@@ -117,7 +117,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     )
 
 
-def _source(c: Candidate, colour_space: str | None, options: LoadOptions, log: Log) -> MapSource:
+def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) -> MapSource:
     role, header = c.meaning.role, c.header
     channels = c.meaning.channels if len(c.meaning.channels) != 3 else ""
     channels = channels or _natural_channels(role, header)
@@ -223,14 +223,14 @@ def _check_complete(
     sources: Mapping[str, MapSource],
     options: LoadOptions,
     folder: Path,
-    candidates: Mapping[str, Sequence[Candidate]],
+    matches: Mapping[str, Sequence[Match]],
     ignored: Sequence[IgnoredFile],
 ) -> None:
     left_out = [r for r, v in options.maps.items() if v is None]
     missing = [r for r in ("normal", "roughness") if r not in sources and r not in left_out]
     if not missing:
         return
-    found = [f"{c.header.path.name} ({spoken(r)})" for r, several in candidates.items() for c in several]
+    found = [f"{c.header.path.name} ({spoken(r)})" for r, several in matches.items() for c in several]
     found += [f"{i.path.name} ({i.reason})" for i in ignored]
     listed = ", ".join(found[:12]) + (f" and {len(found) - 12} more" if len(found) > 12 else "")
     remedy = {"normal": "normal=FILE, or normal=none for a flat one", "roughness": "roughness=FILE or a number"}

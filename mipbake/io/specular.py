@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mipbake.errors import UsageError
-from mipbake.io.candidates import Candidate, explicit
 from mipbake.io.colour import canonical_colour_space, default_colour_space
 from mipbake.io.decode import TextureMap
+from mipbake.io.matches import Match, explicit
 from mipbake.io.names import Meaning, interpretations
 from mipbake.io.options import SPECULAR, LoadOptions
 from mipbake.io.read import Header, read_header
@@ -29,7 +29,7 @@ _CONVERTED = "converted from the diffuse and specular colours"
 
 
 def take_specular(
-    chosen: dict[str, Candidate], ignored: Sequence[IgnoredFile], folder: Path, options: LoadOptions
+    chosen: dict[str, Match], ignored: Sequence[IgnoredFile], folder: Path, options: LoadOptions
 ) -> MapSource | None:
     """The specular colours of a set in specular and glossiness; None for any other set.
 
@@ -60,7 +60,7 @@ def take_specular(
     if _word(found.path) in _WITH_GLOSS and found.alpha >= 0 and "roughness" not in chosen:
         gloss = Meaning("roughness", "A", inverted=True)
         if "roughness" not in options.maps:
-            chosen["roughness"] = Candidate(found, gloss, f"named {_word(found.path)}")
+            chosen["roughness"] = Match(found, gloss, f"named {_word(found.path)}")
     space = options.colour_space
     encoding = default_colour_space(found.is_integer) if space is None else canonical_colour_space(space)
     channels = "RGB" if found.channels - (found.alpha >= 0) >= 3 else "Y"
@@ -71,7 +71,7 @@ def take_specular(
     )
 
 
-def _by_name(chosen: Mapping[str, Candidate], ignored: Sequence[IgnoredFile], options: LoadOptions) -> Header | None:
+def _by_name(chosen: Mapping[str, Match], ignored: Sequence[IgnoredFile], options: LoadOptions) -> Header | None:
     if {"metallic", "base_color"} & set(options.maps) or "metallic" in chosen or "base_color" not in chosen:
         return None
     if _word(chosen["base_color"].header.path) not in _DIFFUSE:

@@ -52,18 +52,18 @@ def add_factor(factors: dict[str, float], role: str, value: float) -> None:
         factors[role] = value
 
 
-def check_shared(where: str, reference: Slot, others: Sequence[Slot]) -> None:
+def check_shared(where: str, main: Slot, others: Sequence[Slot]) -> None:
     """SkippedError where textures do not lie at the same place of the surface."""
     for slot in others:
-        if slot.mapping != reference.mapping:
+        if slot.mapping != main.mapping:
             raise SkippedError(
-                f"{where}: its {slot.name} and its {reference.name} lie on different texture coordinates or have "
+                f"{where}: its {slot.name} and its {main.name} lie on different texture coordinates or have "
                 "different transforms, so that they share no texels to be filtered together; they are left as they are",
                 loud=True,
             )
 
 
-def sampler_warnings(name: str, slots: Sequence[Slot], reference: Slot) -> list[str]:
+def sampler_warnings(name: str, slots: Sequence[Slot], main: Slot) -> list[str]:
     """What samplers do that a stack is not made for."""
     found = []
     bare = [s.name for s in slots if s.without_levels]
@@ -72,11 +72,11 @@ def sampler_warnings(name: str, slots: Sequence[Slot], reference: Slot) -> list[
             f"{name}: the samplers of {', '.join(bare)} show level 0 alone (minFilter NEAREST or LINEAR), so that the "
             "other levels will not be seen: set LINEAR_MIPMAP_LINEAR"
         )
-    other = [s.name for s in slots if s.wrap != reference.wrap]
+    other = [s.name for s in slots if s.wrap != main.wrap]
     if other:
         found.append(
-            f"{name}: {', '.join(other)} repeat in another way at the borders than {reference.name}: all are "
-            f"filtered as {reference.name} repeats"
+            f"{name}: {', '.join(other)} repeat in another way at the borders than {main.name}: all are "
+            f"filtered as {main.name} repeats"
         )
     mirrored = [s.name for s in slots if s.mirrored]
     if mirrored:

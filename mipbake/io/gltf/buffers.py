@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from mipbake.io.gltf.references import Json, buffer_uses
+from mipbake.io.gltf.uses import Json, buffer_uses
 
 _STEP = 16
 """Bytes are taken away in multiples of this, so that what lies behind them keeps its alignment."""
@@ -47,7 +47,7 @@ class Binary:
 
 
 def merged(document: Json, buffers: Sequence[bytes | None], dropped: Collection[int]) -> Binary:
-    """One buffer in place of all that have bytes; every reference in `document` is moved along.
+    """One buffer in place of all that have bytes; every use in `document` is moved along.
 
     The new buffer is the first, as a GLB wants it; placeholders without bytes follow in their order.
 

@@ -15,7 +15,6 @@ from mipbake.errors import InputError
 from mipbake.io.gltf import bakes
 from mipbake.io.gltf.document import Document, Json, number
 from mipbake.io.gltf.extracted import Extracted
-from mipbake.io.gltf.references import animated_members
 from mipbake.io.gltf.slots import (
     CLEARCOAT,
     COAT,
@@ -29,6 +28,7 @@ from mipbake.io.gltf.slots import (
     label_of,
     slot_of,
 )
+from mipbake.io.gltf.uses import animated_members
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions, MapChoice
 from mipbake.io.safe_names import unique_name
@@ -99,8 +99,8 @@ def _coat(document: Document, index: int, material: Json, images: Extracted, ani
     normal, roughness, red = (slot_of(document, material, n, where) for n in (COAT_NORMAL, COAT_ROUGHNESS, COAT))
     if factor == 0:
         roughness = None  # a smooth coat, whatever its texture says
-    reference = normal or roughness
-    if reference is None:
+    main = normal or roughness
+    if main is None:
         return None
     info = info_of(material, COAT_NORMAL) or {}
     scale = number(info.get("scale", 1.0), f"scale of {COAT_NORMAL} of {where}", path, -1e6, 1e6)
@@ -110,7 +110,7 @@ def _coat(document: Document, index: int, material: Json, images: Extracted, ani
             "as it is: invert red and green of the normal map and make the scale positive to have it baked",
             loud=True,
         )
-    bakes.check_shared(where, reference, [roughness] if roughness else [])
+    bakes.check_shared(where, main, [roughness] if roughness else [])
     shared = red is not None and roughness is not None and images.key(red.image) == images.key(roughness.image)
     return _Coat(index, where, normal, roughness, shared, factor, scale)
 

@@ -22,7 +22,6 @@ from mipbake.io.gltf.clearcoat import coat_bakes
 from mipbake.io.gltf.document import Document, Json, member, number
 from mipbake.io.gltf.extracted import Extracted
 from mipbake.io.gltf.plain import PlainTexture, plain_textures
-from mipbake.io.gltf.references import animated_members
 from mipbake.io.gltf.slots import (
     ANISOTROPIC,
     ANISOTROPY,
@@ -36,6 +35,7 @@ from mipbake.io.gltf.slots import (
     label_of,
     slot_of,
 )
+from mipbake.io.gltf.uses import animated_members
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions, MapChoice
 from mipbake.io.safe_names import unique_name
@@ -79,7 +79,8 @@ class _Material:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def reference(self) -> Slot:
+    def main(self) -> Slot:
+        """The slot whose place on the surface and whose wrap the set has."""
         return self.slots.get(NORMAL) or self.slots[METALLIC_ROUGHNESS]
 
 
@@ -144,8 +145,8 @@ def _material(document: Document, index: int, material: Json, images: Extracted)
         raise SkippedError(f"{where} is given in specular and glossiness and is left as it is")
     names = (NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
     slots = {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
-    reference = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
-    if reference is None:
+    main = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
+    if main is None:
         raise SkippedError(
             f"{where} has neither a normal nor a metallicRoughness texture: nothing in it is prefiltered"
         )
@@ -161,9 +162,9 @@ def _material(document: Document, index: int, material: Json, images: Extracted)
     strength = number(anisotropy.get("anisotropyStrength", 0.0), f"anisotropyStrength of {where}", path, 0, 1)
     if strength == 0:
         slots.pop(ANISOTROPIC, None)
-    check_shared(where, reference, [slots[name] for name in (METALLIC_ROUGHNESS, ANISOTROPIC) if name in slots])
+    check_shared(where, main, [slots[name] for name in (METALLIC_ROUGHNESS, ANISOTROPIC) if name in slots])
     base = slots.get(BASE_COLOUR)
-    elsewhere = slots.pop(BASE_COLOUR) if base is not None and base.mapping != reference.mapping else None
+    elsewhere = slots.pop(BASE_COLOUR) if base is not None and base.mapping != main.mapping else None
     colour = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
     if not isinstance(colour, list) or len(colour) != 4:
         raise InputError(f"{path}: baseColorFactor of {where} is {colour!r}, expected four numbers: export it again")
@@ -227,7 +228,7 @@ def _key(found: _Material, images: Extracted) -> tuple[Any, ...]:
 def _bake(document: Document, materials: Sequence[_Material], images: Extracted, names: set[str]) -> GltfBake:
     first, notes = materials[0], [n for m in materials for n in m.notes]
     warnings = [
-        *(text for m in materials for text in sampler_warnings(m.name, list(m.slots.values()), m.reference)),
+        *(text for m in materials for text in sampler_warnings(m.name, list(m.slots.values()), m.main)),
         *_animation_warnings(document, materials),
     ]
     maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
@@ -277,7 +278,7 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
         maps=maps,
         colour_space="sRGB",
         normal_convention="opengl",
-        wrap=first.reference.wrap,
+        wrap=first.main.wrap,
         name=name,
         factors=factors,
         alpha_cutoff=first.cutoff,
@@ -297,7 +298,7 @@ def _base_colour(
         texture: str = channels(first.slots[BASE_COLOUR].image, "RGB")
         return texture
     notes += [
-        f"{m.name}: its base colour lies elsewhere on the surface than its {m.reference.name} and is left as it is"
+        f"{m.name}: its base colour lies elsewhere on the surface than its {m.main.name} and is left as it is"
         for m in materials
         if m.elsewhere is not None
     ]

@@ -10,7 +10,6 @@ from mipbake.errors import InputError
 from mipbake.io.gltf.bakes import GltfBake
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.extracted import Extracted
-from mipbake.io.gltf.references import texture_uses
 from mipbake.io.gltf.slots import (
     ALPHA,
     ANISOTROPIC,
@@ -29,9 +28,10 @@ from mipbake.io.gltf.slots import (
     label_of,
     slot_of,
 )
+from mipbake.io.gltf.uses import texture_uses
 from mipbake.io.messages import listed, one_line
 
-Use: TypeAlias = tuple[int, str]
+MaterialSlot: TypeAlias = tuple[int, str]
 """A material's index, and the name of a slot."""
 
 PREFILTERED = (
@@ -60,7 +60,7 @@ class PlainTexture:
     alpha: bool
     opacity: bool
     cutoff: float | None
-    uses: tuple[Use, ...]
+    uses: tuple[MaterialSlot, ...]
 
 
 def plain_textures(
@@ -68,8 +68,8 @@ def plain_textures(
 ) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
     """The textures of materials that no bake fills and that averages are right for, and what is to be said of all
     textures beside the textures of the bakes."""
-    found: dict[tuple[str, tuple[str, str]], dict[Use, Slot]] = {}
-    names: dict[Use, str] = {}
+    found: dict[tuple[str, tuple[str, str]], dict[MaterialSlot, Slot]] = {}
+    names: dict[MaterialSlot, str] = {}
     kept: dict[str, list[str]] = {}
     filled = _filled(bakes)
     untouched = _untouched(document, filled)
@@ -99,7 +99,7 @@ def plain_textures(
     return tuple(made), tuple(notes)
 
 
-def _filled(bakes: Sequence[GltfBake]) -> set[Use]:
+def _filled(bakes: Sequence[GltfBake]) -> set[MaterialSlot]:
     """What shows baked maps, with what follows in the red channel."""
     filled = set()
     for bake in bakes:
@@ -108,7 +108,7 @@ def _filled(bakes: Sequence[GltfBake]) -> set[Use]:
     return filled
 
 
-def _untouched(document: Document, filled: set[Use]) -> set[int]:
+def _untouched(document: Document, filled: set[MaterialSlot]) -> set[int]:
     """Textures that stay as they are because something else shows them."""
     known = {}
     for index, material in enumerate(document.all("materials")):
@@ -119,7 +119,7 @@ def _untouched(document: Document, filled: set[Use]) -> set[int]:
     return {use.index for use in texture_uses(document.json) if id(use.parent) not in known}
 
 
-def _split(document: Document, uses: dict[Use, Slot], images: Extracted) -> list[PlainTexture]:
+def _split(document: Document, uses: dict[MaterialSlot, Slot], images: Extracted) -> list[PlainTexture]:
     """What one image becomes: a texture of colours, one of numbers, or both; alpha alone goes with either."""
     holds = {use: PLACES[use[1]].holds for use in uses}
     kinds = [kind for kind in (COLOUR, DATA) if kind in holds.values()] or [DATA]
@@ -127,7 +127,7 @@ def _split(document: Document, uses: dict[Use, Slot], images: Extracted) -> list
     for kind in kinds:
         here = {use: s for use, s in uses.items() if holds[use] == kind or (holds[use] == ALPHA and kind == kinds[0])}
         first = next(iter(here.values()))
-        apart: dict[tuple[bool, float | None], list[Use]] = {}
+        apart: dict[tuple[bool, float | None], list[MaterialSlot]] = {}
         for use in here:
             apart.setdefault(_opacity(document, use, first, images), []).append(use)
         for (opacity, cutoff), several in apart.items():
@@ -137,7 +137,7 @@ def _split(document: Document, uses: dict[Use, Slot], images: Extracted) -> list
     return made
 
 
-def _opacity(document: Document, use: Use, slot: Slot, images: Extracted) -> tuple[bool, float | None]:
+def _opacity(document: Document, use: MaterialSlot, slot: Slot, images: Extracted) -> tuple[bool, float | None]:
     """Whether alpha is seen as opacity, and what the texture's alpha is tested against."""
     material = document.all("materials")[use[0]]
     mode = material.get("alphaMode", "OPAQUE")

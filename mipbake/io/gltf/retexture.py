@@ -10,8 +10,8 @@ from mipbake.io.gltf.bakes import GltfBake
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, SOURCE_EXTENSIONS, content_key, source_of
 from mipbake.io.gltf.plain import PlainTexture
-from mipbake.io.gltf.references import texture_uses
 from mipbake.io.gltf.slots import ANISOTROPIC, PLACES, info_of, made_holder, surface_mapping
+from mipbake.io.gltf.uses import texture_uses
 
 
 @dataclass(frozen=True)
@@ -86,15 +86,15 @@ def _wants(document: Document, bake: GltfBake, index: int, material: Json, slot:
     """The textureInfos of a material that a slot's map is for; those that it lacked are made."""
     textures = document.all("textures")
     before, lobe = document.all("materials")[index], bake.lobe
-    reference = info_of(before, lobe.normal) or info_of(before, lobe.roughness)
-    if reference is None:
+    main = info_of(before, lobe.normal) or info_of(before, lobe.roughness)
+    if main is None:
         raise AssertionError(f"material {index} has something to bake")
     holder = made_holder(material, PLACES[slot].keys)
     info = info_of(material, slot)
     shown = None if info is None else info["index"]
-    sampler = textures[reference["index"] if shown is None else shown].get("sampler")
+    sampler = textures[main["index"] if shown is None else shown].get("sampler")
     if info is None or slot == ANISOTROPIC:
-        holder[slot] = info = {"index": shown, **surface_mapping(reference)}
+        holder[slot] = info = {"index": shown, **surface_mapping(main)}
     wants = [_Want(info, shown, sampler, content)]
     red = info_of(material, lobe.red)
     if slot == lobe.roughness and shown is not None and red and bake.options.maps.get("occlusion"):

@@ -23,7 +23,6 @@ from mipbake.io.gltf.buffers import merged
 from mipbake.io.gltf.document import Document, Json, member, number
 from mipbake.io.gltf.extracted import Extracted, png_of
 from mipbake.io.gltf.images import PNG
-from mipbake.io.gltf.references import animated_members, extensions_of, image_uses, texture_uses, view_uses
 from mipbake.io.gltf.slots import (
     BASE_COLOUR,
     DIFFUSE,
@@ -36,6 +35,7 @@ from mipbake.io.gltf.slots import (
     slot_of,
     surface_mapping,
 )
+from mipbake.io.gltf.uses import animated_members, extensions_of, image_uses, texture_uses, view_uses
 from mipbake.io.messages import listed
 from mipbake.specular_glossiness import Loss, metallic_roughness
 

@@ -17,9 +17,9 @@ from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, KTX2, stored_image
 from mipbake.io.gltf.plain import PlainTexture
 from mipbake.io.gltf.ranges import Ranges
-from mipbake.io.gltf.references import extensions_of, image_uses, view_uses
 from mipbake.io.gltf.retexture import Replaced, replace_textures
 from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, info_of, made_holder
+from mipbake.io.gltf.uses import extensions_of, image_uses, view_uses
 from mipbake.io.ktx2 import IDENTIFIER
 
 SIDE = 4

@@ -103,8 +103,8 @@ class Document:
         prefix = self.attribute("fileprefix", value.element)
         name = ((prefix[0] if prefix else "") + value.text.strip()).replace("\\", "/")
         folders = [folder for e in self.lineage(value.element) if (folder := self.folders.get(e)) is not None]
-        candidates = [folder / name for folder in (*folders, self.path.parent)]
-        allowed = [path for path in candidates if self.within is None or disk.lies_in(path, self.within)]
+        places = [folder / name for folder in (*folders, self.path.parent)]
+        allowed = [path for path in places if self.within is None or disk.lies_in(path, self.within)]
         if not allowed:
             raise self.outside(name)
         return next((path for path in allowed if disk.exists(path)), allowed[0])

@@ -81,7 +81,7 @@ def settings(comparison: Comparison) -> Html:
         "pixel filter": comparison.pixel_filter,
         **{key.replace("_", " "): _value(value) for key, value in comparison.settings.items()},
     }
-    seconds = {stage: f"{value:.1f} s" for stage, value in comparison.seconds.items()}
+    seconds = {phase: f"{value:.1f} s" for phase, value in comparison.seconds.items()}
     return element(
         "div",
         element("div", element("h3", "Settings"), _listed(general)),

@@ -27,7 +27,7 @@ def write_report(
     stacks: Mapping[str, MipStack],
     source: Source | None,
     folder: Path,
-    progress: Callable[[str, float], None] = lambda _stage, _share: None,
+    progress: Callable[[str, float], None] = lambda _phase, _share: None,
     renders: Path | None = None,
 ) -> list[Path]:
     """Writes a report into a folder, which appears under its name when it is complete.

@@ -31,8 +31,8 @@ _REASONS = {"option": "chosen by option", "document": "the document says so"}
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A file that could fill a role, what its name means for it, and why it is considered."""
+class Match:
+    """A file that may fill a role, what its name means for it, and why it is considered."""
 
     header: Header
     meaning: Meaning
@@ -115,40 +115,40 @@ def is_textures(folder: Path) -> bool:
     return folder.name.lower() == "textures"
 
 
-def classified(files: Sequence[Path], settled: Collection[str]) -> tuple[dict[str, list[Candidate]], list[IgnoredFile]]:
-    """Matches for every role except the roles `settled` by option, and the files that match no role."""
-    candidates: dict[str, list[Candidate]] = {}
+def classified(files: Sequence[Path], decided: Collection[str]) -> tuple[dict[str, list[Match]], list[IgnoredFile]]:
+    """Matches for every role except the roles `decided` by option, and the files that match no role."""
+    matches: dict[str, list[Match]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
-    matches = dict(zip(images, classify([f.stem for f in images]), strict=True))
-    assets = {match.asset for match in matches.values() if match and match.meanings and match.asset}
+    names = dict(zip(images, classify([f.stem for f in images]), strict=True))
+    assets = {name.asset for name in names.values() if name and name.meanings and name.asset}
     ignored = []
     for file in files:
-        match = matches.get(file)
-        meanings = [] if match is None else [m for m in match.meanings if m.role not in settled]
-        if file not in matches:
+        name = names.get(file)
+        meanings = [] if name is None else [m for m in name.meanings if m.role not in decided]
+        if file not in names:
             ignored.append(IgnoredFile(file, "not an image"))
-        elif match is None:
+        elif name is None:
             own = asset_words(file.stem)
             preview = bool(own) and any(asset.startswith(own) for asset in assets)
             ignored.append(IgnoredFile(file, PREVIEW if preview else NO_ROLE))
-        elif not match.meanings:
-            ignored.append(IgnoredFile(file, f"{match.word} maps are not used"))
-        elif any(m and m.meanings and m.asset == asset_words(file.stem) for f, m in matches.items() if f != file):
+        elif not name.meanings:
+            ignored.append(IgnoredFile(file, f"{name.word} maps are not used"))
+        elif any(m and m.meanings and m.asset == asset_words(file.stem) for f, m in names.items() if f != file):
             ignored.append(IgnoredFile(file, PREVIEW))
         elif not meanings:
             ignored.append(IgnoredFile(file, OUTVOTED))
         else:
             header = read_header(file)
             for meaning in meanings:
-                candidate = Candidate(header, meaning, f"named {match.word}")
+                match = Match(header, meaning, f"named {name.word}")
                 if _has_channels(header, meaning):
-                    candidates.setdefault(meaning.role, []).append(candidate)
+                    matches.setdefault(meaning.role, []).append(match)
                 elif meaning.channels != "A":
                     raise InputError(
-                        f"{file} is grey, but its name ({match.word}) says that channel {meaning.channels} holds "
+                        f"{file} is grey, but its name ({name.word}) says that channel {meaning.channels} holds "
                         f"{meaning.role}: rename it or choose the maps by option"
                     )
-    return candidates, ignored
+    return matches, ignored
 
 
 def _has_channels(header: Header, meaning: Meaning) -> bool:
@@ -158,25 +158,23 @@ def _has_channels(header: Header, meaning: Meaning) -> bool:
     return meaning.channels in ("", "R", "RGB") or header.channels >= 3
 
 
-def files_of(candidates: Mapping[str, Sequence[Candidate]]) -> list[Path]:
-    return list(dict.fromkeys(c.header.path for several in candidates.values() for c in several))
+def files_of(matches: Mapping[str, Sequence[Match]]) -> list[Path]:
+    return list(dict.fromkeys(c.header.path for several in matches.values() for c in several))
 
 
-def choose(
-    candidates: Mapping[str, Sequence[Candidate]], folder: Path, options: LoadOptions, log: Log
-) -> dict[str, Candidate]:
+def choose(matches: Mapping[str, Sequence[Match]], folder: Path, options: LoadOptions, log: Log) -> dict[str, Match]:
     chosen = {}
     for role in ROLES:
         if role in options.maps:
             choice = options.maps[role]
             if isinstance(choice, (str, os.PathLike)):
                 chosen[role] = explicit(role, choice, folder, _REASONS[options.origin])
-        elif role in candidates:
-            chosen[role] = _preferred(role, candidates[role], options, log)
+        elif role in matches:
+            chosen[role] = _preferred(role, matches[role], options, log)
     return chosen
 
 
-def explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Candidate:
+def explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Match:
     """The file that a user or a document chose for a role."""
     text = os.fspath(choice)
     file, channels = _existing(text, folder), ""
@@ -187,10 +185,10 @@ def explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: st
     header = read_header(file)
     if channels:
         _check_channels(role, channels, header)
-        return Candidate(header, Meaning(role, channels), reason)
-    meanings = [m for match in interpretations(file.stem) for m in match.meanings]
+        return Match(header, Meaning(role, channels), reason)
+    meanings = [m for name in interpretations(file.stem) for m in name.meanings]
     meaning = next((m for m in meanings if m.role == role and _has_channels(header, m)), Meaning(role))
-    return Candidate(header, meaning, reason)
+    return Match(header, meaning, reason)
 
 
 def _existing(text: str, folder: Path) -> Path | None:
@@ -211,7 +209,7 @@ def _check_channels(role: str, channels: str, header: Header) -> None:
             raise InputError(f"{header.path} has no channel {c}, which map {role} asks for: expected one of {there}")
 
 
-def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, log: Log) -> Candidate:
+def _preferred(role: str, several: Sequence[Match], options: LoadOptions, log: Log) -> Match:
     """The one match of the best rank; of NormalGL and NormalDX the OpenGL map, or what the option says; of variants the
     first."""
     best = min(c.meaning.rank for c in several)
@@ -236,11 +234,11 @@ def _preferred(role: str, several: Sequence[Candidate], options: LoadOptions, lo
     return first[0]
 
 
-def take_alpha_as_opacity(chosen: dict[str, Candidate], options: LoadOptions, log: Log) -> None:
+def take_alpha_as_opacity(chosen: dict[str, Match], options: LoadOptions, log: Log) -> None:
     base = chosen.get("base_color")
     if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
         return
-    chosen["opacity"] = Candidate(base.header, Meaning("opacity", "A"), BASE_ALPHA)
+    chosen["opacity"] = Match(base.header, Meaning("opacity", "A"), BASE_ALPHA)
     log.notes.append(alpha_note(base.header.path))
 
 

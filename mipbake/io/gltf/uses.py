@@ -1,8 +1,8 @@
-"""Who refers to which texture, image, bufferView and buffer of a glTF document, in extensions nobody here knows too.
+"""What uses which texture, image, bufferView and buffer of a glTF document, in extensions that nobody here knows too.
 
-The core's references are told exactly. In extensions, whole numbers beneath a key with "texture" or "image" in its name
+The core's uses are told exactly. In extensions, whole numbers beneath a key with "texture" or "image" in its name
 count as indices: too many are found rather than too few, and what is found to be used stays. `extras` hold no
-references that anybody could know.
+uses that anybody could know.
 """
 
 from __future__ import annotations

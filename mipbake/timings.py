@@ -1,0 +1,34 @@
+"""How long the phases of a piece of work take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Timings:
+    """Progress of a piece of work, and how long each of its phases took: the time since the one before ended.
+
+    Args:
+        show: told the phase at work and its finished share. note: told how good the result is by now.
+        seconds: phase to its time.
+    """
+
+    show: Callable[[str, float], None] = lambda _phase, _share: None
+    note: Callable[[str], None] = lambda _text: None
+    seconds: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    def __call__(self, phase: str, share: float) -> None:
+        """Progress as the library reports it: the name of the phase and its finished share, from 0 to 1."""
+        self.show(phase, share)
+        if share >= 1:
+            now = time.perf_counter()
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + now - self._last
+            self._last = now
+
+    def summary(self) -> str:
+        """`read 0.1 s, prefilter 2.3 s, ...`."""
+        return ", ".join(f"{phase} {seconds:.2f} s" for phase, seconds in self.seconds.items())
