@@ -194,23 +194,23 @@ def compare(
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:
     """What a comparison found, for people."""
     session.print(verdict(comparison).sentence)
-    for pairs in PAIR_SETS:
-        session.print("", scale_table(comparison, pairs))
+    for pair_set in PAIR_SETS:
+        session.print("", scale_table(comparison, pair_set))
     session.print("", *(f"warning: {warning}" for warning in comparison.warnings))
     session.print(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
     size_of = sum(file.stat().st_size for file in files)
     session.print(f"wrote {place / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
 
 
-def scale_table(comparison: Comparison, pairs: str) -> Table:
+def scale_table(comparison: Comparison, pair_set: str) -> Table:
     """Methods by scale, for one pair set, with 95 % intervals; the best of each column is bold."""
     from rich.text import Text
 
-    made = table(f"{pairs}, SNR in dB", *SCALES)
+    made = table(f"{pair_set}, SNR in dB", *SCALES)
     for shown in made.columns[1:]:
         shown.justify = "right"
     names = [method.name for method in comparison.methods]
-    found = {scale: {name: comparison.figure(name, "snr", pairs, scale) for name in names} for scale in SCALES}
+    found = {scale: {name: comparison.figure(name, "snr", pair_set, scale) for name in names} for scale in SCALES}
     for name in names:
         cells = []
         for column in found.values():

@@ -34,7 +34,7 @@ from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
-from mipbake.jobs import Failure, Job, Part
+from mipbake.jobs import Failure, Job, SetFiles
 from mipbake.material import model_named
 from mipbake.prefilter import method_named
 from mipbake.texture_set import TextureSet
@@ -148,7 +148,7 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
     return {**write(given, place, reading), "set": read}
 
 
-def _convert_set(session: Session, job: Job, tile: int, part: Part, out: Path, write: _Write) -> dict[str, Any]:
+def _convert_set(session: Session, job: Job, tile: int, part: SetFiles, out: Path, write: _Write) -> dict[str, Any]:
     """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
     place = out / job.place / job.names[tile]
     check_material_output(place, file_hashes(part.find()))

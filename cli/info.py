@@ -10,8 +10,8 @@ import typer
 
 import mipbake
 from mipbake.cli.session import Session
+from mipbake.io.file_facts import FileInfo, ImageInfo
 from mipbake.io.file_info import file_info, stack_info
-from mipbake.io.file_records import FileInfo, ImageInfo
 from mipbake.io.layout import MANIFEST, manifests
 from mipbake.manifest import manifest_path, read_manifest
 

@@ -73,8 +73,8 @@ def validate(
             measured = mipbake.validate(texture_set, baked, chosen, seed, points, samples, progress)
         name = f"{place}: " + (f"{measured.name}, " if in_glb else "")
         session.print(f"{name}{measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
-        for pairs in dict.fromkeys(row.pair_set for row in measured.rows):
-            session.print("", snr_table(measured, pairs))
+        for pair_set in dict.fromkeys(row.pair_set for row in measured.rows):
+            session.print("", snr_table(measured, pair_set))
         session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
         return {"stack": place, **measured.to_dict(), "seconds": progress.seconds}
 
@@ -82,14 +82,14 @@ def validate(
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
 
 
-def snr_table(measured: Validation, pairs: str) -> Table:
+def snr_table(measured: Validation, pair_set: str) -> Table:
     """Methods by level of detail, for one pair set; the best of each column is bold."""
     from rich.text import Text
 
-    made = table(f"{pairs}, SNR in dB", *(f"lod {lod:g}" for lod in measured.lods))
+    made = table(f"{pair_set}, SNR in dB", *(f"lod {lod:g}" for lod in measured.lods))
     for column in made.columns[1:]:
         column.justify = "right"
-    columns = {lod: {m: measured.snr(m, pairs, lod) for m in measured.methods} for lod in measured.lods}
+    columns = {lod: {m: measured.snr(m, pair_set, lod) for m in measured.methods} for lod in measured.lods}
     for method in measured.methods:
         figures = [Text(f"{c[method]:.1f}", "bold" if c[method] == max(c.values()) else "") for c in columns.values()]
         made.add_row(method, *figures)

@@ -229,13 +229,13 @@ def _cut(images: NDArray[np.float32], wrap: Wrap, cosine: float = _CUT) -> NDArr
     return out
 
 
-_Part = tuple[slice, slice, slice]
+_Window = tuple[slice, slice, slice]
 
 
-def _neighbours(shape: Sequence[int], wrap: Wrap) -> list[tuple[_Part, _Part]]:
+def _neighbours(shape: Sequence[int], wrap: Wrap) -> list[tuple[_Window, _Window]]:
     """Parts of (N, H, W) images that lie beside each other: texels, and those to the right of them or below."""
 
-    def part(axis: int, first: int, last: int) -> _Part:
+    def part(axis: int, first: int, last: int) -> _Window:
         rows, columns = (slice(first, last) if a == axis else slice(None) for a in (1, 2))
         return slice(None), rows, columns
 

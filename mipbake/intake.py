@@ -24,7 +24,7 @@ from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.safe_names import safe_name
 from mipbake.io.split import Division, divided, resolved
 from mipbake.io.tiles import is_pattern, pattern_files, text_of, tile_options, tiles_of
-from mipbake.jobs import Failure, Job, Part, with_names_apart
+from mipbake.jobs import Failure, Job, SetFiles, with_names_apart
 from mipbake.udim import islands
 
 
@@ -72,7 +72,7 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> S
     if what == "udim":
         files = list(pattern_files(path).values()) if is_pattern(path) else _files(path)
         return _tiled(path, files, options)
-    return _folder(path, options) if what == "folder" else [Job(path, {0: Part(path, options)})]
+    return _folder(path, options) if what == "folder" else [Job(path, {0: SetFiles(path, options)})]
 
 
 def _archived(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
@@ -158,7 +158,7 @@ def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
     files = _files(path)
     division = divided(files, options)
     if division is None:
-        return [Job(path, {0: Part(path, resolved(options, files, str(path)))})]
+        return [Job(path, {0: SetFiles(path, resolved(options, files, str(path)))})]
     if options.name is not None:
         names = listed(part.name or path.name for part in division.parts)
         raise UsageError(f"{path} holds {len(division.parts)} texture sets, {names}: leave the name out")
@@ -167,7 +167,7 @@ def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
         named = part.name or name_of(path)
         try:
             own = replace(resolved(options, part.files, named), name=safe_name(named, "texture_set"))
-            made.append(Job(path, {0: Part(part.files, own)}))
+            made.append(Job(path, {0: SetFiles(part.files, own)}))
         except InputError as error:
             made.append(Failure(path, error))
     return _told_of_division(made, path, division)
@@ -221,7 +221,7 @@ def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapp
         parts = {}
         for tile in group:
             own = tile_options(options, tile, found[tile][0].parent)
-            parts[tile] = Part(tuple(found[tile]), resolved(own, found[tile], f"tile {tile}"))
+            parts[tile] = SetFiles(tuple(found[tile]), resolved(own, found[tile], f"tile {tile}"))
         made.append(Job(path, parts, notes, warnings))
     return made
 
@@ -259,7 +259,7 @@ def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> li
     found = read_materials(document, scratch / "images")
     place = safe_name(path.stem, "document")
     made = [
-        Job(path, {0: Part(b.files, b.options)}, b.notes, b.warnings, place, document, b, found.plain)
+        Job(path, {0: SetFiles(b.files, b.options)}, b.notes, b.warnings, place, document, b, found.plain)
         for b in found.bakes
     ]
     notes = (*converted.notes, *found.notes, *made[0].notes)
@@ -274,7 +274,7 @@ def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[J
     made: list[Job | Failure] = []
     for material in found.materials:
         if not material.udim:
-            parts = {0: Part(material.files, material.options)}
+            parts = {0: SetFiles(material.files, material.options)}
             made.append(Job(path, parts, material.notes, material.warnings))
             continue
         try:
@@ -283,6 +283,6 @@ def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[J
             made.append(Failure(path, InputError(f"{path}: the material {material.name}: {error}")))
             continue
         for group in islands(tiles):
-            parts = {tile: Part(tuple(tiles[tile][0]), tiles[tile][1]) for tile in group}
+            parts = {tile: SetFiles(tuple(tiles[tile][0]), tiles[tile][1]) for tile in group}
             made.append(Job(path, parts, material.notes, material.warnings))
     return [*made, *(Failure(path, InputError(error)) for error in found.errors)]

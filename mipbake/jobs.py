@@ -28,7 +28,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Part:
+class SetFiles:
     """What `load` reads one texture set from, and the archive that the files lie in."""
 
     files: Path | tuple[Path, ...]
@@ -65,7 +65,7 @@ class Job:
     """
 
     source: Path
-    parts: Mapping[int, Part]
+    parts: Mapping[int, SetFiles]
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     place: str = ""

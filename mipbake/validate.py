@@ -90,12 +90,12 @@ class Validation:
         """Measured levels of detail."""
         return tuple(dict.fromkeys(row.lod for row in self.rows))
 
-    def snr(self, method: str, pairs: str, lod: float) -> float:
+    def snr(self, method: str, pair_set: str, lod: float) -> float:
         """The figure of one method, pair set and lod; KeyError where it was not measured."""
         for row in self.rows:
-            if (row.method, row.pair_set, row.lod) == (method, pairs, lod):
+            if (row.method, row.pair_set, row.lod) == (method, pair_set, lod):
                 return row.snr
-        raise KeyError((method, pairs, lod))
+        raise KeyError((method, pair_set, lod))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types for JSON."""

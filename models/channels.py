@@ -1,4 +1,4 @@
-"""Channels that have names: records whose fields are, in their order, the parts of a tensor's last axis.
+"""Channels that have names: dataclasses whose fields are, in their order, the parts of a tensor's last axis.
 
 Which fields have channels hangs on the material model: metallic is nothing where a model has no metallic. A field
 without channels stands for a tensor of width 0, and what is calculated with one is of width 0 again.
@@ -49,20 +49,20 @@ def channels(width: int, having: Having = every, **about: Any) -> dict[str, Any]
 
 
 @cache
-def places(record: Any, model: MaterialModel) -> Any:
-    """The record with the slice of every field."""
+def places(kind: Any, model: MaterialModel) -> Any:
+    """The dataclass with the slice of every field."""
     found, start = [], 0
-    for each in fields(record):
+    for each in fields(kind):
         found.append(slice(start, start + each.metadata["width"] * each.metadata["having"](model)))
         start = found[-1].stop
-    return record(*found)
+    return kind(*found)
 
 
-def count(record: Any, model: MaterialModel) -> int:
+def count(kind: Any, model: MaterialModel) -> int:
     """How many channels the fields have together."""
-    return sum(each.metadata["width"] for each in fields(record) if each.metadata["having"](model))
+    return sum(each.metadata["width"] for each in fields(kind) if each.metadata["having"](model))
 
 
 def parts(places: Any, tensor: Tensor) -> Any:
-    """The record with the part of (..., count) that each field stands for: (..., width)."""
+    """The dataclass with the part of (..., count) that each field stands for: (..., width)."""
     return type(places)(*(tensor[..., place] for place in vars(places).values()))

@@ -1,4 +1,4 @@
-"""The records of material models: every field of every model is filled, and every reader of records takes every model.
+"""The descriptions of material models: every field of every model is filled, and every reader takes every model.
 
 What is computed with them is tested beside what computes it.
 """
@@ -78,7 +78,7 @@ def test_what_no_fork_knows_is_an_error_and_not_another_kind() -> None:
             function(torch.zeros(1, 3), odd)
 
 
-# ---- records
+# ---- descriptions
 
 
 def test_every_model_is_known_to_the_core_and_has_its_plain_twin() -> None:
@@ -88,7 +88,7 @@ def test_every_model_is_known_to_the_core_and_has_its_plain_twin() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_every_field_of_every_record_is_filled(model: MaterialModel) -> None:
+def test_every_field_of_every_description_is_filled(model: MaterialModel) -> None:
     optional = {"exact", "decoded_from"}
     for field in fields(MaterialModel):
         value = getattr(model, field.name)
@@ -134,12 +134,12 @@ GLTF = MODELS["gltf"]
         ((*GLTF.stored, ModelMap("coat", Kind.SHARE, ("coat",))), "each channel in the view"),
     ],
 )
-def test_a_record_that_does_not_fit_together_is_refused(stored: tuple[ModelMap, ...], sentence: str) -> None:
+def test_a_description_that_does_not_fit_together_is_refused(stored: tuple[ModelMap, ...], sentence: str) -> None:
     with pytest.raises(AssertionError, match=sentence):
         replace(GLTF, name="phong", stored=stored)
 
 
-# ---- readers of records
+# ---- readers of descriptions
 
 
 @pytest.mark.parametrize(("source", "target"), PAIRS)
@@ -316,7 +316,7 @@ def test_every_form_of_a_name_is_seen(fork: str) -> None:
 
 
 def test_no_code_asks_for_a_model_by_its_name() -> None:
-    """A fork by name, or a table by names, treats the next model as another one. Records know what to ask for."""
+    """A fork by name, or a table by names, treats the next model as another one. Descriptions know what to ask for."""
     found = {}
     for room in ("mipbake", "models", "training", "cli"):
         for path in sorted((ROOT / room).rglob("*.py")):

@@ -67,7 +67,7 @@ SHARED: list[tuple[dict[str, Any], str]] = [
     ),
     ({"boundary_mode": "repeat"}, "boundary_mode is 'repeat': expected 'wrap', 'clamp', 'mirror', 'zero' or 'cube'"),
     ({"boundary_mode": ("wrap",)}, r"boundary_mode is \('wrap',\): expected"),
-    ({"boundary_mode": ("wrap", "cube")}, r"boundary_mode is \('wrap', 'cube'\): expected .* a pair of the first four"),
+    ({"boundary_mode": ("wrap", "cube")}, r"boundary_mode is \('wrap', 'cube'\): expected .* two of the first four"),
     ({"boundary_mode": (["wrap"], "wrap")}, "boundary_mode is .*: expected"),
     ({"boundary_mode": None}, "boundary_mode is None: expected"),
     ({"boundary_mode": 7}, "boundary_mode is 7: expected"),

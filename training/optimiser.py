@@ -18,7 +18,7 @@ from mipbake.training.config import OptimiserConfig
 
 
 @dataclass
-class _Part:
+class _Together:
     """Parameters that are trained together: views of a vector, their gradients views of another."""
 
     vector: nn.Parameter
@@ -42,14 +42,14 @@ class FlatAdam:
         groups: dict[str, list[str]] = {}
         for name in named:
             groups.setdefault(network.only_of(name), []).append(name)
-        self._parts: dict[str, _Part] = {}
+        self._parts: dict[str, _Together] = {}
         for part, names in groups.items():
             vector = nn.Parameter(_flattened([named[n] for n in names]))
             gradient = torch.zeros_like(vector)
             for n, view in zip(names, _views(gradient, [named[n] for n in names]), strict=True):
                 named[n].grad = view
             mean = _flattened([twins[n] for n in names]) if twins else None
-            self._parts[part] = _Part(vector, gradient, mean)
+            self._parts[part] = _Together(vector, gradient, mean)
         self._adam = torch.optim.Adam(
             [part.vector for part in self._parts.values()],
             settings.learning_rate,

@@ -19,7 +19,7 @@
 // all of them templates that run on numbers, packets and dual numbers; R is double. It is prepared in two halves
 // because dual numbers cost as much as they have inputs. A model with no adjoint of its own is differentiated by
 // evaluating it on dual numbers; one that reflects with the GGX lobe inherits everything but the names and the two
-// halves from GgxLobe. To add one: a header, a line here, a twin in mipbake/shading/reference.py, a record in
+// halves from GgxLobe. To add one: a header, a line here, a twin in mipbake/shading/reference.py, a description in
 // mipbake/material/.
 #pragma once
 

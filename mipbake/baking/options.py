@@ -95,7 +95,7 @@ class Asked:
     finer: tuple[str, ...]
 
     @property
-    def levels(self) -> int | None:
+    def level_count(self) -> int | None:
         """How many levels are written; None for all."""
         return None if self.options.max_level is None else self.options.max_level + 1
 

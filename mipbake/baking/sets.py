@@ -29,7 +29,7 @@ from mipbake.timings import Timings
 
 
 @dataclass(frozen=True, eq=False)
-class DocumentPart:
+class BakedMaterial:
     """A material of a document that was baked, with its textures."""
 
     job: Job
@@ -49,7 +49,7 @@ class Run:
 
     asked: Asked
     listener: Listener
-    documents: dict[Path, list[DocumentPart]] = field(default_factory=dict)
+    documents: dict[Path, list[BakedMaterial]] = field(default_factory=dict)
 
 
 def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
@@ -90,11 +90,11 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
     textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if with_glb else None
     if textures is not None and job.document is not None:
         textures = replace(textures, measured=check.glb(textures))
-        run.documents.setdefault(job.source, []).append(DocumentPart(job, stack, textures))
+        run.documents.setdefault(job.source, []).append(BakedMaterial(job, stack, textures))
     beside = textures if job.document is None else None
     files: list[Path] = []
     if outputs or beside:
-        files = stack.save(place, outputs, partial(baking, "write"), asked.levels, beside, measured=check)
+        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, measured=check)
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     blocks = any(not each.container.exact for each in asked.outputs)
     sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
@@ -106,7 +106,7 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
         defects=tuple(check.defects),
         warnings=(*sizes, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))),
         model=stack.model,
-        levels=len(stack.levels[: asked.levels]),
+        levels=len(stack.levels[: asked.level_count]),
         provenance=stack.provenance,
         seconds=dict(baking.seconds),
         set=set_report(texture_set, job),
@@ -122,7 +122,7 @@ def _textures(job: Job, seen: TextureSet, stack: MipStack, asked: Asked, progres
     best = (GLB_TEXELS[0], *asked.finer)[-1]
     ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), best)
     texels = chosen(seen, inside, output(asked.finer), part_of(progress, 1, 3), ranges).texels
-    return encoded(inside, slots, asked.levels, part_of(progress, 2, 3), lobe, ranges, texels)
+    return encoded(inside, slots, asked.level_count, part_of(progress, 2, 3), lobe, ranges, texels)
 
 
 def _chose(preset: Preset | None, cost: Cost) -> Preset | None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from mipbake.baking.options import Asked, BakeOptions
 from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
-from mipbake.baking.sets import DocumentPart, Run, bake_job
+from mipbake.baking.sets import BakedMaterial, Run, bake_job
 from mipbake.errors import InputError, MipbakeError, OutputError
 from mipbake.found import file_hashes
 from mipbake.glb import check_file, save_document
@@ -186,7 +186,7 @@ def _gathered(tile: BakedSet, folder: Path, place: Path) -> BakedSet:
 
 
 def _write_document(
-    run: Run, found: Sequence[Job | Failure], source: Path, parts: Sequence[DocumentPart], out: Path
+    run: Run, found: Sequence[Job | Failure], source: Path, parts: Sequence[BakedMaterial], out: Path
 ) -> BakedDocument:
     """Writes the GLB of a document, all of whose materials were baked."""
     first = next(job for job in found if isinstance(job, Job) and job.source == source)
@@ -199,7 +199,7 @@ def _write_document(
     if first.document is None:
         raise AssertionError("only documents are collected")
     results = [(part.job.bake, part.stack, part.textures) for part in parts if part.job.bake is not None]
-    first.using(partial(save_document, path, first.document, results, first.plain, run.asked.levels))
+    first.using(partial(save_document, path, first.document, results, first.plain, run.asked.level_count))
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     measured = {bake.name: textures.measured for bake, _, textures in results}
     made = BakedDocument(source, path, (WrittenFile(path, size),), measured)

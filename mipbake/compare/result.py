@@ -1,4 +1,4 @@
-"""What a comparison found: plain records, which `results.json` and the page of a report are written from."""
+"""What a comparison found: plain dataclasses, which `results.json` and the page of a report are written from."""
 
 from __future__ import annotations
 

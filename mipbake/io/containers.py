@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.io.file_records import FileInfo
+from mipbake.io.file_facts import FileInfo
 from mipbake.io.gpu_files import GPU_CONTAINERS, GpuFile
 from mipbake.io.layout import FileLayout
 from mipbake.io.mip_exr import MipExr

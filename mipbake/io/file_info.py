@@ -10,7 +10,7 @@ from typing import Any
 from mipbake.errors import InputError
 from mipbake.io import disk, ktx2
 from mipbake.io.containers import FORMATS
-from mipbake.io.file_records import FileInfo, ImageInfo, colour_space
+from mipbake.io.file_facts import FileInfo, ImageInfo, colour_space
 from mipbake.io.gltf import container
 from mipbake.io.gltf.document import Document, read_document
 from mipbake.io.gltf.images import KTX2, stored_image

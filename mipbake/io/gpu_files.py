@@ -14,7 +14,7 @@ from mipbake._version import __version__
 from mipbake.errors import InputError, OutputError
 from mipbake.io import dds, disk, ktx2
 from mipbake.io.blocks import from_blocks, to_blocks, widened
-from mipbake.io.file_records import FileInfo, colour_space, told
+from mipbake.io.file_facts import FileInfo, colour_space, told
 from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
 from mipbake.io.oiio_levels import ABOUT

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
-from mipbake.io.file_records import FileInfo, told
+from mipbake.io.file_facts import FileInfo, told
 from mipbake.io.layout import FileLayout
 from mipbake.io.messages import told_by
 from mipbake.io.publish import check_room
@@ -147,7 +147,7 @@ def put(
 
 
 def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
-    """Closes a writer; the file is complete only when the last reference to the writer is gone as well.
+    """Closes a writer; the file is complete only when nothing holds the writer any more.
 
     OSError or OutputError when that fails, whichever says more.
     """

@@ -20,7 +20,7 @@ _CHANNELS = re.compile(r":[RGBA]{1,4}$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Part:
+class SetInFolder:
     """One of several sets in a folder: its name, as its files begin with, and its files."""
 
     name: str
@@ -31,7 +31,7 @@ class Part:
 class Division:
     """The sets of a folder, and files that belong to no set."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[SetInFolder, ...]
     left_out: tuple[Path, ...]
 
 
@@ -90,7 +90,7 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
             (a for a in sets if a and _key(asset_words(stems[file]), stems[file]).startswith(a)), key=len, default=None
         )
         (left_out if asset is None else own[asset]).append(file)
-    parts = (Part(_shown(asset, groups[asset]), tuple(sorted(own[asset]))) for asset in sets)
+    parts = (SetInFolder(_shown(asset, groups[asset]), tuple(sorted(own[asset]))) for asset in sets)
     return Division(tuple(sorted(parts, key=lambda part: part.name.casefold())), tuple(left_out))
 
 

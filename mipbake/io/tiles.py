@@ -19,7 +19,7 @@ FIRST, LAST = 1001, 1999
 
 # What stands before and after a tile in a name, so that numbers within words are not tiles.
 _NUMBER = re.compile(r"(?<=[._-])1\d{3}(?=[._-])")
-_PAIR = re.compile(r"(?<=[._-])u(\d{1,2})_v(\d{1,3})(?=[._-])", re.IGNORECASE)
+_CELL = re.compile(r"(?<=[._-])u(\d{1,2})_v(\d{1,3})(?=[._-])", re.IGNORECASE)
 _PLACEHOLDER = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
 _CHANNELS = re.compile(":[RGBA]{1,4}$", re.IGNORECASE)
 
@@ -160,7 +160,7 @@ def _tile_named(text: str) -> int | None:
 def _readings(name: str) -> list[tuple[int, str, str]]:
     """Every number in a name that could be its tile, with what stands before and after it."""
     found = []
-    for pattern in (_NUMBER, _PAIR):
+    for pattern in (_NUMBER, _CELL):
         for match in pattern.finditer(name):
             tile = _tile_named(match[0])
             if tile is not None:

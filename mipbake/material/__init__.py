@@ -1,4 +1,4 @@
-"""Material models: their records, and the conversions between them.
+"""Material models: their descriptions, and the conversions between them.
 
 A texel of a model is a vector of *stored channels*: what an engine samples, bilinearly and trilinearly, before it
 shades. Arrays are `(..., C)` of float32 or float64; every function is pure and keeps dtype and leading shape.
@@ -10,8 +10,8 @@ shades. Arrays are `(..., C)` of float32 or float64; every function is pure and 
 | `ggx` | diffuse albedo r, g, b; specular F0 r, g, b; normal x, y; log-roughness tensor a, b, c |
 | `beckmann` | the channels of `ggx`; g = ln(gamma) |
 
-`model.py` says what a record holds, and `kinds.py` what a channel can be. Each model, or two models that share their
-formulas, have a file of its own; `models.py` lists them.
+`model.py` says what a description holds, and `kinds.py` what a channel can be. Each model has a file of its own,
+which two models may share where they share formulas; `models.py` lists them.
 """
 
 from mipbake.material.beckmann import beckmann_to_ggx, ggx_to_beckmann
@@ -36,7 +36,17 @@ from mipbake.material.kinds import (
     Kind,
     unknown,
 )
-from mipbake.material.model import GGX_LOBE, Lines, Lobe, MaterialModel, ModelMap, Part, View, rgb, with_unit_length
+from mipbake.material.model import (
+    GGX_LOBE,
+    Lines,
+    Lobe,
+    MaterialModel,
+    MaterialPart,
+    ModelMap,
+    View,
+    rgb,
+    with_unit_length,
+)
 from mipbake.material.models import (
     COMMON,
     GLTF_MODELS,
@@ -84,8 +94,8 @@ __all__ = [
     "Lobe",
     "Losses",
     "MaterialModel",
+    "MaterialPart",
     "ModelMap",
-    "Part",
     "View",
     "axes_to_tensor",
     "base_and_metallic",

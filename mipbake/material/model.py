@@ -1,4 +1,4 @@
-"""The record of a material model: all that the package knows of it, in one place."""
+"""The description of a material model: all that the package knows of it, in one place."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Lines(NamedTuple):
         return slice(self.direction.start, self.strength.stop)
 
 
-class Part(NamedTuple):
+class MaterialPart(NamedTuple):
     """Neighbouring maps that are treated alike, as one.
 
     Args:
@@ -163,7 +163,7 @@ class MaterialModel:
         }
         if not all(right.values()):
             missing = [what for what, fine in right.items() if not fine]
-            raise AssertionError(f"the record of {self.name} is expected to have {', '.join(missing)}")
+            raise AssertionError(f"the description of {self.name} is expected to have {', '.join(missing)}")
 
     # ---- channels
 
@@ -232,7 +232,7 @@ class MaterialModel:
     # ---- coordinates and parameters
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[MaterialPart, ...]:
         """Its maps in order, as few parts as can be."""
         lobe = {} if self.lines is None else {Kind.ROUGHNESS: 0, Kind.DIRECTION: 3, Kind.STRENGTH: 0}
         counts: list[tuple[Kind, int, int, int]] = []
@@ -242,7 +242,9 @@ class MaterialModel:
             coordinates = sum(each.facts.coordinates for each in maps)
             counts.append((maps[0].kind, channels, coordinates, lobe.get(maps[0].kind, coordinates)))
         kinds, *columns = zip(*counts, strict=True)
-        return tuple(Part(*each) for each in zip(kinds, *(_in_a_row(column) for column in columns), strict=True))
+        return tuple(
+            MaterialPart(*each) for each in zip(kinds, *(_in_a_row(column) for column in columns), strict=True)
+        )
 
     @property
     def coordinates(self) -> int:

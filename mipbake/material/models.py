@@ -16,7 +16,7 @@ from mipbake.material.model import MaterialModel
 from mipbake.material.tensors import Array
 
 MODELS: Mapping[str, MaterialModel] = {m.name: m for m in (GLTF, GLTF_ANISOTROPIC, GGX, BECKMANN)}
-"""Name to record of every model; csrc/shading/models.h lists their formulas."""
+"""Name to description of every model; csrc/shading/models.h lists their formulas."""
 
 
 COMMON = GGX.name

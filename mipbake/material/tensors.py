@@ -1,4 +1,4 @@
-"""Normals and roughness tensors: what conversions and records of material models are written with.
+"""Normals and roughness tensors: what conversions and descriptions of material models are written with.
 
 Functions are pure, take (..., C) arrays of float32 or float64, and keep dtype and leading shape.
 """

@@ -36,9 +36,9 @@ def check_context(ctx: Any, kind: type) -> None:
 
 def size_of(resolution: Any) -> tuple[int, int]:
     """(height, width) as integers."""
-    pair = isinstance(resolution, Sequence) and not isinstance(resolution, str) and len(resolution) == 2
+    two = isinstance(resolution, Sequence) and not isinstance(resolution, str) and len(resolution) == 2
     try:
-        height, width = (operator.index(side) for side in resolution) if pair else (0, 0)
+        height, width = (operator.index(side) for side in resolution) if two else (0, 0)
     except TypeError:
         height, width = 0, 0
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):

@@ -270,8 +270,8 @@ def _interpolate_backward(
     """The gradients that are needed, in the order of the arguments."""
     from mipbake import _native
 
-    grad_attr, grad_rast, grad_db = targets = _empty_targets((attr, need_attr), (rast, need_rast), (rast, need_db))
-    gradients = [target for target in targets if target is not None]
+    grad_attr, grad_rast, grad_db = every = _empty_gradients((attr, need_attr), (rast, need_rast), (rast, need_db))
+    gradients = [each for each in every if each is not None]
     if grad_out.numel() == 0 or tri.shape[0] == 0:
         return [gradient.zero_() for gradient in gradients]
     attr, rast, tri, rast_db = _plain(attr), _plain(rast), _plain(tri), _optional(rast_db)
@@ -286,8 +286,8 @@ def _interpolate_backward(
 @_interpolate_backward.register_fake
 def _(attr: Tensor, rast: Tensor, *rest: Any) -> list[Tensor]:
     need_attr, need_rast, need_db = rest[-3:]
-    targets = _empty_targets((attr, need_attr), (rast, need_rast), (rast, need_db))
-    return [target for target in targets if target is not None]
+    every = _empty_gradients((attr, need_attr), (rast, need_rast), (rast, need_db))
+    return [each for each in every if each is not None]
 
 
 def _empty_attributes(attr: Tensor, rast: Tensor, diff_attrs: Sequence[int]) -> tuple[Tensor, Tensor]:
@@ -295,7 +295,7 @@ def _empty_attributes(attr: Tensor, rast: Tensor, diff_attrs: Sequence[int]) -> 
     return attr.new_empty((*image, attr.shape[-1])), attr.new_empty((*image, 2 * len(diff_attrs)))
 
 
-def _empty_targets(*likes: tuple[Tensor, bool]) -> list[Tensor | None]:
+def _empty_gradients(*likes: tuple[Tensor, bool]) -> list[Tensor | None]:
     """Where gradients are written, None where none is needed."""
     return [like.new_empty(like.shape) if needed else None for like, needed in likes]
 
@@ -374,8 +374,8 @@ def _antialias_backward(
     """The gradients that are needed, of color and of pos."""
     from mipbake import _native
 
-    grad_color, grad_pos = targets = _empty_targets((color, need_color), (pos, need_pos))
-    gradients = [target for target in targets if target is not None]
+    grad_color, grad_pos = every = _empty_gradients((color, need_color), (pos, need_pos))
+    gradients = [each for each in every if each is not None]
     if grad.numel() == 0:
         return [gradient.zero_() for gradient in gradients]
     scratch = _silhouette_scratch(pos, tri)
@@ -390,7 +390,7 @@ def _antialias_backward(
 @_antialias_backward.register_fake
 def _(color: Tensor, _rast: Tensor, pos: Tensor, *rest: Any) -> list[Tensor]:
     need_color, need_pos = rest[-2:]
-    return [target for target in _empty_targets((color, need_color), (pos, need_pos)) if target is not None]
+    return [each for each in _empty_gradients((color, need_color), (pos, need_pos)) if each is not None]
 
 
 def _silhouette_scratch(pos: Tensor, tri: Tensor) -> Tensor | None:

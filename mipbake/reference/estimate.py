@@ -17,7 +17,7 @@ from mipbake import sampling
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.lighting import Illumination, common_pairs
-from mipbake.reference.samples import Part, Pixels, Samples
+from mipbake.reference.samples import Pixels, Samples, Span
 from mipbake.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
@@ -48,18 +48,18 @@ def estimate(
     drawn = Samples(source.pixel_filter, (width, height), pixels, groups, samples, rng)
     if out is None:
         out = np.empty((groups, lighting.renders, count, 3), np.float32)
-    for whole in _parts(Part(slice(0, groups), slice(0, count)), samples, _LOOKUPS):
+    for whole in _spans(Span(slice(0, groups), slice(0, count)), samples, _LOOKUPS):
         uv, weights = drawn.at(whole)
         texels = bilinear(source.stored, uv, source.wrap)
-        for part in _parts(whole, samples * lighting.lights, _RADIANCES):
-            rows, some = part.inside(whole)
+        for span in _spans(whole, samples * lighting.lights, _RADIANCES):
+            rows, some = span.inside(whole)
             weight = None if weights is None else weights[rows, :, some]
-            mean = _mean(source.model, lighting, texels[rows, :, some], weight, part)
+            mean = _mean(source.model, lighting, texels[rows, :, some], weight, span)
             if weight is not None:
-                centres = bilinear(source.stored, drawn.centres(part), source.wrap)
-                alone = lighting.shaded(source.model, centres, part).reshape(mean.shape)
+                centres = bilinear(source.stored, drawn.centres(span), source.wrap)
+                alone = lighting.shaded(source.model, centres, span).reshape(mean.shape)
                 mean += _weighed(alone, 1 - weight.mean(1)[:, None])
-            out[part.groups, :, part.pixels] = mean
+            out[span.groups, :, span.pixels] = mean
     return out
 
 
@@ -81,14 +81,14 @@ def bilinear(level: Image, uv: NDArray[np.floating], wrap: Wrap) -> Image:
     return np.asarray(texels.reshape(*uv.shape[:-1], -1))
 
 
-def _mean(model: str, lighting: Illumination, texels: Image, weights: Image | None, part: Part) -> Image:
+def _mean(model: str, lighting: Illumination, texels: Image, weights: Image | None, span: Span) -> Image:
     """(R, K, n, 3) mean over the samples of (R, S, n, C) texels, with (R, S, n) weights."""
     rows, samples, count, _ = texels.shape
     step = max(1, _RADIANCES // lighting.lights)
     total: Image | None = None
     for start in range(0, samples, step):
         some = slice(start, start + step)
-        radiance = lighting.shaded(model, texels[:, some], part)
+        radiance = lighting.shaded(model, texels[:, some], span)
         _, outer, here = radiance.shape[:3]
         if weights is not None:
             radiance = _weighed(radiance, weights[:, None, some, None])
@@ -110,11 +110,11 @@ def _weighed(radiance: Image, weights: Image) -> Image:
     return np.asarray(rows.reshape(radiance.shape))
 
 
-def _parts(whole: Part, work: int, most: int) -> Iterator[Part]:
+def _spans(whole: Span, work: int, most: int) -> Iterator[Span]:
     """Parts that are worked on at a time: about `most` pieces of work, where a pixel in a group is so many."""
     groups, pixels = whole
     count = max(1, min(pixels.stop - pixels.start, most // work))
     rows = max(1, most // (work * count)) if count == pixels.stop - pixels.start else 1
     for row in range(groups.start, groups.stop, rows):
         for pixel in range(pixels.start, pixels.stop, count):
-            yield Part(slice(row, min(groups.stop, row + rows)), slice(pixel, min(pixels.stop, pixel + count)))
+            yield Span(slice(row, min(groups.stop, row + rows)), slice(pixel, min(pixels.stop, pixel + count)))

@@ -1,7 +1,7 @@
 """What lights the pixels of an estimate: light-view pairs of groups or of each pixel, or a room of lights.
 
-Every record shades samples of pixels. The samples keep an axis of their own, so that one function weighs and averages
-the samples of all records (estimate.py).
+Every illumination shades samples of pixels. The samples keep an axis of their own, so that one function weighs and
+averages the samples of all illuminations (estimate.py).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.metrics.pairs import LightViewPairs
-from mipbake.reference.samples import Part
+from mipbake.reference.samples import Span
 from mipbake.shading import shade, shade_lit
 
 Image = NDArray[np.float32]
 
 
 class Illumination(Protocol):
-    """What an estimate asks of a record."""
+    """What an estimate asks of an illumination."""
 
     @property
     def groups(self) -> int:
@@ -34,7 +34,7 @@ class Illumination(Protocol):
     def lights(self) -> int:
         """Lights that a sample of a pixel in a group is shaded under: what it costs."""
 
-    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+    def shaded(self, model: str, texels: Image, span: Span) -> Image:
         """Radiance of (R, S, n, C) texels, S samples of n pixels in R groups: (R, K, S, 1, n, 3) or (R, 1, S, K, n, 3).
 
         With (1, S, n, C) texels, which all groups see: (1, R K, S, 1, n, 3) or (1, 1, S, K, n, 3).
@@ -64,9 +64,9 @@ class GroupPairs:
     def lights(self) -> int:
         return int(self.light.shape[1])
 
-    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+    def shaded(self, model: str, texels: Image, span: Span) -> Image:
         rows, samples, count, channels = texels.shape
-        light, view = (each[part.groups].reshape(rows, -1, 3) for each in (self.light, self.view))
+        light, view = (each[span.groups].reshape(rows, -1, 3) for each in (self.light, self.view))
         seen = shade(model, texels.reshape(rows, -1, channels), light, view)
         return seen.reshape(rows, -1, samples, 1, count, 3)
 
@@ -99,9 +99,9 @@ class PixelPairs:
     def lights(self) -> int:
         return len(self.light)
 
-    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+    def shaded(self, model: str, texels: Image, span: Span) -> Image:
         # Samples are the batch: the pairs of a pixel repeat for each of them.
-        return shade(model, texels[0], self.light[None, :, part.pixels], self.view[None, :, part.pixels])[None, None]
+        return shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])[None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +130,8 @@ class Room:
     def lights(self) -> int:
         return len(self.direction)
 
-    def shaded(self, model: str, texels: Image, part: Part) -> Image:
+    def shaded(self, model: str, texels: Image, span: Span) -> Image:
         _, samples, count, channels = texels.shape
-        frame, view = np.tile(self.frame[part.pixels], (samples, 1, 1)), np.tile(self.view[part.pixels], (samples, 1))
+        frame, view = np.tile(self.frame[span.pixels], (samples, 1, 1)), np.tile(self.view[span.pixels], (samples, 1))
         seen = shade_lit(model, texels.reshape(-1, channels), frame, view, self.direction, self.power)
         return seen.reshape(1, 1, samples, 1, count, 3)

@@ -68,15 +68,15 @@ class Pixels:
     axes: NDArray[np.floating] | None = None
 
 
-class Part(NamedTuple):
+class Span(NamedTuple):
     """Some groups and some pixels."""
 
     groups: slice
     pixels: slice
 
-    def inside(self, whole: Part) -> Part:
+    def inside(self, whole: Span) -> Span:
         """The same, counted from where a whole begins that this is a part of."""
-        return Part(*(slice(a.start - b.start, a.stop - b.start) for a, b in zip(self, whole, strict=True)))
+        return Span(*(slice(a.start - b.start, a.stop - b.start) for a, b in zip(self, whole, strict=True)))
 
 
 class Samples:
@@ -120,30 +120,30 @@ class Samples:
         self._reach = [texels / np.float32(side) for side in size]
         self._axes = None if pixels.axes is None else _planes(np.asarray(pixels.axes, np.float32))
 
-    def at(self, part: Part) -> tuple[Image, Image | None]:
+    def at(self, span: Span) -> tuple[Image, Image | None]:
         """(R, S, n, 2) uv of the samples of some pixels in some groups, and (R, S, n) their weights, 1 in the mean;
         None where all are 1."""
-        (x, of_x), (y, of_y) = (self._offsets(axis, part) for axis in range(2))
+        (x, of_x), (y, of_y) = (self._offsets(axis, span) for axis in range(2))
         if self._axes is not None:
-            along, across = ([_part(each, part) for each in axis] for axis in self._axes)
+            along, across = ([_within(each, span) for each in axis] for axis in self._axes)
             x, y = x * along[0] + y * across[0], x * along[1] + y * across[1]
         uv = np.empty((*x.shape, 2), np.float32)
         for axis, offset in enumerate((x, y)):
-            np.multiply(offset, _part(self._reach[axis], part), out=offset)
-            np.add(offset, _part(self._centre[axis], part), out=uv[..., axis])
+            np.multiply(offset, _within(self._reach[axis], span), out=offset)
+            np.add(offset, _within(self._centre[axis], span), out=uv[..., axis])
         return uv, None if of_x is None or of_y is None else of_x * of_y
 
-    def centres(self, part: Part) -> Image:
+    def centres(self, span: Span) -> Image:
         """(R, 1, n, 2) uv of the pixels themselves; R is 1 where groups share pixels."""
-        return np.stack([_part(each, part) for each in self._centre], -1)
+        return np.stack([_within(each, span) for each in self._centre], -1)
 
-    def _offsets(self, axis: int, part: Part) -> tuple[Image, Image | None]:
+    def _offsets(self, axis: int, span: Span) -> tuple[Image, Image | None]:
         """(R, S, n) offsets along one axis, in pixels, and their weights."""
         bins = self._bins
-        index = _part(self._first[axis], part) + _part(self._steps[axis], part)
+        index = _within(self._first[axis], span) + _within(self._steps[axis], span)
         index &= _BINS - 1
         offset = bins.width.take(index)
-        offset *= _part(self._inside[axis], part)
+        offset *= _within(self._inside[axis], span)
         offset += bins.start.take(index)
         return offset, None if bins.weight is None else bins.weight.take(index)
 
@@ -154,7 +154,7 @@ def _planes(axes: Image) -> Image:
     return np.asarray(whole.transpose(2, 3, 0, 1)[:, :, :, None])
 
 
-def _part(values: NDArray[_T], part: Part) -> NDArray[_T]:
+def _within(values: NDArray[_T], span: Span) -> NDArray[_T]:
     """Some groups and pixels of (G, S, P), whose axes of size 1 stand for all."""
     groups, _, pixels = values.shape
-    return values[part.groups if groups > 1 else slice(None), :, part.pixels if pixels > 1 else slice(None)]
+    return values[span.groups if groups > 1 else slice(None), :, span.pixels if pixels > 1 else slice(None)]

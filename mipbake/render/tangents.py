@@ -18,7 +18,7 @@ from mipbake.render.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-_PAIRS = 1 << 20  # pairs of corners at one position that are compared at a time
+_COMPARED = 1 << 20  # times that two corners at one position are compared, at once
 
 
 def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triangles: NDArray[np.int32]) -> Mesh:
@@ -75,7 +75,7 @@ def corner_normals(positions: Array, triangles: NDArray[np.int32], crease: float
     first, count = np.searchsorted(place[around], place), np.bincount(place)[place]
     least = np.cos(np.radians(crease)) - 1e-9
     normals = np.empty_like(face)
-    for some in np.split(np.arange(len(place)), np.flatnonzero(np.diff(np.cumsum(count) // _PAIRS)) + 1):
+    for some in np.split(np.arange(len(place)), np.flatnonzero(np.diff(np.cumsum(count) // _COMPARED)) + 1):
         starts = np.cumsum(count[some]) - count[some]
         one = np.repeat(some, count[some])
         other = around[first[one] + np.arange(len(one)) - np.repeat(starts, count[some])]

@@ -55,7 +55,7 @@ def boundaries(boundary_mode: str | Sequence[str]) -> tuple[str, str]:
             return u, v
     raise UsageError(
         f"boundary_mode is {boundary_mode!r}: expected 'wrap', 'clamp', 'mirror', 'zero' or 'cube', "
-        "or a pair of the first four, for u and for v"
+        "or two of the first four, for u and for v"
     )
 
 

@@ -16,7 +16,7 @@ Interval = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Moved:
     """Where a buffer lies in the new one, and what has been cut out of it: (start, end), in ascending order."""
 
     base: int
@@ -73,7 +73,7 @@ def merged(document: Json, buffers: Sequence[bytes | None], dropped: Collection[
             kept.append(data[at:start])
             at = end
         kept.append(data[at:])
-        parts[index] = _Part(binary.add(b"".join(kept), _STEP), cuts)
+        parts[index] = _Moved(binary.add(b"".join(kept), _STEP), cuts)
     described = document.get("buffers", [])
     # Its name and what else it says; not that it is what an extension decompresses, which no longer is true of all.
     first = {key: value for key, value in described[min(parts)].items() if key in ("name", "extras")} if parts else {}

@@ -198,12 +198,12 @@ def _view(live: Html, cropped: str) -> Html:
     return joined([element("p", note, class_="note"), live])
 
 
-def _maps(levels: Html) -> Html:
+def _maps(images: Html) -> Html:
     note = (
         "As 8-bit files would look: colours sRGB-encoded, normals as (n + 1) / 2; large levels reduced, small ones "
         "enlarged."
     )
-    return joined([element("p", note, class_="note"), levels])
+    return joined([element("p", note, class_="note"), images])
 
 
 def _details(comparison: Comparison, album: Album) -> Html:

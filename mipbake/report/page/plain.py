@@ -1,4 +1,4 @@
-"""Records as types that JSON has."""
+"""Dataclasses as types that JSON has."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """The value in types that JSON has: records become dictionaries, paths text, what is not finite None."""
+    """The value in types that JSON has: dataclasses become dictionaries, paths text, what is not finite None."""
     if is_dataclass(value) and not isinstance(value, type):
         return plain(asdict(value))
     if isinstance(value, Mapping):
