@@ -299,13 +299,13 @@ def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_
     patch = patches_of(model, 1, 8)
     rng = np.random.default_rng(5)
     views = loss.draw_views(config, rng)
-    targets = torch.stack(
+    references = torch.stack(
         [
             loss.draw_noisy_reference(torch.from_numpy(patch), views, model, pixel_filter, samples, rng)[0]
             for _ in range(600)
         ]
     ).double()
-    mean, spread = targets.mean(0), targets.std(0) / np.sqrt(len(targets))
+    mean, spread = references.mean(0), references.std(0) / np.sqrt(len(references))
     pairs = pair_set("hemisphere", 0, 4)
     pairs = dataclasses.replace(pairs, light=views.light[0].numpy(), view=views.view[0].numpy())
     expected = []
@@ -342,7 +342,7 @@ def test_views_follow_their_distributions() -> None:
 
 
 def loss_case(model: str = "ggx") -> tuple[torch.Tensor, loss.Views, torch.Tensor]:
-    """Texels (B, S, N, C) with a gradient, views of 6 pairs, and targets that differ from what the texels give."""
+    """Texels (B, S, N, C) with a gradient, views of 6 pairs, and references unlike what the texels give."""
     config = SingleLightsLossConfig(crops=2, crop_size=4, pairs=6, lods=3)
     views = loss.draw_views(config, np.random.default_rng(0))
     texels = torch.from_numpy(patches_of(model, 6, 4)).reshape(2, 3, 16, -1)

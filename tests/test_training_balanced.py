@@ -1,4 +1,4 @@
-"""The balanced loss: pairs that stand for both pair sets, targets, what it is nothing for, batches used again."""
+"""The balanced loss: pairs that stand for both pair sets, noisy references, when it is nothing, batches used again."""
 
 from __future__ import annotations
 
