@@ -134,7 +134,7 @@ def probe(
         groups *= _MORE_GROUPS
     light, view, weights = _drawn(groups, rng)
     every = len(light)
-    spread = region_points(problem, region, 0, every * points, rng)
+    spread = region_points(problem, region, every * points, rng)
     uv = rng.permutation(np.resize(spread, (every * points, 2))).reshape(every, points, 2)
     mean, noise = _estimated_twice(problem, uv, lod, light, view, samples, rng)
     for _ in range(effort.doublings):
@@ -148,7 +148,7 @@ def probe(
         noise = (noise + of_again) / 4
         samples *= 2
     lit = min(effort.lit_points, max(16 * height * width, 64))
-    lit_uv = np.resize(region_points(problem, region, 0, lit, rng), (lit, 2))
+    lit_uv = np.resize(region_points(problem, region, lit, rng), (lit, 2))
     frame, lit_view = placed(rng, lit)
     many = max(1, effort.lit_samples // 2) * max(1, effort.lit_points // lit)
     # Pixels that are smaller than the texels of level 0 look level 0 up as well.

@@ -74,11 +74,9 @@ def whole(problem: Problem) -> Region:
     return Region(0, 1, 0, 1, range(problem.last + 1))
 
 
-def region_points(
-    problem: Problem, region: Region, lod: float, most: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """(P, 2) uv inside a region, at most so many; levels of few texels need few."""
-    height, width = problem.sizes[int(lod)]
+def region_points(problem: Problem, region: Region, most: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(P, 2) uv inside a region, at most so many; regions of few texels of level 0 need few."""
+    height, width = problem.sizes[0]
     texels = math.ceil(height * width * region.extent.prod())
     count = max(1, min(most, max(_PIXELS_A_TEXEL * texels, _LEAST_POINTS)))
     return np.asarray(region.origin + random_points(rng, count) * region.extent)

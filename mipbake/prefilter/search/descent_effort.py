@@ -42,8 +42,7 @@ class DescentEffort:
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:
                 raise UsageError(f"DescentEffort was given {name}={value!r}: expected a whole number from {low} up")
-        for name, factor in (("pairs", len(PAIR_SETS) + LOBES), ("samples", 2)):
-            if getattr(self, name) % factor:
-                raise UsageError(
-                    f"DescentEffort was given {name}={getattr(self, name)}: expected a multiple of {factor}"
-                )
+        if self.pairs % (len(PAIR_SETS) + LOBES):
+            raise UsageError(
+                f"DescentEffort was given pairs={self.pairs}: expected a multiple of {len(PAIR_SETS) + LOBES}"
+            )

@@ -79,11 +79,11 @@ def closed_forms(problem: Problem) -> Iterator[Ingredient]:
             yield ingredient(problem, rule, kernel)
 
 
-def ingredient(problem: Problem, method: Prefilter, kernel: str, progress: Progress = lambda _: None) -> Ingredient:
+def ingredient(problem: Problem, method: Prefilter, kernel: str) -> Ingredient:
     """A method as an ingredient."""
 
     def bake(stored: Image) -> list[Image]:
-        return method(stored, problem.source, problem.target, kernel, problem.wrap, progress).levels
+        return method(stored, problem.source, problem.target, kernel, problem.wrap, lambda _: None).levels
 
     name = f"{method.name} ({kernel})" if method.averages else method.name
     return Ingredient(name, method.averages, lambda: bake(problem.stored), bake)
