@@ -4,7 +4,7 @@ A texel has a handful of parameters, and what is measured of it hangs on few pai
 of fine levels have pairs of their own, drawn where they count: one part like each pair set, the others with half
 vectors from lobes around the pixel's normal. Each carries its importance weight for each pair set (the balance
 heuristic of Veach and Guibas 1995): one set of renders stands for all pair sets without bias. Pixels of coarse levels
-cover all kinds of lobes; theirs come from held-out-like pairs whose errors are known one by one (pair_weights.py).
+cover all kinds of lobes; theirs are common pairs, whose errors are known one by one (pair_weights.py).
 """
 
 from __future__ import annotations

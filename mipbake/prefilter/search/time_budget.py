@@ -7,7 +7,7 @@ import re
 from mipbake.errors import UsageError
 
 BEST = "best"
-"""The budget without a limit: until held-out pairs stop improving."""
+"""The budget without a limit: until pairs that nothing is fitted to stop improving."""
 
 _UNITS = {"s": 1.0, "m": 60.0}
 
