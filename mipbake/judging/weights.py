@@ -85,11 +85,25 @@ WEIGHTS = Weights(
         "grazing, hemisphere": Weight(1.0, 3.0),
         "highlights, near-mirror": Weight(1.0, 10.0),
         "highlights, hemisphere": Weight(1.0, 3.0),
-        LIT: Weight(1.5, 15.0),
+        LIT: Weight(0.8, 8.0),
     },
     group_behind=6.0,
 )
 """What everybody counts who asks which of two stacks is better. Terms of pairs count alike, and what falls behind where
-one bright pair rules a set of pairs counts most. All of them are guesses: no measurement set them.
-benchmarks/RESULTS-weights.md shows what each guess does: what `auto` gains and loses where it is halved and where it is
-doubled."""
+one bright pair rules a set of pairs counts most. All of them are guesses. benchmarks/RESULTS-weights.md shows what each
+does: what `auto` gains and loses where it is halved and where it is doubled."""
+
+SINGLE_LIGHTS = Weights(
+    {
+        "near-mirror": Weight(1.0, 10.0),
+        "hemisphere": Weight(1.0, 10.0),
+        "grazing, near-mirror": Weight(0.5, 0.0),
+        "grazing, hemisphere": Weight(0.5, 0.0),
+        "highlights, near-mirror": Weight(0.5, 0.0),
+        "highlights, hemisphere": Weight(0.5, 0.0),
+        LIT: Weight(0.0, 0.0),
+    },
+    group_behind=0.0,
+)
+"""What the optimum counts, which is a limit of SNR: both pair sets, and nothing that people look at. Bright pairs count
+in addition, because a descent that the other pairs alone rule does not last. Guesses."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.weights import WEIGHTS, Weights
+from mipbake.judging.weights import SINGLE_LIGHTS, WEIGHTS, Weights
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
@@ -64,7 +64,7 @@ class Searching:
             results reproducible.
         seed: seed of all that is drawn.
         effort: of the renders that judge. descent: effort on the levels; None for what is usual.
-        judged_by: what errors count.
+        judged_by: what errors count; None for what is usual.
     """
 
     name: str
@@ -73,6 +73,7 @@ class Searching:
     learned = True
     """Whether a network is among the ingredients."""
     usual_seconds: float | None = None
+    usual_weights = WEIGHTS
 
     def __init__(
         self,
@@ -81,12 +82,12 @@ class Searching:
         seed: int = 0,
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
-        judged_by: Weights = WEIGHTS,
+        judged_by: Weights | None = None,
     ) -> None:
         self._neural, self._named = Neural(weights), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
-        self._seed, self._effort, self._judged_by = seed, effort, judged_by
+        self._seed, self._effort, self._judged_by = seed, effort, judged_by or self.usual_weights
         self._descent = descent
 
     @property
@@ -179,6 +180,7 @@ class Optimum(Searching):
     name = "optimum"
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
     learned = False
+    usual_weights = SINGLE_LIGHTS
 
     @property
     def steps(self) -> Sequence[Step]:
