@@ -19,7 +19,7 @@ from mipbake.training.config import RunConfig, TrainingConfig, config_from, plai
 from mipbake.training.data import Materials
 from mipbake.training.losses import LOSSES
 
-from .test_moment_network import TORUS, bumpy
+from .moment_cases import TORUS, bumpy
 
 torch.set_num_threads(1)
 

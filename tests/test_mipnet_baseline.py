@@ -22,8 +22,8 @@ from mipbake.training.config import TrainingConfig, config_from, plain, read_con
 from mipbake.training.data import Materials
 from mipbake.training.export import export_weights
 
+from .moment_cases import bumpy
 from .small_training import train
-from .test_moment_network import bumpy
 
 torch.set_num_threads(1)
 

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
 from mipbake import directions
 from mipbake.errors import UsageError
-from mipbake.material import MIN_ROUGHNESS, MODELS, Kind, MaterialModel, convert, lift_normal, model_named
+from mipbake.material import MODELS, Kind, convert
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.models.channels import count, parts
-from mipbake.models.corrections import Outputs
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
-from mipbake.models.moment_config import MADE, MomentConfig
+from mipbake.models.moment_config import MomentConfig
 from mipbake.models.moment_inference import bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.models.moment_statistics import Statistics, feature_count
-from mipbake.models.moment_statistics import statistics as statistics_of
-from mipbake.models.moments import Moments, moment_count, moment_places
-from mipbake.models.moments import moments as moments_of
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
-from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.linear import Linear
 from mipbake.prefilter.rules.unreal import UNREAL
 from mipbake.reference.estimate import reference
@@ -32,65 +22,9 @@ from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
 
+from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like
+
 torch.set_num_threads(1)
-
-TORUS: Wrap = ("wrap", "wrap")
-SMALL = MomentConfig(latent_channels=6, convolutions=2, pointwise=1, growth=5, decoder_layers=2, decoder_growth=6)
-
-
-def bumpy(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
-    """Valid stored channels of `gltf`, with colours that are exactly 0 and 1 among them."""
-    rng = np.random.default_rng(seed)
-    colour = np.clip(rng.uniform(-0.3, 1.3, (height, width, 4)), 0, 1)
-    roughness = rng.uniform(MIN_ROUGHNESS, 1, (height, width, 1))
-    normal = lift_normal(rng.uniform(-0.5, 0.5, (height, width, 2)))
-    return np.concatenate([colour, roughness, normal], -1).astype(np.float32)
-
-
-ANISOTROPIC = dataclasses.replace(SMALL, decoders=("gltf-anisotropic",))
-GLTF, GGX = MODELS["gltf"], MODELS["ggx"]
-
-
-def moments(stored: torch.Tensor) -> torch.Tensor:
-    return moments_of(stored, GLTF)
-
-
-def statistics(means: torch.Tensor) -> Statistics:
-    return statistics_of(means, GLTF)
-
-
-def of_model(model: str, height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
-    """Valid stored channels of a model, whatever they are: lobes are stretched where they can be."""
-    given, rng = bumpy(height, width, seed), np.random.default_rng(seed)
-    if model == "gltf":
-        return given
-    drawn = {
-        Kind.REFLECTANCE: np.clip(rng.uniform(-0.3, 1.3, (height, width, 6)), 0, 1),
-        Kind.NORMAL_XY: given[..., 5:7],
-        Kind.LOG_TENSOR: rng.uniform([-4.4, -4.4, -0.4], [-0.1, -0.1, 0.4], (height, width, 3)),
-        Kind.LOG_GAMMA: rng.uniform(-1, 1, (height, width, 1)),
-    }
-    return np.concatenate([drawn[part.kind] for part in model_named(model).parts], -1).astype(np.float32)
-
-
-READ = [model for model in MADE if MODELS[model].lines is None]
-"""Models that networks read and make as they are."""
-
-
-def config_of(model: str) -> MomentConfig:
-    return dataclasses.replace(SMALL, decoders=(model,))
-
-
-def trained_like(config: MomentConfig = SMALL) -> MomentNetwork:
-    """Every unit has its say."""
-    torch.manual_seed(3)
-    network = MomentNetwork(config)
-    with torch.no_grad():
-        network.output.weight.normal_(0, 1.5)
-        network.output.bias.normal_(0, 1.5)
-        if network.stretch is not None:
-            network.stretch.weight.normal_(0, 1.5)
-    return network.eval().requires_grad_(False)
 
 
 @pytest.mark.parametrize("wrap", [TORUS, ("clamp", "wrap")])
@@ -193,72 +127,6 @@ def test_an_untrained_network_is_near_a_closed_form() -> None:
         assert narrow[level][..., 4].mean() < roughness < 1.1 * wider[level][..., 4].mean()
 
 
-def test_statistics_are_those_of_closed_forms() -> None:
-    """`lean` and `unreal` follow from the same averages."""
-    stored = bumpy(16, 16, 4)
-    stored[..., 5:7] *= 0.5
-    stored[..., 7] = np.sqrt(1 - np.square(stored[..., 5:7]).sum(-1))
-    means = filtered_levels(moments(torch.from_numpy(stored)).numpy(), "gaussian", TORUS)
-    lean = Lean()(stored, "gltf", "gltf", "gaussian", TORUS, lambda _: None).levels
-    for level, mean in enumerate(means):
-        found = statistics(torch.from_numpy(mean))
-        roughness = (found.log_roughness + found.to_lean).exp().numpy()[..., 0]
-        np.testing.assert_allclose(roughness, lean[level][..., 4], rtol=2e-4)
-        normal = (found.normal + found.lean_normal).numpy()
-        np.testing.assert_allclose(normal, lean[level][..., 5:7], atol=1e-5)
-        alpha2, v = np.exp(4 * found.log_roughness.numpy()), 1 / np.sqrt(1 - found.spread.numpy()) - 1
-        widened = (alpha2 + 2 * v * (1 - alpha2)) / (1 + 2 * v)  # what the released weights were trained with
-        np.testing.assert_allclose(np.exp(4 * (found.log_roughness + found.to_widened).numpy()), widened, rtol=1e-4)
-        assert found.features().shape[-1] == feature_count(GLTF)
-        assert found.freedom.min() >= 0 and found.freedom.max() < 1
-
-
-def test_statistics_of_stretched_lobes_are_those_of_lean() -> None:
-    stored = of_model("ggx", 16, 16, 4)
-    stored[..., 6:8] *= 0.5
-    means = filtered_levels(moments_of(torch.from_numpy(stored), GGX).numpy(), "gaussian", TORUS)
-    lean = Lean()(stored, "ggx", "ggx", "gaussian", TORUS, lambda _: None).levels
-    for level, mean in enumerate(means):
-        found = statistics_of(torch.from_numpy(mean), GGX)
-        stretch = (found.stretch + found.lean_stretch).numpy()
-        middle = 4 * (found.log_roughness + found.to_lean).numpy()
-        tensor = np.concatenate([middle + stretch[..., :1], middle - stretch[..., :1], stretch[..., 1:]], -1)
-        np.testing.assert_allclose(tensor, lean[level][..., 8:11], atol=2e-3)
-        np.testing.assert_allclose((found.normal + found.lean_normal).numpy(), lean[level][..., 6:8], atol=1e-5)
-
-
-def test_round_lobes_have_the_moments_of_gltf() -> None:
-    """A tensor without a stretch is no other surface."""
-    given = bumpy(8, 8, 2)
-    stored = np.asarray(convert(given, "gltf", "ggx"))
-    found: Moments[torch.Tensor] = parts(moment_places(GGX), moments_of(torch.from_numpy(stored), GGX))
-    expected: Moments[torch.Tensor] = parts(moment_places(GLTF), moments(torch.from_numpy(given)))
-    for name, values in vars(expected).items():
-        if values.shape[-1] and "metallic" not in name and name != "base":
-            torch.testing.assert_close(getattr(found, name), values, rtol=2e-4, atol=1e-6)
-    assert not found.stretch.any() and not found.tensor[..., 1:].any()
-
-
-def test_bright_texels_have_their_reflectance() -> None:
-    """Glossy gold in dull plastic: the highlight is golden."""
-    stored = np.zeros((16, 16, 11), np.float32)
-    stored[..., 3:6], stored[..., 8:10] = 0.04, -1.0
-    stored[:8, :, 3:6], stored[:8, :, 8:10] = (1.0, 0.8, 0.3), -8.0
-    found = statistics_of(moments_of(torch.from_numpy(stored), GGX).mean((0, 1)), GGX)
-    for change in (found.tall_specular, found.upward_specular):
-        torch.testing.assert_close(found.specular + change, torch.tensor([1.0, 0.8, 0.3]), atol=1e-2, rtol=0)
-
-
-def test_moments_of_glossy_normals_do_not_cancel() -> None:
-    """The spread of normals a thousandth of a degree apart is seen in float32."""
-    tilt = 2e-5
-    stored = np.zeros((2, 8), np.float32)
-    stored[:, 4], stored[:, 5], stored[:, 7] = 0.1, (tilt, -tilt), 1
-    found = statistics(moments(torch.from_numpy(stored)).mean(0))
-    assert float(found.spread) == pytest.approx(tilt**2, rel=1e-3)
-    assert float(found.slopes) == pytest.approx(tilt**2, rel=1e-3)
-
-
 def test_sharpening_undoes_the_lookups_blur() -> None:
     """A cosine sharpened and looked up bilinearly has what levels are sharper by on purpose, and no more, to second
     order of its frequency."""
@@ -311,29 +179,6 @@ def test_gradients_reach_every_parameter(model: str) -> None:
         assert parameter.grad.abs().max() > 0, name
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=list(MODELS))
-def test_every_model_has_the_moments_and_outputs_of_its_maps(model: MaterialModel) -> None:
-    read = model_named(*dataclasses.replace(SMALL, decoders=(model.name,)).encoders)
-    places = moment_places(read)
-    assert moments_of(torch.zeros(1, read.channels), read).shape[-1] == moment_count(read)
-    colours = places.base, places.metallic, places.diffuse, places.specular
-    assert sum(each.stop - each.start for each in colours) == sum(
-        each.facts.channels for each in read.stored if each.kind in (Kind.REFLECTANCE, Kind.SHARE)
-    )
-    assert (places.stretch.stop > places.stretch.start) == bool(read.of(Kind.LOG_TENSOR))
-    assert (places.log_gamma.stop > places.log_gamma.start) == bool(read.of(Kind.LOG_GAMMA))
-    assert count(Outputs, read) == count(Outputs, model)
-
-
-def test_moments_have_their_channels_by_name() -> None:
-    stored = torch.from_numpy(bumpy(4, 4))
-    found: Moments[torch.Tensor] = parts(moment_places(GLTF), moments(stored))
-    torch.testing.assert_close(found.metallic_base, stored[..., 3:4] * stored[..., :3])
-    torch.testing.assert_close(found.upward_alpha2, found.upward * found.alpha2)
-    torch.testing.assert_close(found.slope_xy[..., 0], found.slope.prod(-1))
-    assert torch.equal(torch.cat(list(vars(found).values()), -1), moments(stored))
-
-
 def test_bakes_other_than_trained_for_are_refused() -> None:
     network, stored = trained_like(), bumpy(4, 4)
     with pytest.raises(UsageError, match="make gltf, not 'ggx'"):
@@ -371,47 +216,6 @@ def test_kernels_first_asked_for_by_validation_serve_training_too() -> None:
     again = image.clone().requires_grad_()
     sum(level.sum() for level in periodic_levels(again, "box")).backward()  # type: ignore[union-attr]
     assert again.grad is not None
-
-
-def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
-    """Flat gloss with one-sided steep joints: the mean normal is off by more than the highlight is wide."""
-    stored = bumpy(32, 32, 7)
-    stored[..., 4], stored[..., 5:8] = 0.12, (0.0, 0.0, 1.0)
-    stored[:, :6, 5:8] = (0.6, 0.0, 0.8)
-    for joints in (0.12, 0.9):
-        stored[:, :6, 4] = joints
-        found = statistics(moments(torch.from_numpy(stored)).mean((0, 1)))
-        alpha = 0.12**2
-        assert float(found.normal[0]) > 5 * alpha
-        assert abs(float(found.normal[0] + found.upward_normal[0])) < 0.1 * alpha
-        np.testing.assert_allclose(float((found.log_roughness + found.to_upward).exp()), 0.12, rtol=0.05)
-        assert float((found.log_roughness + found.to_lean).exp()) > 0.4
-        if joints > 0.5:  # dull joints are not tall, whatever their normal
-            assert abs(float(found.normal[0] + found.tall_normal[0])) < 0.1 * alpha
-        assert float(found.to_narrowest) <= 0
-
-
-def test_what_may_change_is_a_share() -> None:
-    """This holds even for a surface as rough as can be with steep normals, which `to_widened` makes less rough."""
-    stored = torch.from_numpy(bumpy(16, 16, 11))
-    stored[..., 4] = 1.0
-    found = statistics(moments(stored).mean((0, 1)))
-    assert float(found.to_widened) < 0
-    for freedom in (found.freedom, found.tall_freedom, found.upward_freedom):
-        assert 0 <= float(freedom) <= 1
-
-
-def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> None:
-    stored = torch.from_numpy(bumpy(8, 8, 8))
-    stored[..., 4] = 0.6
-    stored[3, 3, 4] = 0.045  # so much brighter than the rest that a negative weight turns the sum
-    weight = torch.full((8, 8, 1), 1.1 / 63)
-    weight[3, 3] = -0.1
-    found = statistics((moments(stored) * weight).sum((0, 1)))
-    assert all(torch.isfinite(value).all() for value in vars(found).values())
-    for normal in (found.tall_normal, found.upward_normal):
-        assert float(normal.norm()) <= 3.1 * float(found.slopes.sqrt())
-    assert float(found.axes.norm()) <= 1.001
 
 
 def test_an_anisotropic_constant_stays_round() -> None:

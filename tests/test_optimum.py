@@ -20,6 +20,7 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
+from mipbake.judging.weights import LIT, SINGLE_LIGHTS, WEIGHTS, Weight, Weights
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter.search import texel_coordinates, texel_descent
@@ -92,6 +93,19 @@ def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved: Search) 
         gains.append(after - before)
     assert min(gains) > 0.58, gains  # mean 1.98, standard deviation 0.35
     assert np.mean(gains) > 3.3, gains  # mean 5.17, standard deviation 0.46
+
+
+def test_single_lights_alone_count() -> None:
+    """What people see, which other methods count, does not move the limit of single lights."""
+
+    def levels(judged_by: Weights | None) -> list[np.ndarray]:
+        method = Optimum(effort=EFFORT, descent=TINY, judged_by=judged_by)
+        return method(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
+
+    usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, WEIGHTS))
+    assert SINGLE_LIGHTS.terms[LIT] == Weight(0.0, 0.0)
+    assert all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, single, strict=True))
+    assert not all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, other, strict=True))
 
 
 def test_the_promise_says_what_was_kept() -> None:

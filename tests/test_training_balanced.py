@@ -35,9 +35,9 @@ from mipbake.training.data import Materials, draw_crops, load_materials
 from mipbake.training.export import export_weights
 from mipbake.training.validation import Validator
 
+from .moment_cases import TORUS, bumpy
 from .small_training import SMALL, train
 from .small_training import tiny_balanced as tiny
-from .test_moment_network import TORUS, bumpy
 
 torch.set_num_threads(1)
 

@@ -106,4 +106,4 @@ SINGLE_LIGHTS = Weights(
     group_behind=0.0,
 )
 """What the optimum counts, which is a limit of SNR: both pair sets, and nothing that people look at. Bright pairs count
-in addition, because a descent that the other pairs alone rule does not last. Guesses."""
+in addition, because few of the pairs of a descent are bright, and bright ones rule the errors. Guesses."""
