@@ -34,6 +34,7 @@ from mipbake.prefilter import METHODS
 from mipbake.render.cache import default_folder
 from mipbake.render.environment import ENVIRONMENTS, lighting_named
 from mipbake.render.mesh_file import read_mesh
+from mipbake.render.samplers import SAMPLERS, sampler_named
 from mipbake.report.page import check_report, write_report
 from mipbake.report.page.verdict import verdict
 from mipbake.report.page.writing import PAGE
@@ -114,13 +115,14 @@ def compare(
         Optional[Path],  # noqa: UP045
         typer.Option(metavar="FILE", help="Render this mesh (.obj, .gltf, .glb) instead of spheres and a plane."),
     ] = None,
-    anisotropic: Annotated[
-        bool,
+    sampler: Annotated[
+        str,
         typer.Option(
-            "--anisotropic",
-            help="Look stacks up with 16x anisotropic filtering in renders, not with trilinear filtering.",
+            metavar=one_of(SAMPLERS),
+            help="How renders look stacks up: between texels and levels; with 16x anisotropic filtering; or a texel drawn "
+            "at random, as renderers do that filter what is shaded.",
         ),
-    ] = False,
+    ] = SAMPLERS[0],
     keep_renders: Annotated[
         bool,
         typer.Option(
@@ -155,7 +157,7 @@ def compare(
     settings = Settings(
         lighting=lighting_named(light),
         mesh=read_mesh(mesh) if mesh else None,
-        anisotropic=anisotropic,
+        sampler=sampler_named(sampler),
         side=size,
         max_passes=passes,
         points=points,

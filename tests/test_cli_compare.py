@@ -78,11 +78,20 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
     sky = np.full((8, 16, 3), 0.2, np.float32)
     sky[1, 3] = 40
     OpenImageIO.ImageBuf(sky).write(str(tmp_path / "sky.exr"))
-    given = ["--mesh", str(mesh), "--light", str(tmp_path / "sky.exr"), "--methods", "linear (box)", "--anisotropic"]
+    given = [
+        "--mesh",
+        str(mesh),
+        "--light",
+        str(tmp_path / "sky.exr"),
+        "--methods",
+        "linear (box)",
+        "--sampler",
+        "anisotropic",
+    ]
     assert run(folder, tmp_path / "report", *given) == 0
     results = json.loads((tmp_path / "report" / "results.json").read_text())
     assert [scene["view"] for scene in results["scenes"]] == ["mesh"] * 3
-    assert results["settings"]["anisotropic"] is True and "sky.exr" in results["settings"]["lighting"]
+    assert results["settings"]["sampler"] == "anisotropic" and "sky.exr" in results["settings"]["lighting"]
 
 
 @pytest.mark.parametrize(

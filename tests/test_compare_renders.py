@@ -226,16 +226,16 @@ def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
     candidates = baked(stored, ("lean", "gaussian"))
     view = views()["plane"]
     plain, sharp = (
-        render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, anisotropic))
-        for anisotropic in (False, True)
+        render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, sampler))
+        for sampler in ("trilinear", "anisotropic")
     )
     assert (plain.rendered.images["lean (gaussian)"] != sharp.rendered.images["lean (gaussian)"]).any()
     assert values(sharp, "lean (gaussian)")["snr"] > values(plain, "lean (gaussian)")["snr"]
     (steady, turning) = (
         temporal_slice(
-            filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0, anisotropic=anisotropic), (16, 4), 8
+            filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0, sampler=sampler), (16, 4), 8
         ).plot
-        for anisotropic in (False, True)
+        for sampler in ("trilinear", "anisotropic")
     )
     assert (steady.images["lean (gaussian)"] != turning.images["lean (gaussian)"]).any()
     assert (steady.reference == turning.reference).all()

@@ -17,7 +17,7 @@ from mipbake.render import environment, shapes, texture_space
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Frame, level_of_detail
+from mipbake.render.mesh_render import Frame
 from mipbake.render.tangents import with_tangents
 from mipbake.render.visible import Surface
 from mipbake.shading import reference as shading_reference
@@ -235,7 +235,7 @@ def test_the_level_of_detail_of_a_receding_plane_rises_to_the_last_level() -> No
     frame = candidate(mesh, camera, LIGHTS, levels, "gltf", WRAP, (64, 16))
     column = frame.lod[frame.coverage[:, 8], 8]
     assert (np.diff(column) <= 1e-4).all() and column[0] == 6 and column[-1] < 1
-    ripped = candidate(mesh, camera, LIGHTS, levels, "gltf", WRAP, (64, 16), anisotropic=True)
+    ripped = candidate(mesh, camera, LIGHTS, levels, "gltf", WRAP, (64, 16), "anisotropic")
     # Anisotropic lookups keep detail where the plane recedes, and cost the shimmer that they let through.
     far = frame.coverage & (frame.lod > 3)
     assert ripped.image[far].std() > 1.3 * frame.image[far].std()

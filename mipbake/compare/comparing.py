@@ -30,6 +30,7 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
+from mipbake.render.samplers import Sampler
 from mipbake.render.render_file import write_render
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -53,7 +54,7 @@ class Settings:
     Args:
         lighting: of the renders; None for the studio.
         mesh: what is rendered in place of spheres and plane.
-        anisotropic: look stacks up 16x anisotropically in renders, rather than trilinearly.
+        sampler: how stacks are looked up in renders.
         side: of a square render, in pixels; the plane is 7/4 as wide.
         max_passes: most samples for each pixel in the reference of a render.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
@@ -66,7 +67,7 @@ class Settings:
 
     lighting: Lighting | None = None
     mesh: Mesh | None = None
-    anisotropic: bool = False
+    sampler: Sampler = "trilinear"
     side: int = SPHERE_RESOLUTION[0]
     max_passes: int = MAX_PASSES
     points: int = DEFAULT_POINTS
@@ -251,7 +252,7 @@ def _compared(
     few = [each for each in candidates if each.name in drawn]
     model = texture_set.source_model
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
-    looks = RenderSettings(settings.seed, settings.max_passes, settings.anisotropic, settings.cache)
+    looks = RenderSettings(settings.seed, settings.max_passes, settings.sampler, settings.cache)
     rendered: list[Rendered] = []
     figures: list[Figure] = []
     pictures: list[Plot] = []

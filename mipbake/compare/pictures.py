@@ -25,6 +25,7 @@ from mipbake.metrics.images import displayed
 from mipbake.reference.source import FilteredSource
 from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Cache, Frame, Passes, Reference, Shot
+from mipbake.render.samplers import Sampler
 
 MAX_PASSES = 768
 """Most samples for each pixel of a reference, by default. A guess."""
@@ -66,13 +67,13 @@ class RenderSettings:
     Args:
         seed: of the reference's samples.
         max_passes: samples a pixel of the reference at most, an even number from 32 on.
-        anisotropic: look stacks up 16x anisotropically.
+        sampler: how stacks are looked up.
         cache: folder where references are kept for the next time; None for nowhere.
     """
 
     seed: int = 0
     max_passes: int = MAX_PASSES
-    anisotropic: bool = False
+    sampler: Sampler = "trilinear"
     cache: Path | None = None
 
 
@@ -172,7 +173,14 @@ def _render(
     tell: Callable[[float], None],
 ) -> _Renders:
     frames = {
-        each.method.name: mesh_render.candidate(shot, each.levels, each.method.model, source.wrap, settings.anisotropic)
+        each.method.name: mesh_render.candidate(
+            shot,
+            each.levels,
+            each.method.model,
+            source.wrap,
+            settings.sampler,
+            rng=np.random.default_rng(settings.seed),
+        )
         for each in candidates
     }
     most = settings.max_passes

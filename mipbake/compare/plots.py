@@ -65,7 +65,9 @@ def temporal_slice(
     height, frames = size
     scene = Turning(exposed(lighting), source.stored.shape[:2], frames, height)
     images = {
-        each.method.name: scene.candidate(each.levels, each.method.model, source.wrap, settings.anisotropic)
+        each.method.name: scene.candidate(
+            each.levels, each.method.model, source.wrap, settings.sampler, np.random.default_rng(settings.seed)
+        )
         for each in candidates
     }
     first, second = scene.reference(source, passes, np.random.default_rng(settings.seed), progress)

@@ -17,7 +17,8 @@ from mipbake.render import shapes
 from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Shot, level_of_detail
+from mipbake.render.mesh_render import Shot
+from mipbake.render.samplers import level_of_detail
 
 SPHERE_RESOLUTION = (256, 256)  # pixels; a guess
 PLANE_RESOLUTION = (256, 448)  # pixels; a guess
@@ -172,21 +173,33 @@ def median_lod(mesh: Mesh, camera: Camera, resolution: tuple[int, int], size: tu
 
 
 def _spheres(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Iterator[View]:
+    for scale, lods in SCALES.items():
+        lod = min(sum(lods) / 2, float(last_level))
+        shot = sphere_shot(size, lighting, lod, resolution)
+        title = f"Sphere, {scale} (median lod {lod:g})"
+        name = f"sphere-{scale.replace(':', '-')}"
+        yield View(shot.mesh, shot.camera, lighting, resolution, name, title, "sphere", scale)
+
+
+def sphere_shot(size: tuple[int, int], lighting: Lighting, lod: float, resolution: tuple[int, int]) -> Shot:
+    """A sphere that fills the picture, whose texture repeats so often that the median level of detail is `lod`."""
     height, width = size
     # From outside, the outline of the sphere is seen at the angle of the tangent, not at the angle of its poles.
     angle = math.atan(_FILLED * math.tan(math.radians(_SPHERE_ANGLE) / 2) * min(1.0, resolution[1] / resolution[0]))
     camera = orbit(1 / math.sin(angle), 0.0, 12.0, field_of_view=_SPHERE_ANGLE)
     once = shapes.sphere(repeat=(2 * height / width, 1.0))  # twice as far around as from pole to pole
-    lod_of_once = median_lod(once, camera, resolution, size)
-    for scale, lods in SCALES.items():
-        lod = min(sum(lods) / 2, float(last_level))
-        times = 2 ** (lod - lod_of_once)
-        mesh = Mesh("sphere", once.positions, once.normals, once.uv * times, once.tangents, once.triangles)
-        title = f"Sphere, {scale} (median lod {lod:g})"
-        yield View(mesh, camera, lighting, resolution, f"sphere-{scale.replace(':', '-')}", title, "sphere", scale)
+    times = 2 ** (lod - median_lod(once, camera, resolution, size))
+    mesh = Mesh("sphere", once.positions, once.normals, once.uv * times, once.tangents, once.triangles)
+    return Shot(mesh, camera, lighting, resolution)
 
 
 def _plane(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> View:
+    shot = plane_shot(size, lighting, last_level, resolution)
+    return View(shot.mesh, shot.camera, lighting, resolution, "plane", f"Plane, lod 0 to {last_level}", "plane", "")
+
+
+def plane_shot(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Shot:
+    """A receding plane: one texel a pixel at the bottom of the picture, and the last level at its top."""
     # Seen from height 1, a ray at the angle a below the horizon meets the ground 1 / sin(a) away, and a pixel's
     # footprint is drawn out by another 1 / sin(a): the level of detail rises by 2 log2(sin(bottom) / sin(top)).
     bottom = math.radians(_BOTTOM)
@@ -210,5 +223,4 @@ def _plane(size: tuple[int, int], lighting: Lighting, last_level: int, resolutio
     texel = 2 * math.tan(angle / 2) / resolution[0] * distance / math.sin(bottom) / math.cos(angle / 2)
     uv = positions[:, [0, 2]] / texel / np.array([size[1], size[0]], np.float64)
     mesh = Mesh("plane", positions, ground.normals, uv, ground.tangents, ground.triangles)
-    title = f"Plane, lod 0 to {last_level}"
-    return View(mesh, camera, lighting, resolution, "plane", title, "plane", "")
+    return Shot(mesh, camera, lighting, resolution)

@@ -14,7 +14,7 @@ from mipbake.reference.sequences import SEQUENCE
 from mipbake.reference.source import FilteredSource
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
-from mipbake.render.mesh_render import level_of_detail
+from mipbake.render.samplers import Sampler, level_of_detail, look_up
 
 Array = NDArray[np.float64]
 
@@ -55,22 +55,19 @@ class Turning:
         """Side of a texel in the world."""
 
     def candidate(
-        self, levels: Sequence[NDArray[np.float32]], model: str, wrap: Wrap, anisotropic: bool = False
+        self,
+        levels: Sequence[NDArray[np.float32]],
+        model: str,
+        wrap: Wrap,
+        sampler: Sampler = "trilinear",
+        rng: np.random.Generator | None = None,
     ) -> NDArray[np.float32]:
         """(height, frames, 3) linear radiance: each pixel's centre, one lookup of the stack, shaded once.
 
-        The lookup is trilinear, or 16x anisotropic, as in `mipbake.render.mesh_render.candidate`.
+        The sampler looks the stack up as in `mipbake.render.mesh_render.candidate`.
         """
         uv, uv_da, view = self._see((0.0, 0.0))
-        finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
-        texels = sampling.texture(
-            finest,
-            uv[None, None],
-            uv_da[None, None],
-            mip=coarser,
-            filter_mode="anisotropic" if anisotropic else "linear-mipmap-linear",
-            boundary_mode=wrap,
-        )[0, 0]
+        texels = look_up(levels, uv, uv_da, wrap, sampler, rng)
         return np.asarray(self._lit(texels, view, model).swapaxes(0, 1))
 
     def reference(

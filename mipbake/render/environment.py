@@ -244,7 +244,18 @@ def key(lights: int = LIGHTS) -> Lighting:  # noqa: ARG001
     return directional("key", [[0.5, 0.75, 0.45]], [[np.pi, np.pi, np.pi]])
 
 
-ENVIRONMENTS: Mapping[str, Callable[[int], Lighting]] = {"studio": studio, "sky": sky, "key": key}
+def lamps(lights: int = LIGHTS) -> Lighting:  # noqa: ARG001
+    """Six lamps, warm and cool, all around and from low to high; scaled as `from_map` does. `lights` plays no part."""
+    azimuth, elevation = np.radians([[20, 75, 140, 190, 235, 310], [55, 25, 35, 18, 50, 30]])
+    direction = np.stack(
+        [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)], -1
+    )
+    warm, cool = np.array([1.15, 1.0, 0.8]), np.array([0.85, 1.0, 1.2])
+    radiance = np.stack([warm, cool, warm, cool, warm, cool])
+    return directional("lamps", direction, radiance * 4 * np.pi / (radiance @ _LUMINANCE).sum())
+
+
+ENVIRONMENTS: Mapping[str, Callable[[int], Lighting]] = {"studio": studio, "sky": sky, "key": key, "lamps": lamps}
 """Lightings by name; each takes the number of lights."""
 
 

@@ -27,6 +27,7 @@ from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
+from mipbake.render.samplers import Sampler, level_of_detail, look_up
 from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
@@ -151,28 +152,21 @@ def candidate(
     levels: Sequence[Array],
     model: str,
     wrap: Wrap,
-    anisotropic: bool = False,
+    sampler: Sampler = "trilinear",
     offset: tuple[float, float] = (0.0, 0.0),
+    rng: np.random.Generator | None = None,
 ) -> Frame:
-    """What an unchanged engine shows: each pixel's centre, one trilinear lookup of the stack there, shaded once.
+    """What an unchanged engine shows: each pixel's centre, one lookup of the stack there, shaded once.
 
     Args:
         levels: (H_L, W_L, C) stored channels, finest first.
         model: the material model of the channels.
-        anisotropic: average up to 16 trilinear lookups along the footprint, at the level of its minor axis (16x
-            anisotropic filtering, as engines offer it). They are of the stored channels, shaded once all the same.
+        sampler: how the stack is looked up.
         offset: (columns, rows) of pixels, to the right and upwards, from the centre to the point that is shown.
+        rng: what the stochastic sampler draws with.
     """
     points = shot.surface.seen(offset)
-    finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
-    texels = sampling.texture(
-        finest,
-        points.uv[None, None],
-        points.uv_da[None, None],
-        mip=coarser,
-        filter_mode="anisotropic" if anisotropic else "linear-mipmap-linear",
-        boundary_mode=wrap,
-    )[0, 0]
+    texels = look_up(levels, points.uv, points.uv_da, wrap, sampler, rng)
     height, width = shot.resolution
 
     def image(values: NDArray[Any], dtype: type) -> NDArray[Any]:
@@ -180,7 +174,7 @@ def candidate(
         whole[points.index] = values
         return whole.reshape(height, width, *values.shape[1:])[::-1]
 
-    lod = level_of_detail(points.uv_da, finest.shape[1:3]).clip(0, len(levels) - 1)
+    lod = level_of_detail(points.uv_da, levels[0].shape[:2]).clip(0, len(levels) - 1)
     return Frame(
         image(_lit(points, texels, model, shot.lighting), np.float32),
         image(np.ones(len(texels)), np.bool_),
@@ -270,16 +264,17 @@ def reference(
         until = min(needed, passes.most // 2)
 
 
-def level_of_detail(uv_da: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
-    """(P,): log2 of the longer axis, in texels of a level of `size` (height, width), of footprints (P, 4).
-
-    The derivatives are du/dX, du/dY, dv/dX, dv/dY per pixel, as `sampling.texture` takes them.
-    """
-    ux, uy, vx, vy = (np.asarray(uv_da) * [size[1], size[1], size[0], size[0]]).T
-    # The larger singular value of [[ux, uy], [vx, vy]].
-    half, cross = (ux**2 + vx**2 + uy**2 + vy**2) / 2, ux * uy + vx * vy
-    major2 = half + np.hypot((ux**2 + vx**2 - uy**2 - vy**2) / 2, cross)
-    return np.asarray(0.5 * np.log2(np.maximum(major2, 1e-300)))
+def halves(shot: Shot, source: FilteredSource, passes: int, seed: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The halves (H, W, 3) of a reference of `passes` samples a pixel, an even number, and its interior (H, W)."""
+    state = _State.restored(None, shot.resolution, seed)
+    level = np.ascontiguousarray(source.stored, np.float32)
+    kernel = filter_named(source.pixel_filter)
+    render = _Pass(shot.surface, shot.lighting, level[None], source.model, source.wrap, kernel)
+    for _ in range(passes // 2):
+        for half in range(2):
+            render.add(state, half)
+        state.done += 1
+    return state.result()
 
 
 def _errors(

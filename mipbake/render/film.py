@@ -1,0 +1,134 @@
+"""Films: pictures of a mesh, frame after frame, while the camera or the lights move a little from one to the next.
+
+A frame of a film is what `mesh_render` renders: the once-per-pixel candidate, and the supersampled, pixel-filtered
+reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+from mipbake.pixel_filter import Wrap
+from mipbake.reference.source import FilteredSource
+from mipbake.render.camera import Camera
+from mipbake.render.environment import Lighting
+from mipbake.render.mesh import Mesh
+from mipbake.render.mesh_render import Shot, candidate, halves
+from mipbake.render.samplers import Sampler
+
+Frames = NDArray[np.float32]
+"""(T, H, W, 3) linear radiance, rows from the top."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """What is filmed.
+
+    Args:
+        mesh: stays where it is; what turns is seen by a camera that goes round it.
+        cameras, lightings: of the frames, T each.
+        resolution: (height, width) in pixels.
+
+    Raises:
+        UsageError: no frame, or as many cameras as there are not lightings.
+    """
+
+    mesh: Mesh
+    cameras: tuple[Camera, ...]
+    lightings: tuple[Lighting, ...]
+    resolution: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not self.cameras or len(self.cameras) != len(self.lightings):
+            raise UsageError(
+                f"a film has {len(self.cameras)} cameras and {len(self.lightings)} lightings: expected one of each "
+                "for every frame, and one frame or more"
+            )
+
+    @property
+    def shots(self) -> tuple[Shot, ...]:
+        """What a renderer takes of each frame."""
+        return tuple(
+            Shot(self.mesh, camera, lighting, self.resolution)
+            for camera, lighting in zip(self.cameras, self.lightings, strict=True)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FilmReference:
+    """The reference film: the mean of two independent, unbiased halves.
+
+    Args:
+        first, second: (T, H, W, 3) float32 linear radiance, black where nothing is.
+        interior: (T, H, W) bool, where every sample saw the mesh.
+        passes: samples a pixel, both halves together.
+    """
+
+    first: Frames
+    second: Frames
+    interior: NDArray[np.bool_]
+    passes: int
+
+    @property
+    def frames(self) -> Frames:
+        """(T, H, W, 3) float32, the mean of the halves."""
+        return np.asarray((self.first + self.second) / 2, np.float32)
+
+    @property
+    def noise(self) -> float:
+        """Estimated root mean square error of `frames` over the interior, relative to their root mean square there."""
+        a, b = (each[self.interior].astype(np.float64) for each in (self.first, self.second))
+        signal = float(np.mean(a * b)) if len(a) else 0.0
+        return float(np.sqrt(np.mean((a - b) ** 2) / 4 / signal)) if signal > 0 else 0.0
+
+
+def film_candidate(
+    film: Film,
+    levels: Sequence[NDArray[np.float32]],
+    model: str,
+    wrap: Wrap,
+    sampler: Sampler = "trilinear",
+    seed: int = 0,
+) -> Frames:
+    """(T, H, W, 3): what an unchanged engine shows, frame after frame.
+
+    Args:
+        levels, model, wrap, sampler: as `mesh_render.candidate` takes them.
+        seed: of the stochastic sampler, which draws every frame anew.
+    """
+    rng = np.random.default_rng(seed)
+    return np.stack([candidate(shot, levels, model, wrap, sampler, rng=rng).image for shot in film.shots])
+
+
+def film_reference(
+    film: Film,
+    source: FilteredSource,
+    passes: int,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> FilmReference:
+    """The supersampled film: the pixel filter's mean of level 0, interpolated bilinearly and shaded at each sample.
+
+    Every frame takes `passes` samples a pixel, half of them for either half. All frames share the offsets of their
+    samples, so that what noise there is changes as slowly as the pictures do, and hardly adds to their changes.
+
+    Args:
+        passes: an even number from 4 on.
+        progress: told the finished share.
+
+    Raises:
+        UsageError: another number of passes.
+    """
+    if passes % 2 or passes < 4:
+        raise UsageError(f"a film takes {passes} samples a pixel: expected an even number from 4 on")
+    frames = []
+    for index, shot in enumerate(film.shots):
+        frames.append(halves(shot, source, passes, seed))
+        progress((index + 1) / len(film.cameras))
+    first, second, interior = (np.stack(each) for each in zip(*frames, strict=True))
+    return FilmReference(first, second, interior, passes)
