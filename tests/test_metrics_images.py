@@ -1,4 +1,4 @@
-"""Measures of images: tonemapped error, FLIP, HDR-FLIP, Delta E ITP, SSIM, and the list of all measures."""
+"""Measures of images: tonemapped error, FLIP, HDR-FLIP, Delta E ITP, SSIM, false sparkle, and the list of measures."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from mipbake.metrics import (
     Exposures,
     Measured,
     delta_e_itp,
+    false_sparkle,
     hdr_flip,
     hdr_flip_exposures,
     ldr_flip,
@@ -29,7 +30,7 @@ from mipbake.metrics.images import display_slope, displayed
 from .flip_of_the_paper import flip_of_the_paper
 
 LINEAR = (tonemapped_error, hdr_flip, delta_e_itp)
-DISPLAY = (ldr_flip, structural_similarity)
+DISPLAY = (ldr_flip, structural_similarity, false_sparkle)
 
 
 def picture(seed: int = 0, top: float = 1.0) -> NDArray[np.float32]:
@@ -65,7 +66,9 @@ def test_a_larger_error_is_worse(measure) -> None:
     rng = np.random.default_rng(1)
     image, noise = picture(), rng.uniform(-1, 1, (24, 40, 3))
     perfect = 1 if measure is structural_similarity else 0
-    errors = [abs(measure(image + share * noise, image).mean - perfect) for share in (0.02, 0.05, 0.1)]
+    shares = (0.15, 0.3, 0.6) if measure is false_sparkle else (0.02, 0.05, 0.1)  # it forgives 0.1
+    noisy = [np.clip(image + share * noise, 0, 1) for share in shares]
+    errors = [abs(measure(candidate, image).mean - perfect) for candidate in noisy]
     assert 1.2 * errors[0] < errors[1] and 1.2 * errors[1] < errors[2]
 
 
@@ -313,6 +316,23 @@ def test_ssim_needs_room_for_its_window() -> None:
         structural_similarity(picture()[:10], picture()[:10])
 
 
+def test_false_sparkle_by_hand() -> None:
+    """What is 0.1 above the reference or less counts nothing, and nothing darker does; channels count by themselves."""
+    reference = np.full((1, 2, 2, 3), 0.3)
+    candidate = reference.copy()
+    candidate[0, 0, 0] = [0.9, 0.35, 0.1]  # 0.5 too much, forgiven, darker
+    candidate[0, 1, 1] = [0.4, 0.5, 0.0]  # just forgiven, 0.1 too much, darker
+    measured = false_sparkle(candidate, reference)
+    assert measured.per_pixel == pytest.approx(np.array([[[0.5 / 3, 0], [0, 0.1 / 3]]]), abs=1e-7)
+    assert measured.mean == pytest.approx(0.6 / 12)
+    assert false_sparkle(reference, candidate).mean == pytest.approx((0.1 + 0.2) / 12)
+
+
+def test_false_sparkle_ends_at_nine_tenths() -> None:
+    assert false_sparkle(flat(1, 1, 1), flat(0, 0, 0)).mean == pytest.approx(0.9)
+    assert false_sparkle(flat(0, 0, 0), flat(1, 1, 1)).mean == 0
+
+
 def test_a_mask_keeps_the_background_out_of_the_mean() -> None:
     candidate, reference = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
     candidate[0, 0] = 1
@@ -365,7 +385,7 @@ def test_display_values_beyond_white(measure) -> None:
         measure(picture(top=2), picture())
 
 
-@pytest.mark.parametrize("measure", [hdr_flip, *DISPLAY])
+@pytest.mark.parametrize("measure", [hdr_flip, ldr_flip, structural_similarity])
 def test_pictures_have_two_sides(measure) -> None:
     with pytest.raises(UsageError, match=r"expected \(H, W, 3\)"):
         measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
@@ -387,7 +407,7 @@ def test_the_list_of_measures_calls_each_as_it_says(name: str) -> None:
     if measure.needs in ("estimates", "frames"):
         reference = np.stack([reference, picture(1)])
     right = reference.copy()
-    wrong = 0.5 * reference + 0.01
+    wrong = 1 - 0.5 * reference  # too bright where the reference is dark, and its change is half as large
     given = 2 if measure.needs in ("estimates", "frames") else 1
     figures = []
     for candidate in (right, wrong):

@@ -1,8 +1,9 @@
 """What is measured: light-view pair sets, error measures over them and over images, and their confidence intervals."""
 
+from mipbake.metrics.color_video_vdp import PERFECT_JOD, check_color_video_vdp, color_video_vdp
 from mipbake.metrics.flicker import flicker_ratio, flicker_ratio_from_sums, flicker_snr_db, flicker_sums
 from mipbake.metrics.flip import PIXELS_PER_DEGREE, Exposures, hdr_flip, hdr_flip_exposures, ldr_flip
-from mipbake.metrics.images import Measured, srgb_encode
+from mipbake.metrics.images import Measured, displayed, film_exposure, srgb_encode
 from mipbake.metrics.intervals import (
     Interval,
     bootstrap,
@@ -15,6 +16,7 @@ from mipbake.metrics.itp import NITS_PER_UNIT, delta_e_itp
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs, pair_set
 from mipbake.metrics.registry import MEASURES, Measure
 from mipbake.metrics.snr import MAX_SNR_DB, snr_db, snr_from_sums, snr_sums
+from mipbake.metrics.sparkle import false_sparkle
 from mipbake.metrics.ssim import structural_similarity
 from mipbake.metrics.tonemapped import tonemapped_error
 
@@ -23,6 +25,7 @@ __all__ = [
     "MEASURES",
     "NITS_PER_UNIT",
     "PAIR_SETS",
+    "PERFECT_JOD",
     "PIXELS_PER_DEGREE",
     "Exposures",
     "Interval",
@@ -30,7 +33,12 @@ __all__ = [
     "Measure",
     "Measured",
     "bootstrap",
+    "check_color_video_vdp",
+    "color_video_vdp",
     "delta_e_itp",
+    "displayed",
+    "false_sparkle",
+    "film_exposure",
     "flicker_interval",
     "flicker_ratio",
     "flicker_ratio_from_sums",

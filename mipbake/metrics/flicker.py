@@ -3,6 +3,11 @@
 Frames are either two renders half a pixel apart or consecutive steps of a slow motion. A candidate that shimmers
 changes more than the reference, a blurred one less; one that changes as much, but elsewhere, has a low SNR of the
 change.
+
+Values are linear radiance, or what a display shows of it (`displayed`, for films that people see). A display's curve
+bends, so two independent estimates A and B of the radiance are displayed each by itself, and then taken. Their noise
+still drops out of products. What stays is the bend's bias, half the curve's second derivative times the variance of
+the noise, so the noise should be small: films bound it as renders do.
 """
 
 from __future__ import annotations
@@ -28,7 +33,7 @@ def flicker_ratio(candidate: ImageArray, first: ImageArray, second: ImageArray) 
     reference, whose product holds no bias from their noise (see snr_db). Pass one array twice where there is no noise.
 
     Args:
-        candidate, first, second: (T, ...) frames of linear radiance, one shape, T at least 2.
+        candidate, first, second: (T, ...) frames of linear radiance, or of displayed values, one shape, T at least 2.
 
     Returns:
         The ratio, from 0 up; nan where the reference's change is below a twentieth of its noise, where more samples are
@@ -75,5 +80,5 @@ def _changes(candidate: ImageArray, first: ImageArray, second: ImageArray) -> tu
         raise UsageError(f"the frames have shape {arrays['candidate'].shape}: expected (T, ...), two frames or more")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
-            raise UsageError(f"{name} has values that are not finite: expected frames of finite radiance")
+            raise UsageError(f"{name} has values that are not finite: expected frames of finite values")
     return tuple(np.diff(array, axis=0) for array in arrays.values())

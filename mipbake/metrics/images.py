@@ -14,6 +14,9 @@ ImageArray = NDArray[np.floating]
 """(..., 3) colours, float32 or float64; a picture is (H, W, 3), top row first."""
 
 
+_MEDIAN_RADIANCE = 0.6  # what the median of a film's reference is brought to
+
+
 @dataclass(frozen=True)
 class Measured:
     """A measure with the map it is the mean of.
@@ -67,6 +70,39 @@ def display_slope(linear: ImageArray) -> ImageArray:
     x = np.maximum(linear, 0)
     slope: ImageArray = linear_to_srgb_slope(x / (1 + x)) / np.square(1 + x)
     return slope
+
+
+def film_exposure(reference: ImageArray, mask: NDArray[np.bool_] | None = None) -> float:
+    """The exposure at which a film and its candidates are displayed: 0.6 over the reference's median.
+
+    The median times the exposure is 0.6, which `displayed` takes to 0.6 / 1.6 = 0.375 before it encodes. One exposure
+    serves all frames and all candidates: `displayed(film * exposure)`. The median is over all three channels, each
+    value by itself, of all covered pixels of all frames; it is no luminance. Negative values, which a pixel filter's
+    lobes undershoot to, are black. Where more than half of the values are black, their median says nothing: it is
+    then taken over the values above 0.
+
+    Args:
+        reference: (..., 3) linear radiance, such as a film (T, H, W, 3).
+        mask: boolean, the shape of the reference without its colour axis: which pixels the surface covers, all by
+            default. A background would move the median.
+
+    Raises:
+        UsageError: other shapes, values that are not finite, or a reference without any light that counts.
+    """
+    values = _colours("reference", reference, np.asarray(reference).dtype)
+    if mask is not None:
+        mask = np.asarray(mask)
+        if mask.shape != values.shape[:-1] or mask.dtype != np.bool_:
+            raise UsageError(
+                f"mask is {mask.dtype} of shape {mask.shape}: expected bool of the reference's shape without its "
+                f"colours, {values.shape[:-1]}"
+            )
+        values = values[mask]
+    bright = values[values > 0]
+    if not bright.size:
+        raise UsageError("reference has no light in the pixels that count, so no exposure shows it: check its lights")
+    median = float(np.median(np.maximum(values, 0)))
+    return _MEDIAN_RADIANCE / (median if median > 0 else float(np.median(bright)))
 
 
 def check_same_shape(**arrays: NDArray[np.generic]) -> None:

@@ -12,6 +12,7 @@ from mipbake.metrics.flip import hdr_flip, ldr_flip
 from mipbake.metrics.images import Measured
 from mipbake.metrics.itp import delta_e_itp
 from mipbake.metrics.snr import snr_db
+from mipbake.metrics.sparkle import false_sparkle
 from mipbake.metrics.ssim import structural_similarity
 from mipbake.metrics.tonemapped import tonemapped_error
 
@@ -62,8 +63,9 @@ MEASURES: Mapping[str, Measure] = {
         Measure("hdr-flip", "HDR-FLIP", "", "lower", "linear", hdr_flip),
         Measure("delta-e-itp", "Delta E ITP", "JND", "lower", "linear", delta_e_itp),
         Measure("ssim", "SSIM", "", "higher", "display", structural_similarity),
+        Measure("sparkle", "False sparkle", "", "lower", "display", false_sparkle),
         Measure("flicker", "Flicker", "", "one", "frames", flicker_ratio),
         Measure("flicker-snr", "SNR of the change", "dB", "higher", "frames", flicker_snr_db),
     )
 }
-"""Every measure by name, in the order that tables show."""
+"""Every measure of pictures by name, in the order that tables show. ColorVideoVDP needs a film, and stands aside."""
