@@ -119,8 +119,8 @@ def compare(
         str,
         typer.Option(
             metavar=one_of(SAMPLERS),
-            help="How renders look stacks up: between texels and levels; with 16x anisotropic filtering; or a texel drawn "
-            "at random, as renderers do that filter what is shaded.",
+            help="How renders look stacks up: between texels and levels; with 16x anisotropic filtering; or a texel "
+            "drawn at random, as renderers do that filter what is shaded.",
         ),
     ] = SAMPLERS[0],
     keep_renders: Annotated[

@@ -18,6 +18,7 @@ from mipbake.render.camera import Camera, orbit
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_render import Frame
+from mipbake.render.samplers import level_of_detail
 from mipbake.render.tangents import with_tangents
 from mipbake.render.visible import Surface
 from mipbake.shading import reference as shading_reference

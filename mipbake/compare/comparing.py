@@ -30,8 +30,8 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
-from mipbake.render.samplers import Sampler
 from mipbake.render.render_file import write_render
+from mipbake.render.samplers import Sampler
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings

@@ -23,9 +23,9 @@ Sampler = Literal["trilinear", "anisotropic", "stochastic"]
 it is told otherwise.
 `anisotropic`: the mean of n = min(ceil(a / b), 16) trilinear lookups, evenly spaced along the longer side, at
 log2(a / n) (EXT_texture_filter_anisotropic): what engines offer as 16x.
-`stochastic`: one texel of one level, drawn with the weights that `trilinear` would give it (Pharr et al. 2024, Filtering
-After Shading With Stochastic Texture Filtering, section 4): renderers that filter what is shaded average many of
-these."""
+`stochastic`: one texel of one level, drawn with the weights that `trilinear` would give it (Pharr et al. 2024,
+Filtering After Shading With Stochastic Texture Filtering, section 4): renderers that filter what is shaded average many
+of these."""
 
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 """Every sampler, the default first."""
