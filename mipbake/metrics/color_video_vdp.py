@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
 from mipbake.metrics.cvvdp_package import cvvdp_package
-from mipbake.metrics.images import ImageArray, display_pair
+from mipbake.metrics.images import ImageArray, checked_display
 
 DISPLAY = "standard_fhd"
 """The package's display whose light is assumed: 200 cd/m^2 at most, contrast 1000:1, in an office of 250 lux."""
@@ -56,7 +56,7 @@ def color_video_vdp(
     ):
         if not 0 < value < math.inf:
             raise UsageError(f"{name} is {value}: expected a number above 0, for example {example}")
-    p, r = display_pair(candidate, reference, np.float32)
+    p, r = checked_display(candidate, reference, np.float32)
     if r.ndim != 4 or len(r) < 2 or min(r.shape[1:3]) < _LEAST_SIDE:
         raise UsageError(
             f"the films have shape {r.shape}: expected (T, H, W, 3), at least 2 frames of {_LEAST_SIDE} pixels a side"

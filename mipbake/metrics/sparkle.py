@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics.images import ImageArray, Measured, display_pair
+from mipbake.metrics.images import ImageArray, Measured, checked_display
 
 THRESHOLD = 0.1
 """How much brighter than the reference a displayed value may be, in units of the displayed range."""
@@ -27,6 +27,6 @@ def false_sparkle(candidate: ImageArray, reference: ImageArray) -> Measured:
     Raises:
         UsageError: other shapes or values.
     """
-    p, r = display_pair(candidate, reference)
+    p, r = checked_display(candidate, reference)
     per_pixel = np.maximum(p - r - THRESHOLD, 0).mean(-1)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
