@@ -118,7 +118,7 @@ def _moving(shot: Shot, step: Vector, motion: Motion, frames: int) -> Film:
         return _lit_in_turn(shot, frames)
     c = shot.camera
     cameras = tuple(
-        replace(c, position=_plus(c.position, step, index), target=_plus(c.target, step, index))
+        replace(c, position=_plus(c.position, step, index), looks_at=_plus(c.looks_at, step, index))
         for index in range(frames)
     )
     return Film(shot.mesh, cameras, (exposed(shot.lighting),) * frames, shot.resolution)
@@ -132,8 +132,8 @@ def _turning(shot: Shot, motion: Motion, frames: int) -> Film:
     cameras, lightings = [], []
     for index in range(frames):
         turn = _about_y(_TURN * index)
-        offset = turn @ np.subtract(c.position, c.target)
-        cameras.append(replace(c, position=_plus(c.target, _vector(offset), 1), up=_vector(turn @ np.asarray(c.up))))
+        offset = turn @ np.subtract(c.position, c.looks_at)
+        cameras.append(replace(c, position=_plus(c.looks_at, _vector(offset), 1), up=_vector(turn @ np.asarray(c.up))))
         lightings.append(replace(lights, direction=lights.direction @ turn.T))
     return Film(shot.mesh, tuple(cameras), tuple(lightings), shot.resolution)
 
