@@ -14,7 +14,7 @@ from mipbake.metrics.intervals import (
 )
 from mipbake.metrics.itp import NITS_PER_UNIT, delta_e_itp
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs, pair_set
-from mipbake.metrics.registry import MEASURES, Measure
+from mipbake.metrics.registry import MEASURES, PIXELS_PER_DEGREE_OF_FILMS, Measure
 from mipbake.metrics.snr import MAX_SNR_DB, snr_db, snr_from_sums, snr_sums
 from mipbake.metrics.sparkle import false_sparkle
 from mipbake.metrics.ssim import structural_similarity
@@ -27,6 +27,7 @@ __all__ = [
     "PAIR_SETS",
     "PERFECT_JOD",
     "PIXELS_PER_DEGREE",
+    "PIXELS_PER_DEGREE_OF_FILMS",
     "Exposures",
     "Interval",
     "LightViewPairs",

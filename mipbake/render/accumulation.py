@@ -93,7 +93,7 @@ def _moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArra
     w = np.where(covered, was[..., 3], 1)
     column = (was[..., 0] / w + 1) / 2 * width - 0.5
     row = (1 - was[..., 1] / w) / 2 * height - 0.5
-    inside = covered & (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
+    inside = covered & (np.abs(column - (width - 1) / 2) <= width / 2) & (np.abs(row - (height - 1) / 2) <= height / 2)
     at = np.stack([row, column])
     moved = np.stack([map_coordinates(history[..., c], at, order=3, mode="nearest") for c in range(3)], -1)
     return np.where(inside[..., None], moved, new)

@@ -6,8 +6,9 @@ reference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,11 @@ from numpy.typing import NDArray
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.source import FilteredSource
+from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Shot, candidate, halves
+from mipbake.render.mesh_render import Cache, SamplePass, Shot, Supersampled, candidate, reference_key
 from mipbake.render.samplers import Sampler
 
 Frames = NDArray[np.float32]
@@ -105,30 +107,75 @@ def film_candidate(
     return np.stack([candidate(shot, levels, model, wrap, sampler, rng=rng).image for shot in film.shots])
 
 
-def film_reference(
-    film: Film,
-    source: FilteredSource,
-    passes: int,
-    seed: int = 0,
-    progress: Callable[[float], None] = lambda _share: None,
-) -> FilmReference:
-    """The supersampled film: the pixel filter's mean of level 0, interpolated bilinearly and shaded at each sample.
+class FilmSampling:
+    """The supersampled film in the making: the pixel filter's mean of level 0, interpolated bilinearly and shaded at
+    each sample.
 
-    Every frame takes `passes` samples a pixel, half of them for either half. All frames share the offsets of their
+    Every frame takes as many samples a pixel, half of them for either half. All frames share the offsets of their
     samples, so that what noise there is changes as slowly as the pictures do, and hardly adds to their changes.
 
     Args:
-        passes: an even number from 4 on.
-        progress: told the finished share.
-
-    Raises:
-        UsageError: another number of passes.
+        cache: where samples are kept for the next time; those found there count. None keeps none.
     """
-    if passes % 2 or passes < 4:
-        raise UsageError(f"a film takes {passes} samples a pixel: expected an even number from 4 on")
-    frames = []
-    for index, shot in enumerate(film.shots):
-        frames.append(halves(shot, source, passes, seed))
-        progress((index + 1) / len(film.cameras))
-    first, second, interior = (np.stack(each) for each in zip(*frames, strict=True))
-    return FilmReference(first, second, interior, passes)
+
+    def __init__(self, film: Film, source: FilteredSource, seed: int = 0, cache: Cache | None = None) -> None:
+        self._film, self._source, self._cache = film, source, cache
+        self._key = reference_key(film.shots, source, seed, cache) if cache else ""
+        kept = caches.load(cache.folder, self._key) if cache else None
+        self._frames = [
+            Supersampled.restored(_of_frame(kept, index), film.resolution, seed) for index in range(len(film.cameras))
+        ]
+        if len({frame.done for frame in self._frames}) > 1:  # a file that is not ours
+            self._frames = [Supersampled.restored(None, film.resolution, seed) for _ in self._frames]
+
+    @property
+    def passes(self) -> int:
+        """Samples a pixel so far, both halves together."""
+        return 2 * self._frames[0].done
+
+    def advance(self, passes: int, progress: Callable[[float], None] = lambda _share: None) -> None:
+        """Takes samples until every pixel has so many, and keeps them; does nothing where it has them.
+
+        Args:
+            passes: an even number from 4 on.
+            progress: told the finished share of this call.
+
+        Raises:
+            UsageError: another number of passes.
+        """
+        if passes % 2 or passes < 4:
+            raise UsageError(f"a film takes {passes} samples a pixel: expected an even number from 4 on")
+        if passes <= self.passes:
+            return
+        for index, (shot, frame) in enumerate(zip(self._film.shots, self._frames, strict=True)):
+            render = SamplePass.of(shot, self._source)
+            while 2 * frame.done < passes:
+                for half in range(2):
+                    render.add(frame, half)
+                frame.done += 1
+            progress((index + 1) / len(self._frames))
+        if self._cache:
+            arrays = [frame.arrays() for frame in self._frames]
+            together = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]}
+            caches.save(self._cache.folder, self._key, together)  # without a cache it only takes as long again
+
+    def reference(self) -> FilmReference:
+        """What the samples so far show."""
+        first, second, interior = (
+            np.stack(each) for each in zip(*(frame.result() for frame in self._frames), strict=True)
+        )
+        return FilmReference(first, second, interior, self.passes)
+
+
+def film_reference(film: Film, source: FilteredSource, passes: int, seed: int = 0) -> FilmReference:
+    """The supersampled film of so many samples a pixel; arguments and errors as `FilmSampling`."""
+    sampling = FilmSampling(film, source, seed)
+    sampling.advance(passes)
+    return sampling.reference()
+
+
+def _of_frame(kept: Mapping[str, NDArray[Any]] | None, index: int) -> dict[str, NDArray[Any]] | None:
+    """The part of a frame in arrays of all frames."""
+    if kept is None or any(array.ndim == 0 or len(array) <= index for array in kept.values()):
+        return None
+    return {name: array[index] for name, array in kept.items()}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -230,12 +230,10 @@ def reference(
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise UsageError(f"the seed of a reference is {seed!r}: expected an integer that is not negative")
 
-    level = np.ascontiguousarray(source.stored, np.float32)
-    key = "" if cache is None else _key(shot, replace(source, stored=level), seed, cache)
-    state = _State.restored(caches.load(cache.folder, key) if cache else None, shot.resolution, seed)
+    key = "" if cache is None else reference_key([shot], source, seed, cache)
+    state = Supersampled.restored(caches.load(cache.folder, key) if cache else None, shot.resolution, seed)
     resumed, note = state.done, ""
-    kernel = filter_named(source.pixel_filter)
-    render = _Pass(shot.surface, shot.lighting, level[None], source.model, source.wrap, kernel)
+    render = SamplePass.of(shot, source)
     images = [each.image for each in candidates]
     heard = saved = time.monotonic()
     ratio, checked, until = np.inf, 1, max(state.done, passes.least // 2)
@@ -264,19 +262,6 @@ def reference(
         until = min(needed, passes.most // 2)
 
 
-def halves(shot: Shot, source: FilteredSource, passes: int, seed: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """The halves (H, W, 3) of a reference of `passes` samples a pixel, an even number, and its interior (H, W)."""
-    state = _State.restored(None, shot.resolution, seed)
-    level = np.ascontiguousarray(source.stored, np.float32)
-    kernel = filter_named(source.pixel_filter)
-    render = _Pass(shot.surface, shot.lighting, level[None], source.model, source.wrap, kernel)
-    for _ in range(passes // 2):
-        for half in range(2):
-            render.add(state, half)
-        state.done += 1
-    return state.result()
-
-
 def _errors(
     first: Array, second: Array, images: Sequence[Array], interior: NDArray[np.bool_]
 ) -> tuple[float, float, float]:
@@ -291,8 +276,8 @@ def _errors(
 
 
 @dataclass(eq=False)
-class _State:
-    """How far a reference is; rows from the bottom, and two of a kind for the two halves.
+class Supersampled:
+    """How far the reference of a picture is; rows from the bottom, and two of a kind for the two halves.
 
     Args:
         sums: (2, H W, 3) float64 weighted radiance.
@@ -310,10 +295,10 @@ class _State:
     resolution: tuple[int, int]
 
     @staticmethod
-    def restored(arrays: dict[str, NDArray[Any]] | None, resolution: tuple[int, int], seed: int) -> _State:
+    def restored(arrays: dict[str, NDArray[Any]] | None, resolution: tuple[int, int], seed: int) -> Supersampled:
         """What `arrays` hold if they are a state of this kind; else that before the first pass."""
         pixels = resolution[0] * resolution[1]
-        start = _State(
+        start = Supersampled(
             np.zeros((2, pixels, 3)), np.zeros(2), np.zeros(pixels, np.int32),
             np.random.default_rng(seed).random((2, 2)), 0, resolution,
         )  # fmt: skip
@@ -326,9 +311,10 @@ class _State:
         whole = all(np.isfinite(arrays[name]).all() for name in ("sums", "weights"))
         if not whole or done < 2 or not np.array_equal(arrays["shifts"], start.shifts):
             return start
-        return _State(arrays["sums"], arrays["weights"], arrays["seen"], start.shifts, done, resolution)
+        return Supersampled(arrays["sums"], arrays["weights"], arrays["seen"], start.shifts, done, resolution)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a cache keeps of it."""
         return {
             "sums": self.sums,
             "weights": self.weights,
@@ -347,8 +333,8 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pass:
-    """What every pass renders, except for its offset."""
+class SamplePass:
+    """What every pass over a picture renders, except for its offset."""
 
     surface: Surface
     lighting: Lighting
@@ -357,7 +343,14 @@ class _Pass:
     wrap: Wrap
     kernel: PixelFilter
 
-    def add(self, state: _State, half: int) -> None:
+    @staticmethod
+    def of(shot: Shot, source: FilteredSource) -> SamplePass:
+        """The passes over a shot."""
+        level = np.ascontiguousarray(source.stored, np.float32)[None]
+        kernel = filter_named(source.pixel_filter)
+        return SamplePass(shot.surface, shot.lighting, level, source.model, source.wrap, kernel)
+
+    def add(self, state: Supersampled, half: int) -> None:
         """Adds the next pass of a half to its sums."""
         offset, sign = self.kernel.offsets((state.shifts[half] + state.done * SEQUENCE) % 1.0)
         weight = float(sign.prod())
@@ -377,19 +370,20 @@ def _lit(points: Points, texels: Array, model: str, lighting: Lighting) -> Array
     return lit
 
 
-def _key(shot: Shot, source: FilteredSource, seed: int, cache: Cache) -> str:
-    """Names by content what the passes of a reference depend on."""
-    mesh, lighting = shot.mesh, shot.lighting
+def reference_key(shots: Sequence[Shot], source: FilteredSource, seed: int, cache: Cache) -> str:
+    """Names by content what the passes over the shots of one mesh, in one resolution, depend on."""
+    mesh = shots[0].mesh
+    cameras = (np.ravel(np.asarray(field, np.float64)) for shot in shots for field in astuple(shot.camera))
     return caches.content_key(
         format=cache.format,
         version=cache.version,
         mesh=(mesh.positions, mesh.normals, mesh.uv, mesh.tangents, mesh.triangles),
-        camera=np.concatenate([np.ravel(np.asarray(field, np.float64)) for field in astuple(shot.camera)]),
-        lighting=(lighting.direction, lighting.radiance),
-        level=source.stored,
+        camera=np.concatenate(list(cameras)),
+        lighting=tuple(array for shot in shots for array in (shot.lighting.direction, shot.lighting.radiance)),
+        level=np.asarray(source.stored, np.float32),
         model=source.model,
         wrap=tuple(source.wrap),
-        resolution=tuple(int(size) for size in shot.resolution),
+        resolution=tuple(int(size) for size in shots[0].resolution),
         pixel_filter=source.pixel_filter,
         seed=int(seed),
     )
