@@ -20,6 +20,8 @@ from mipbake.cli.tables import table
 from mipbake.compare.comparing import Settings, Subjects
 from mipbake.compare.comparing import compare as compare_methods
 from mipbake.compare.conditions import GRAMMAR, parse
+from mipbake.compare.filming import MOST_PASSES
+from mipbake.compare.films import MOTIONS, RESOLUTION, motion_named
 from mipbake.compare.pictures import MAX_PASSES
 from mipbake.compare.result import SCALES, Comparison
 from mipbake.compare.scenes import SPHERE_RESOLUTION
@@ -108,30 +110,46 @@ def compare(
         str,
         typer.Option(
             metavar=f"{one_of(ENVIRONMENTS)}|FILE",
-            help="Light of the renders: generated, or a latitude-longitude HDR image.",
+            help="Light of renders and films: generated, or a latitude-longitude HDR image.",
         ),
     ] = next(iter(ENVIRONMENTS)),
     mesh: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option(metavar="FILE", help="Render this mesh (.obj, .gltf, .glb) instead of spheres and a plane."),
+        typer.Option(metavar="FILE", help="Render and film this mesh (.obj, .gltf, .glb), no spheres and planes."),
     ] = None,
     sampler: Annotated[
         str,
         typer.Option(
             metavar=one_of(SAMPLERS),
-            help="How renders look stacks up: between texels and levels; with 16x anisotropic filtering; or a texel "
-            "drawn at random, as renderers do that filter what is shaded.",
+            help="How renders and films look stacks up: between texels and levels; with 16x anisotropic filtering; or "
+            "a texel drawn at random, as renderers do that filter what is shaded.",
         ),
     ] = SAMPLERS[0],
+    films: Annotated[
+        bool,
+        typer.Option("--films/--no-films", help="Film a floor, a wall and a sphere, or the mesh, and judge the films."),
+    ] = True,
+    motion: Annotated[str, typer.Option(metavar=one_of(MOTIONS), help="What moves in films.")] = MOTIONS[0],
+    accumulate: Annotated[
+        bool,
+        typer.Option("--accumulate", help="Accumulate films over frames, as engines with temporal anti-aliasing do."),
+    ] = False,
     keep_renders: Annotated[
         bool,
         typer.Option(
             "--keep-renders", help="Keep every render as a multi-part EXR: candidate, reference, error, lod, uv."
         ),
     ] = False,
-    size: Annotated[int, typer.Option(help="Height of the renders in pixels; 16 or more.")] = SPHERE_RESOLUTION[0],
+    size: Annotated[
+        int,
+        typer.Option(help=f"Height of the renders in pixels, and of films up to {RESOLUTION[0]}; 16 or more."),
+    ] = SPHERE_RESOLUTION[0],
     passes: Annotated[
-        int, typer.Option(help="Most samples per pixel in the reference of a render; an even number, 32 or more.")
+        int,
+        typer.Option(
+            help="Most samples per pixel in the reference of a render, and of a film up to "
+            f"{MOST_PASSES}; an even number, 32 or more."
+        ),
     ] = MAX_PASSES,
     points: Annotated[
         int, typer.Option(help="Pixels per level of detail in texture space; 1 or more.")
@@ -144,7 +162,7 @@ def compare(
     ] = DEFAULT_SAMPLES,
     seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = DEFAULT_SEED,
     cache: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Keep references of renders for the next comparison.")
+        bool, typer.Option("--cache/--no-cache", help="Keep references of renders and films for the next comparison.")
     ] = True,
 ) -> None:
     """Compare methods on texture sets, and write a report for the browser.
@@ -160,6 +178,9 @@ def compare(
         sampler=sampler_named(sampler),
         side=size,
         max_passes=passes,
+        films=films,
+        motion=motion_named(motion),
+        accumulate=accumulate,
         points=points,
         samples=samples,
         seed=seed,

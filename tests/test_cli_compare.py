@@ -7,10 +7,13 @@ import OpenImageIO
 import pytest
 
 from mipbake.cli.main import main
+from mipbake.compare.film_figures import film_measures
+from mipbake.errors import UsageError
 
 from .command_line import bumps, fails, tree, write_set
 
-QUICK = ["--points", "64", "--samples", "8", "--size", "32", "--passes", "32", "--no-cache"]
+QUICK = ["--points", "64", "--samples", "8", "--size", "32", "--passes", "32", "--no-cache", "--no-films"]
+FILMS = [argument for argument in QUICK if argument != "--no-films"]
 FEW = ["--methods", "linear,lean (gaussian)"]
 
 
@@ -40,6 +43,40 @@ def test_a_report_with_its_renders(folder, tmp_path, capsys):
         assert {f["method"] for f in results["figures"] if f["view"] == view} == set(names), view
     page = (out / "index.html").read_text()
     assert 'src="http' not in page and 'href="http' not in page
+
+
+def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path):
+    out = tmp_path / "report"
+    given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light", "--accumulate"]
+    assert main([*given, "--fail-if", "film_wall.flip > 1", "--fail-if", "film_floor.sparkle - best > 1"]) == 0
+    results = json.loads((out / "results.json").read_text())
+    views = {"film-floor", "film-wall", "film-sphere"}
+    assert [film["name"] for film in results["films"]] == ["film-floor", "film-wall", "film-sphere"]
+    for film in results["films"]:
+        assert (film["motion"], film["accumulated"], film["frames"]) == ("light", True, 16)
+        assert film["resolution"] == [32, 48] and film["passes"] <= 32
+    measured = {(f["view"], f["method"], f["measure"]) for f in results["figures"] if f["view"].startswith("film-")}
+    methods = [method["name"] for method in results["methods"]]
+    assert measured == {(view, name, measure) for view in views for name in methods for measure in film_measures()}
+    assert results["settings"]["motion"] == "light" and results["settings"]["accumulate"] is True
+
+
+@pytest.mark.parametrize("motion", [[], ["--sampler", "stochastic"]])
+def test_no_films_are_made_where_none_are_wanted(folder, tmp_path, motion):
+    assert run(folder, tmp_path / "report", "--methods", "linear (box)", *motion) == 0
+    results = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert results["films"] == [] and not any(f["view"].startswith("film") for f in results["figures"])
+
+
+def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeypatch):
+    def missing():
+        raise UsageError("a film is judged by ColorVideoVDP, which is not installed: type 'pip'")
+
+    monkeypatch.setattr("mipbake.compare.comparing.check_color_video_vdp", missing)
+    given = ["compare", folder, "-o", tmp_path / "r", *FILMS, *FEW]
+    assert "type 'pip'" in fails(capsys, 2, *given, "--fail-if", "film_floor.jod_37 < 9")
+    assert "for nothing" in fails(capsys, 2, *given, "--no-films", "--fail-if", "film_floor.jod_37 < 9")
+    assert not (tmp_path / "r").exists()
 
 
 def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, capsys):
@@ -112,6 +149,10 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         (["--points", "0"], 2, "points"),
         (["--seed", "-1"], 2, "-1"),
         (["--mesh", "none.obj"], 3, "none.obj"),
+        (["--motion", "hands"], 2, "no motion is called 'hands': expected camera or light"),
+        (["--accumulate"], 2, "has no films, and accumulation and motion are for films"),
+        (["--motion", "light"], 2, "has no films, and accumulation and motion are for films"),
+        (["--films", "--fail-if", "film_mesh.flip > 1"], 2, "film-floor, film-wall, film-sphere"),
         (["--baked", "none"], 3, "none"),
     ],
 )

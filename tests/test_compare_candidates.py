@@ -10,7 +10,7 @@ import pytest
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
 from mipbake.compare.candidates import BAKED, bake_all, chosen, closed_forms, default_names, label, mismatch, opened
-from mipbake.compare.comparing import limits
+from mipbake.compare.cautions import limits
 from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.prefilter import METHODS
 

@@ -37,6 +37,7 @@ def comparison(subject: str = "neural", rendered: str = "sphere") -> Comparison:
             figures += [of(name, "flicker", "hemisphere", scale, NAN if scale == "far" else 2 * flicker[name], lod)]
         figures += [of(name, "flip", rendered, scale, flip[name]) for scale in ("near", "far")]
         figures += [of(name, "tonemapped", rendered, "near", flip[name] / 2), of(name, "flip", "plane", "", 0.5)]
+        figures += [of(name, "jod-37", "film-floor", "", 10 - 5 * flip[name]), of(name, "snr", "film-floor", "", 9.0)]
     return Comparison(
         name="set",
         subject=subject,
@@ -81,6 +82,10 @@ def comparison(subject: str = "neural", rendered: str = "sphere") -> Comparison:
         ("hemisphere.flicker@near > 4", False, 3),
         ("best:flicker@near < 1", True, 0.5),  # 3 is further from 1 than 1/2 is
         ("sphere.tonemapped@near < 0.06", True, 0.05),
+        ("film_floor.jod_37 < 9", False, 9.5),
+        ("FILM-floor.JOD-37 - best < 0", False, 0.5),  # 9.5 and LEAN's 9, the better of two
+        ("linear (box):film_floor.jod_37 < 9", True, 8.5),
+        ("film_floor.snr < 10", True, 9),
     ],
 )
 def test_conditions_mean_what_they_say(text: str, failed: bool, value: float) -> None:
@@ -144,6 +149,9 @@ def test_what_is_not_a_number_fails_the_build(op: str) -> None:
         ("near_mirror@0 - < 12", "at character 16: a method is missing behind the minus"),
         ("near_mirror < 12", "at character 13: it does not say where"),
         ("flip < 12", "at character 6: it does not say where"),
+        ("jod_37 < 9", "at character 1: it does not say of which film, expected it before, film_floor.jod_37"),
+        ("jod_37@near < 9", "at character 1: it does not say of which film"),
+        ("film_floor.jod < 9", "'film_floor.jod' is not a quantity"),
         ("hemisphere.flicker < 12", "it does not say where"),
         ("near_mirror@ < 12", "'' is not a place"),
         ("near_mirror@close < 12", "at character 13: 'close' is not a place, expected near, 1:1, middle, far"),
@@ -192,6 +200,8 @@ def test_what_is_not_compared_is_said(text: str, said: str) -> None:
         ("hemisphere@0 < 1", "snr of neural was not measured for hemisphere, but for near-mirror"),
         ("ssim@near < 1", "ssim of neural was not measured for sphere, but for nothing"),
         ("mesh.flip@near < 1", "flip of neural was not measured for mesh, but for sphere, plane"),
+        ("film_wall.jod_37 < 9", "jod-37 of neural was not measured for film-wall, but for film-floor"),
+        ("film_floor.jod_75 < 9", "jod-75 of neural was not measured for film-floor, but for nothing"),
         ("flip@middle < 1", "flip for sphere was not measured at middle, but at near, far"),
         (
             "plane.flip@near < 1",
@@ -215,7 +225,7 @@ def test_best_needs_a_closed_form() -> None:
 
 def test_every_example_of_the_help_text_parses() -> None:
     examples = GRAMMAR.split("Examples:")[1].split("'")[1::2]
-    assert len(examples) == 3
+    assert len(examples) == 4
     for text in (EXAMPLE, *examples):
         assert parse(text).text == text
 

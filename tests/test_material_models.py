@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from mipbake import directions
-from mipbake.compare.comparing import limits
+from mipbake.compare.cautions import limits
 from mipbake.io.layout import ENCODINGS, LAYOUTS
 from mipbake.material import FACTS, MODELS, Kind, MaterialModel, ModelMap, convert, losses, regularise, unknown
 from mipbake.models import parameters

@@ -7,6 +7,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +15,30 @@ import numpy as np
 
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
-from mipbake.compare.candidates import BAKED, Candidate, bake_all, chosen, default_names, mismatch, opened
+from mipbake.compare.candidates import Candidate, bake_all, chosen, default_names, mismatch, opened
+from mipbake.compare.cautions import limits, not_converged, unjudged
 from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
+from mipbake.compare.film_figures import film_measures
+from mipbake.compare.filming import FilmSettings, film, film_view, films_of
+from mipbake.compare.films import MOTIONS, FilmScene, Motion
 from mipbake.compare.pictures import MAX_PASSES, SHIFTED_SCALES, RenderSettings, render_view
 from mipbake.compare.ranking import best_closed_form
-from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure, Method, Plot, Rendered, Scene, file_stem
+from mipbake.compare.result import (
+    SCALES,
+    SNR_GAIN,
+    Comparison,
+    Figure,
+    Filmed,
+    Method,
+    Plot,
+    Rendered,
+    file_stem,
+)
 from mipbake.compare.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, MeasureEffort, TextureSpace
 from mipbake.content import Provenance
 from mipbake.errors import UsageError
-from mipbake.material import losses, model_named
-from mipbake.metrics import MEASURES, PAIR_SETS
+from mipbake.metrics import MEASURES, PAIR_SETS, check_color_video_vdp
 from mipbake.pixel_filter import filter_named
 from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
@@ -55,8 +69,13 @@ class Settings:
         lighting: of the renders; None for the studio.
         mesh: what is rendered in place of spheres and plane.
         sampler: how stacks are looked up in renders.
-        side: of a square render, in pixels; the plane is 7/4 as wide.
-        max_passes: most samples for each pixel in the reference of a render.
+        side: of a square render, in pixels; the plane is 7/4 as wide. Films are no higher than it, nor than
+            `mipbake.compare.films.RESOLUTION`.
+        max_passes: most samples for each pixel in the reference of a render; of a film no more than
+            `mipbake.compare.filming.MOST_PASSES`.
+        films: whether films are made and judged.
+        motion: what moves in films.
+        accumulate: whether films are accumulated over frames, as most engines do.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
         seed: seed of everything that is drawn.
         cache: folder where references of renders are kept for the next comparison; None for nowhere.
@@ -70,6 +89,9 @@ class Settings:
     sampler: Sampler = "trilinear"
     side: int = SPHERE_RESOLUTION[0]
     max_passes: int = MAX_PASSES
+    films: bool = True
+    motion: Motion = MOTIONS[0]
+    accumulate: bool = False
     points: int = DEFAULT_POINTS
     samples: int = DEFAULT_SAMPLES
     seed: int = DEFAULT_SEED
@@ -82,6 +104,10 @@ class Settings:
                 raise UsageError(
                     f"{_SPOKEN.get(name, name)} of the comparison is {getattr(self, name)}: expected {low} or more"
                 )
+        if not self.films and (self.accumulate or self.motion != MOTIONS[0]):
+            raise UsageError(
+                "the comparison has no films, and accumulation and motion are for films: leave them out, or make films"
+            )
         if self.max_passes % 2:
             raise UsageError(f"{_SPOKEN['max_passes']} of the comparison is {self.max_passes}: expected an even number")
 
@@ -163,19 +189,21 @@ def compare(
     )
     wanted = chosen(names, kernel)
     labels = tuple(wanted)
-    views = _views(texture_set, settings)
+    views, films = _views(texture_set, settings), _films(texture_set, settings)
     rivals = [opened(stack, path).method] if stack else []
     rivals += [Method(label, *form, model) for label, form in wanted.items()]
     if not rivals:
         raise UsageError("no method was named: expected at least one to compare")
-    planned = _planned(texture_set, rivals, kernel, views)
+    planned = _planned(texture_set, rivals, kernel, views, films)
     for condition in conditions:
+        if films and MEASURES[condition.measure].needs == "film":
+            check_color_video_vdp()
         condition.check(planned)
     foreign = mismatch(stack, texture_set) if stack else None
     warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
     with bake_all(texture_set, model, kernel, labels, clock) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
-        comparison = _compared(texture_set, candidates, kernel, settings, views, renders, clock)
+        comparison = _compared(texture_set, candidates, kernel, settings, views, films, renders, clock)
         shown = (comparison.subject, best_closed_form(comparison), "linear (box)")
         stacks = {
             each.name: _stack(texture_set, each) if each.method.path is None or stack is None else stack
@@ -192,43 +220,13 @@ def compare(
     return Compared(told, stacks)
 
 
-def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
-    """What the figures of stacks of model `target` leave out, or cannot reach, in sentences.
-
-    Args:
-        source, target: material models.
-        opened_one: whether a stack that was opened is compared.
-    """
-    said = ["methods that were baked here were measured in 32-bit floats, not in the 8 bits of files."]
-    if opened_one:
-        said = [
-            f"{BAKED} was measured as its files hold it; methods that were baked here were measured in 32-bit floats."
-        ]
-    given, wanted, lost = model_named(source), model_named(target), losses(source, target)
-    if given.coated and lost.diffuse:
-        said.append(
-            f"the diffuse term of {source} loses the light that a dielectric's surface reflects, and the diffuse term "
-            f"of {target} does not: this difference between the models is in the error of every method, and no stack "
-            "can avoid it."
-        )
-    if lost.lobe:
-        said.append(
-            f"the highlights of {source} have {given.lobe.tails}, and the highlights of {target} have "
-            f"{wanted.lobe.tails}: this difference between the models is in the error of every method."
-        )
-    if lost.anisotropy:
-        said.append(
-            f"stacks of {target} are isotropic and the source is not: this difference is in the error of every method."
-        )
-    return tuple(said)
-
-
 def _compared(
     texture_set: TextureSet,
     candidates: Sequence[Candidate],
     pixel_filter: str,
     settings: Settings,
     views: Sequence[View],
+    films: Sequence[FilmScene],
     renders: Path | None,
     clock: Timings,
 ) -> Comparison:
@@ -269,6 +267,13 @@ def _compared(
                 )  # fmt: skip
         if made.change is not None and not pictures:  # only the nearest view, where shimmer is the worst
             pictures.append(plots.half_pixel_shift(made.change))
+    filmed: list[Filmed] = []
+    for scene in films:
+        told = FilmSettings(looks, settings.motion, settings.accumulate)
+        shown, measured_film = film(scene, source, candidates, told, partial(clock, film_view(scene.name)))
+        clock(film_view(scene.name), 1.0)
+        filmed.append(shown)
+        figures += measured_film
     turning = plots.temporal_slice(
         source, candidates, settings.lights, looks, progress=lambda share: clock(_SLICE, share)
     )
@@ -278,8 +283,10 @@ def _compared(
         comparison,
         figures=(*comparison.figures, *figures, *turning.figures),
         rendered=tuple(rendered),
+        films=tuple(filmed),
         plots=(_only(turning.plot, few), *pictures, lobe),
-        warnings=_not_converged([each.scene for each in rendered if not each.scene.converged]),
+        notes=(*comparison.notes, *unjudged(filmed)),
+        warnings=not_converged([each.scene for each in rendered], [each.scene for each in filmed]),
     )
 
 
@@ -296,8 +303,19 @@ def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
     return standard_views(size, settings.lights, last, square, (settings.side, settings.side * 7 // 4))
 
 
+def _films(texture_set: TextureSet, settings: Settings) -> tuple[FilmScene, ...]:
+    if not settings.films:
+        return ()
+    size, last = (texture_set.height, texture_set.width), int(texture_space.last_lod(texture_set))
+    return films_of(size, settings.lights, last, settings.mesh, settings.motion, settings.side)
+
+
 def _planned(
-    texture_set: TextureSet, methods: Sequence[Method], pixel_filter: str, views: Sequence[View]
+    texture_set: TextureSet,
+    methods: Sequence[Method],
+    pixel_filter: str,
+    views: Sequence[View],
+    films: Sequence[FilmScene],
 ) -> Comparison:
     """A comparison with everything that will be measured, all nan: what conditions can ask for."""
 
@@ -308,7 +326,9 @@ def _planned(
     places = [(measure, view, scale) for measure in IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]
     for view in views:
         moves = view.scale in SHIFTED_SCALES
-        places += [(name, view.view, view.scale) for name in MEASURES if moves or name not in IN_MOTION]
+        pictured = [name for name, measure in MEASURES.items() if measure.needs != "film"]
+        places += [(name, view.view, view.scale) for name in pictured if moves or name not in IN_MOTION]
+    places += [(name, film_view(scene.name), "") for scene in films for name in film_measures()]
     places += [(measure, "rotation", "1:1") for measure in IN_MOTION]
     return Comparison(
         name=texture_set.name,
@@ -328,23 +348,6 @@ def _gains(measured: TextureSpace, candidates: Sequence[Candidate]) -> Iterator[
         if figure.measure == "snr" and figure.method in others:
             gain = measured.gain(subject, figure.method, figure.view, figure.scale)
             yield dataclasses.replace(figure, measure=SNR_GAIN, value=gain.estimate, low=gain.low, high=gain.high)
-
-
-def _not_converged(scenes: Sequence[Scene]) -> tuple[str, ...]:
-    """One sentence about all references that did not converge."""
-    if not scenes:
-        return ()
-
-    def said(scene: Scene) -> str:
-        share = scene.standard_error / scene.candidate_error if scene.candidate_error else math.inf
-        left = f"{share:.0%} of the error" if share < 1 else "all of the error or more"
-        return f"{scene.name} ({left} after {scene.passes} samples per pixel)"
-
-    return (
-        "the noise of a reference should be at most a tenth of the best candidate's error, and it is more in "
-        f"{', '.join(map(said, scenes))}: the noise counts as error in all measures of these renders except SNR and "
-        "flicker; more samples would reduce it.",
-    )
 
 
 def _stack(texture_set: TextureSet, candidate: Candidate) -> MipStack:

@@ -6,9 +6,11 @@ METHOD    what tables call it, `linear (box)`; `best` for the closed form that i
           the subject of the comparison. Behind a minus, its figure is subtracted: `near_mirror@0 - best < 1`.
 QUANTITY  `near_mirror` or `hemisphere`, the SNR in dB on that set of light-view pairs; or a measure, `flip`. The
           measures that texture space has are meant there, near the mirror; the others on the render of the scale.
-          Another view stands before it: `hemisphere.flicker`, `sphere.tonemapped`, `plane.flip`.
+          Another view stands before it: `hemisphere.flicker`, `sphere.tonemapped`, `plane.flip`. Films are views, too:
+          `film_floor.jod_37`, `film_wall.flip`, and `film_mesh` where a mesh was given.
 WHERE     a scale, `near`, `1:1`, `middle` or `far`; of the SNR on a pair set also a level of detail of its curve, 0,
           0.25 and so on. A render that shows all scales has none: `plane.flip < 0.1`.
+          So has a film: `film_floor.jod_37 < 9`.
 OP        <, <=, > or >=.
 
 Case does not matter, nor whether names are written with hyphens or underscores. The figure itself decides, not its
@@ -33,7 +35,7 @@ GRAMMAR = (
     f"[VIEW.]MEASURE of {', '.join(MEASURES)}; WHERE: {', '.join(SCALES)}, or for SNR a level of detail; "
     "OP: <, <=, >, >=; METHOD: as tables call it, or best, the best closed form. "
     "Examples: 'near_mirror@0 < 12', 'flip@1:1 - best > 0', "
-    "'linear (box):near_mirror@0.5 > 20'."
+    "'linear (box):near_mirror@0.5 > 20', 'film_floor.jod_37 < 9'."
 )
 """The grammar in one line, for help texts."""
 
@@ -216,6 +218,9 @@ def parse(text: str) -> Condition:
         raise _wrong(text, 0, "a method is missing before the colon")
     quantity = whole["quantity"][: cut if head == "quantity" else None]
     measure, view = _measured(text, whole.start("quantity"), quantity)
+    if view is None and MEASURES[measure].needs == "film":
+        known = f"film_floor.{measure.replace('-', '_')}"
+        raise _wrong(text, whole.start("quantity"), f"it does not say of which film, expected it before, {known}")
     where: str | float | None = None
     if head == "where":
         where = _place(text, whole.start("where"), whole["where"][:cut], measure, view)

@@ -66,9 +66,13 @@ class ShownReference:
         apart = (self.first[self.interior] - self.second[self.interior]).astype(np.float64)
         return float(np.sqrt(np.mean(np.square(apart)))) / 2 if apart.size else 0.0
 
+    def displayed(self, frames: Frames) -> Frames:
+        """(T, H, W, 3) float32 in [0, 1]: a candidate as it is displayed."""
+        return _shown(frames, self.exposure)
+
     def shown(self, frames: Frames) -> Frames:
-        """(T, H, W, 3) float32 in [0, 1]: a candidate as it is displayed; outside of the interior the reference."""
-        return np.where(self.interior[..., None], _shown(frames, self.exposure), self.mean)
+        """The same with the reference outside of the interior: what measures look at."""
+        return np.where(self.interior[..., None], self.displayed(frames), self.mean)
 
     def error(self, frames: Frames) -> float:
         """Estimated root mean square error of a candidate over the interior, displayed values.

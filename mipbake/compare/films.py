@@ -1,5 +1,5 @@
 """The films that methods are compared in: a receding floor, a wall at about one texel a pixel, a turning sphere, or a
-mesh of the user's; and what is measured of a film."""
+mesh of the user's."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mipbake.compare.scenes import exposed, mesh_views, plane_shot, sphere_shot
+from mipbake.errors import UsageError
 from mipbake.render import shapes
 from mipbake.render.camera import Camera, Vector
 from mipbake.render.environment import Lighting
@@ -40,6 +41,14 @@ _WALL_LOD = 0.25  # level of detail in the middle of the wall; a guess: from 0 t
 _WALL_ANGLE = 12.0  # degrees that the wall is turned by, which spreads its levels of detail; a guess
 _WALL_FIELD = 30.0  # vertical field of view, degrees; a guess
 _SPHERE_LOD = 1.0  # median level of detail of the sphere; a guess
+
+
+def motion_named(name: str) -> Motion:
+    """The motion of that name; UsageError, with the list of names, where there is none."""
+    for motion in MOTIONS:
+        if motion == name:
+            return motion
+    raise UsageError(f"no motion is called {name!r}: expected {' or '.join(MOTIONS)}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,11 +213,11 @@ class _Pictures:
         self._exposures = hdr_flip_exposures(lit) if lit.any() else None
 
     def measure(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
-        """Values of all measures except the measures of frames, and the FLIP map of the whole picture, 0 off the
+        """Values of all measures of one picture, and the FLIP map of the whole picture, 0 off the
         interior."""
         flip = np.zeros(self._interior.shape, np.float32)
         if self._empty:
-            return {name: math.nan for name, each in MEASURES.items() if each.needs != "frames"}, flip
+            return {name: math.nan for name, each in MEASURES.items() if each.needs not in ("frames", "film")}, flip
         inside, reference = self._interior, self._reference
         linear = np.where(self._inside[..., None], frame.image[self._box], self._linear)
         display = np.where(self._inside[..., None], displayed(linear.astype(np.float64)), self._display)

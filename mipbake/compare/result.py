@@ -57,8 +57,8 @@ class Figure:
         method: name of the method.
         measure: a name in `mipbake.metrics.MEASURES`, or SNR_GAIN.
         view: what was looked at: a pair set (`near-mirror`, `hemisphere`) in texture space, or the name of a kind of
-            render (`sphere`, `plane`, ...).
-        scale: a name in SCALES; empty for a render of all scales and for a point of a curve.
+            render (`sphere`, `plane`, ...) or of a film (`film-floor`, ...).
+        scale: a name in SCALES; empty for a render of all scales, for a film and for a point of a curve.
         lod: level of detail of a point of a curve, or the median of a render; of a scale that is a range, its middle.
         value: the figure. low, high: its 95 % confidence interval; nan where it has none.
     """
@@ -125,6 +125,59 @@ class Rendered:
         return f"Rendered({self.scene.name!r}, {', '.join(self.images)})"
 
 
+@dataclass(frozen=True)
+class FilmedScene:
+    """A film that methods were compared in.
+
+    Args:
+        name: key, also of files, and the view of its figures: `film-floor`, `film-wall`, `film-sphere`, `film-mesh`.
+        title: what a reader is shown.
+        motion: what moves, `camera` or `light`. sampler: how stacks were looked up. accumulated: whether candidates
+            were accumulated over frames.
+        lod: median level of detail of the first frame's covered pixels.
+        resolution: (height, width). frames: how many. frames_per_second: at which they are shown.
+        lighting: its name. exposure: at which all frames are displayed.
+        passes: samples for each pixel of the reference.
+        noise: of the reference; candidate_error: of the closest candidate; both root mean squares of displayed values.
+        converged: whether the first is at most the wanted share of the second.
+    """
+
+    name: str
+    title: str
+    motion: str
+    sampler: str
+    accumulated: bool
+    lod: float
+    resolution: tuple[int, int]
+    frames: int
+    frames_per_second: float
+    lighting: str
+    exposure: float
+    passes: int
+    noise: float
+    candidate_error: float
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """The frames of a film.
+
+    Args:
+        scene: what they show.
+        reference: (T, H, W, 3) sRGB-encoded bytes, as displayed.
+        images: method name to the candidate's frames, the same.
+    """
+
+    scene: FilmedScene
+    reference: NDArray[np.uint8]
+    images: Mapping[str, NDArray[np.uint8]]
+
+    def __repr__(self) -> str:
+        """A description in one line."""
+        return f"Filmed({self.scene.name!r}, {', '.join(self.images)})"
+
+
 @dataclass(frozen=True, eq=False)
 class Plot:
     """One of the paper's plots for this material: an image for each method and an image of the reference.
@@ -157,7 +210,7 @@ class Comparison:
         methods: what was compared, the subject first.
         curve: SNR of each method and pair set by level of detail, in steps of 1/4.
         figures: every measure of each method, view and scale.
-        rendered, plots: images.
+        rendered, films, plots: images.
         source: what was read of the set, as `mipbake inspect --json` says it.
         notes: what a reader must know, in sentences.
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
@@ -174,6 +227,7 @@ class Comparison:
     curve: tuple[Figure, ...]
     figures: tuple[Figure, ...]
     rendered: tuple[Rendered, ...] = ()
+    films: tuple[Filmed, ...] = ()
     plots: tuple[Plot, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -206,6 +260,7 @@ class Comparison:
             "curve": [asdict(figure) for figure in self.curve],
             "figures": [asdict(figure) for figure in self.figures],
             "scenes": [asdict(each.scene) for each in self.rendered],
+            "films": [asdict(each.scene) for each in self.films],
             "plots": [{"name": plot.name, "title": plot.title, "caption": plot.caption} for plot in self.plots],
             "source": dict(self.source),
             "notes": list(self.notes),

@@ -1,0 +1,164 @@
+"""Films of a comparison: every candidate's frames, one reference for all, and the figures of each.
+
+A film's reference takes twice as many samples until the noise of what is displayed is small beside the error of the
+closest candidate. Figures that take its halves apart see none of that noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.film_figures import ShownReference, film_figures
+from mipbake.compare.films import FRAMES_PER_SECOND, RESOLUTION, FilmScene, Motion, mesh_films, standard_films
+from mipbake.compare.pictures import RenderSettings
+from mipbake.compare.result import Figure, Filmed, FilmedScene
+from mipbake.compare.scenes import median_lod
+from mipbake.reference.source import FilteredSource
+from mipbake.render.accumulation import film_accumulated
+from mipbake.render.environment import Lighting
+from mipbake.render.film import FilmSampling, Frames, film_candidate
+from mipbake.render.mesh import Mesh
+from mipbake.render.mesh_render import Cache
+
+MOST_PASSES = 256
+"""Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures. A guess."""
+
+RESOLVED_SHARE = 0.2
+"""Noise of a reference that is small enough, as a share of the closest candidate's error: it makes that error 2 %
+larger. A guess."""
+
+UNSEEN = 1 / (255 * math.sqrt(12))
+"""Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
+
+_LEAST_PASSES = 16  # a guess
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """How films are made.
+
+    Args:
+        renders: how frames are rendered, as pictures are.
+        motion: what moves.
+        accumulate: whether candidates are accumulated over frames (`mipbake.render.accumulation`).
+    """
+
+    renders: RenderSettings
+    motion: Motion = "camera"
+    accumulate: bool = False
+
+
+def film_view(scene: str) -> str:
+    """What figures of a film have as their view: `film-floor` for the scene `floor`."""
+    return f"film-{scene}"
+
+
+def films_of(
+    size: tuple[int, int], lighting: Lighting, last_level: int, mesh: Mesh | None, motion: Motion, side: int
+) -> tuple[FilmScene, ...]:
+    """The films of a texture of `size` (height, width), at most `side` pixels high: those of the mesh, if there is one.
+
+    Raises:
+        InputError: a mesh that cannot be seen.
+    """
+    height = min(RESOLUTION[0], side)
+    resolution = height, height * RESOLUTION[1] // RESOLUTION[0]
+    if mesh:
+        return mesh_films(mesh, size, lighting, motion, resolution=resolution)
+    return standard_films(size, lighting, last_level, motion, resolution=resolution)
+
+
+def film(
+    scene: FilmScene,
+    source: FilteredSource,
+    candidates: Sequence[Candidate],
+    settings: FilmSettings,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> tuple[Filmed, tuple[Figure, ...]]:
+    """Films a scene with every candidate, and measures.
+
+    Args:
+        source: what the reference filters.
+        candidates: of any model, their levels starting at the source's size; different names.
+        progress: told the finished share.
+
+    Returns:
+        The film, and the figures in the order of candidates and MEASURES.
+    """
+    looks = settings.renders
+    frames: dict[str, Frames] = {}
+    make = film_accumulated if settings.accumulate else film_candidate
+    for index, each in enumerate(candidates):
+        levels, model = each.levels, each.method.model
+        frames[each.method.name] = make(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
+        progress(0.2 * (index + 1) / len(candidates))
+    shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.2 + 0.3 * share))
+    found = FilmedScene(
+        name=film_view(scene.name),
+        title=scene.title,
+        motion=settings.motion,
+        sampler=looks.sampler,
+        accumulated=settings.accumulate,
+        lod=_lod(scene, source, len(candidates[0].levels) - 1),
+        resolution=scene.film.resolution,
+        frames=len(scene.film.cameras),
+        frames_per_second=FRAMES_PER_SECOND,
+        lighting=scene.film.lightings[0].name,
+        exposure=shown.exposure,
+        passes=shown.linear.passes,
+        noise=shown.noise,
+        candidate_error=closest,
+        converged=shown.noise <= _wanted(closest),
+    )
+    figures: list[Figure] = []
+    for index, (name, made) in enumerate(frames.items()):
+        for measure, value in film_figures(made, shown).by_measure.items():
+            figures.append(Figure(name, measure, found.name, "", found.lod, value, math.nan, math.nan))
+        progress(0.5 + 0.5 * (index + 1) / len(frames))
+    images = {name: _bytes(shown.displayed(made)) for name, made in frames.items()}
+    return Filmed(found, _bytes(shown.mean), images), tuple(figures)
+
+
+def _reference(
+    scene: FilmScene,
+    source: FilteredSource,
+    frames: Sequence[Frames],
+    looks: RenderSettings,
+    progress: Callable[[float], None],
+) -> tuple[ShownReference, float]:
+    """The reference, and the error of the closest candidate."""
+    sampling = FilmSampling(scene.film, source, looks.seed, Cache(looks.cache) if looks.cache else None)
+    most = min(MOST_PASSES, looks.max_passes)
+    passes, before = max(_LEAST_PASSES, sampling.passes), 0
+
+    def told(share: float) -> None:
+        progress((before + share * (passes - before)) / max(most, passes))
+
+    while True:
+        sampling.advance(passes, told)
+        shown = ShownReference.of(sampling.reference())
+        closest = min(shown.error(each) for each in frames)
+        if shown.noise <= _wanted(closest) or passes >= most:
+            progress(1.0)
+            return shown, closest
+        before, passes = passes, min(2 * passes, most)
+
+
+def _wanted(error: float) -> float:
+    return max(RESOLVED_SHARE * error, UNSEEN)
+
+
+def _lod(scene: FilmScene, source: FilteredSource, last: int) -> float:
+    shot = scene.film.shots[0]
+    lod = median_lod(shot.mesh, shot.camera, shot.resolution, source.stored.shape[:2])
+    return min(max(lod, 0.0), float(last))
+
+
+def _bytes(shown: Frames) -> NDArray[np.uint8]:
+    return np.rint(255 * shown).astype(np.uint8)
