@@ -7,6 +7,9 @@ import math
 from mipbake.compare.result import Comparison
 from mipbake.prefilter import METHODS
 
+LINEAR, OPTIMUM = "linear (box)", "optimum"
+"""Names of what engines do today, and of the limit of what a stack can show."""
+
 
 def closed_forms(comparison: Comparison) -> list[str]:
     """Names of the methods other than the subject that average and have no trained weights."""

@@ -10,12 +10,13 @@ from string import Template
 from mipbake.compare.result import Comparison
 from mipbake.report.page import facts
 from mipbake.report.page.charts import curves
+from mipbake.report.page.films import film_choices, films
 from mipbake.report.page.markup import SPACE, TIMES, Content, Html, element, joined
 from mipbake.report.page.methods import REFERENCE
 from mipbake.report.page.pictures import Album
 from mipbake.report.page.plain import plain
 from mipbake.report.page.scenes import colour_bar, flip_top, picture_choices, plots, scenes
-from mipbake.report.page.tables import curve_table, measure_tables, verdict_table
+from mipbake.report.page.tables import curve_table, films_table, measure_tables, verdict_table
 from mipbake.report.page.texels import thumbnail_count, thumbnails, view
 from mipbake.report.page.verdict import Verdict, best_in_renders, verdict
 from mipbake.report.viewer import Source
@@ -42,11 +43,13 @@ def document(
     """The page's HTML. The pictures are encoded on the way and kept in the album; arguments of `write_report`."""
     step = _steps(comparison, stacks, progress)
     found = verdict(comparison)
+    moving = films(comparison, album, step)
     scene_pictures, plot_pictures = scenes(comparison, album, step), plots(comparison, album, step)
     levels = thumbnails(comparison, stacks, album, step)
     live, cropped = view(comparison, stacks, source)
     step()
     sections = [
+        ("films", "Films", _films(comparison, moving) if comparison.films else None),
         ("pictures", "Pictures", _pictures(comparison, scene_pictures) if comparison.rendered else None),
         ("curves", "Over level of detail", _curves(comparison)),
         ("figures", "Every measure", _figures(comparison)),
@@ -59,7 +62,10 @@ def document(
     body = joined([_head(comparison, found), _navigation(shown), element("main", [_section(*each) for each in shown])])
     # The template's own text holds no `$` but its fields; values are not searched for fields.
     return Template(_text("page.html")).substitute(
-        title=joined(f"{comparison.name} · mipbake"), style=_text("page.css"), body=body, script=_text("page.js")
+        title=joined(f"{comparison.name} · mipbake"),
+        style=_text("page.css"),
+        body=body,
+        script=_text("page.js"),
     )
 
 
@@ -68,7 +74,7 @@ def _steps(
 ) -> Callable[[], None]:
     """Counts pictures: what one call of the result tells."""
     shown = [each.images for each in comparison.rendered] + [each.images for each in comparison.plots]
-    total = sum(1 + len(images) for images in shown)
+    total = sum(1 + len(images) for images in shown) + len(comparison.films) * len(film_choices(comparison)[0])
     total += thumbnail_count(comparison, stacks) + 1
     done = 0
 
@@ -95,6 +101,7 @@ def _head(comparison: Comparison, found: Verdict) -> Html:
         element("h1", comparison.name),
         element("p", found.sentence, class_="verdict"),
         _sentences(comparison.warnings, "Warnings", "warnings"),
+        films_table(found),
         verdict_table(found),
         element("p", best_in_renders(comparison), class_="note") if comparison.rendered else None,
         element("p", _PAIRED if found.paired else _SEPARATE, class_="note") if found.closed or found.linear else None,
@@ -113,20 +120,70 @@ def _navigation(sections: Sequence[tuple[str, str, Content]]) -> Html:
     return element("nav", links, aria_label="Sections")
 
 
-def _pictures(comparison: Comparison, shown: Html) -> Html:
-    names, start_a, start_b = picture_choices(comparison)
+def _bar(choices: tuple[list[str], str, str], *fields: Html) -> Html:
+    """What the views with a divider of one section show: the same in all of them."""
+    names, start_a, start_b = choices
     settings = json.dumps({"names": names, "a": start_a, "b": start_b, "reference": REFERENCE}, ensure_ascii=False)
-    bar = element(
+    zooms = [("1", "whole picture"), *((str(times), f"{TIMES}{times}") for times in (2, 4, 8))]
+    return element(
         "div",
         _select("a", "Left, A", [(name, name) for name in names], start_a),
         _select("b", "Right, B", [(name, name) for name in names], start_b),
-        _select("show", "Show", [("render", "renders"), ("flip", "FLIP maps")], "render"),
-        _select(
-            "zoom", "Zoom", [("1", "whole picture"), ("2", f"{TIMES}2"), ("4", f"{TIMES}4"), ("8", f"{TIMES}8")], "1"
-        ),
+        list(fields),
+        _select("zoom", "Zoom", zooms, "1"),
         class_="bar js",
         data_settings=settings,
     )
+
+
+def _films(comparison: Comparison, shown: Html) -> Html:
+    keys = element(
+        "span",
+        " Films run forwards, then backwards, all from one clock. The space bar stops and starts them, and the keys , "
+        "and . show the frame before and after. Drag the divider, or move it with the arrow keys.",
+        class_="js",
+    )
+    text = (
+        "Each method shows every frame with one look-up for each pixel; the reference is supersampled. All frames of a "
+        "film have one exposure. ColorVideoVDP says how a film looks beside the reference, in JOD: 10 is no visible "
+        "difference, and one less is what three in four people prefer the reference over."
+    )
+    controls = element(
+        "div",
+        element("span", "Films"),
+        element(
+            "div",
+            element("button", "Stop", type="button", data_do="play"),
+            element(
+                "button",
+                "\N{SINGLE LEFT-POINTING ANGLE QUOTATION MARK}",
+                type="button",
+                data_do="back",
+                aria_label="The frame before",
+            ),
+            element(
+                "button",
+                "\N{SINGLE RIGHT-POINTING ANGLE QUOTATION MARK}",
+                type="button",
+                data_do="on",
+                aria_label="The frame after",
+            ),
+            element("output", aria_label="Frame"),
+        ),
+        class_="clock",
+    )
+    return joined(
+        [
+            element("p", text, keys),
+            _bar(film_choices(comparison), controls),
+            shown,
+        ]
+    )
+
+
+def _pictures(comparison: Comparison, shown: Html) -> Html:
+    which = _select("show", "Show", [("render", "renders"), ("flip", "FLIP maps")], "render")
+    bar = _bar(picture_choices(comparison), which)
     return joined(
         [
             element(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mipbake.compare.ranking import best_closed_form
+from mipbake.compare.ranking import LINEAR, OPTIMUM, best_closed_form
 from mipbake.compare.result import Comparison
-from mipbake.report.page.verdict import LINEAR, OPTIMUM
 
 REFERENCE = "reference"
 """What a report calls the reference beside the methods."""

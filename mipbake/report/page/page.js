@@ -1,4 +1,5 @@
-// What scripts add to the page: the divider and the zoom, curves that can be picked out and read off, tables that sort.
+// What scripts add to the page: the divider and the zoom, films that loop in step, curves that can be picked out and read
+// off, tables that sort.
 
 const all = (selector, root = document) => [...root.querySelectorAll(selector)];
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
@@ -16,7 +17,7 @@ class Scene {
     constructor(root, choice) {
         Object.assign(this, { root, choice, at: 50, x: 0.5, y: 0.5 });
         this.cells = new Map(all('.strip > figure', root).map((cell) => [cell.dataset.method, cell]));
-        this.sides = ['a', 'b'].map((side) => make('div', { class: `side ${side}` }, new Image()));
+        this.sides = ['a', 'b'].map((side) => make('div', { class: `side ${side}` }, this.pane()));
         this.tags = ['left', 'right'].map((place) => make('span', { class: `tag ${place}` }));
         this.divider = make('div', {
             class: 'divider', role: 'slider', tabindex: 0, 'aria-orientation': 'horizontal', 'aria-valuemin': 0, 'aria-valuemax': 100,
@@ -31,10 +32,26 @@ class Scene {
         new ResizeObserver(() => this.fit()).observe(this.holder);
     }
 
+    // What a side of the divider holds.
+    pane() {
+        return new Image();
+    }
+
+    // What a side shows of a picture of the strip.
+    show(side, source) {
+        const image = this.sides[side].firstChild;
+        if (image.src !== source.src) Object.assign(image, { src: source.src, alt: source.alt });
+    }
+
+    // Width and height in pixels of the picture.
+    size() {
+        const reference = this.cells.get(this.choice.reference).querySelector('.render');
+        return [Number(reference.getAttribute('width')), Number(reference.getAttribute('height'))];
+    }
+
     // Whole device pixels for each of the picture's: uneven ones would look like the errors that this page is about.
     fit() {
-        const reference = this.cells.get(this.choice.reference).querySelector('.render');
-        const [width, height] = [Number(reference.getAttribute('width')), Number(reference.getAttribute('height'))];
+        const [width, height] = this.size();
         const ratio = devicePixelRatio || 1, room = this.holder.clientWidth;
         const factor = Math.floor(room * ratio / width + 1e-6);
         const exact = factor >= 1 && factor * width > 0.75 * room * ratio;  // else a smooth picture beats a small one
@@ -50,10 +67,10 @@ class Scene {
         const flip = this.choice.show === 'flip', names = [this.choice.a, this.choice.b];
         const figures = names.map((name) => JSON.parse(this.cells.get(name)?.dataset.figures ?? '{}'));
         names.forEach((name, side) => {
-            const cell = this.cells.get(name), image = this.sides[side].firstChild;
+            const cell = this.cells.get(name);
             const source = cell?.querySelector(flip ? '.flip' : '.render');
             this.sides[side].hidden = !source;
-            if (source && image.src !== source.src) Object.assign(image, { src: source.src, alt: source.alt });
+            if (source) this.show(side, source);
             this.tags[side].textContent = source ? name : `${name}: ${flip ? 'no FLIP map' : 'not rendered'}`;
         });
         for (const [name, cell] of this.cells) {
@@ -132,11 +149,124 @@ class Scene {
     }
 }
 
-const bar = document.querySelector('.bar');
-if (bar) {
-    const { a, b, reference } = JSON.parse(bar.dataset.settings);
-    const choice = { a, b, reference, show: 'render', zoom: 1 };
-    const scenes = all('.scene').map((root) => new Scene(root, choice));
+// ---- films: frames below each other in one picture for each method, drawn on canvases from one clock
+
+class Film extends Scene {
+    constructor(root, choice) {
+        super(root, choice);
+        this.frames = Number(root.dataset.frames);
+        this.seen = true;
+        new IntersectionObserver(([entry]) => { this.seen = entry.isIntersecting; this.draw(); }).observe(root);
+        for (const cell of this.cells.values()) {
+            const sheet = cell.querySelector('.render');
+            sheet.after(this.canvas());
+            sheet.hidden = true;
+            sheet.decode().then(() => this.draw());
+        }
+    }
+
+    size() {
+        const sheet = this.cells.get(this.choice.reference).querySelector('.render');
+        return [Number(sheet.getAttribute('width')), Number(sheet.getAttribute('height')) / Number(this.root.dataset.frames)];
+    }
+
+    canvas() {
+        const sheet = this.root.querySelector('.render');
+        const height = Number(sheet.getAttribute('height')) / Number(this.root.dataset.frames);
+        return make('canvas', { width: sheet.getAttribute('width'), height, role: 'img' });
+    }
+
+    pane() {
+        return this.canvas();
+    }
+
+    show(side, source) {
+        const canvas = this.sides[side].firstChild;
+        canvas.setAttribute('aria-label', source.alt);
+        canvas.sheet = source;
+        this.paint(canvas, source);
+    }
+
+    draw() {
+        if (!this.seen) return;
+        for (const { firstChild: canvas } of this.sides) if (canvas.sheet) this.paint(canvas, canvas.sheet);
+        for (const cell of this.cells.values()) this.paint(cell.querySelector('canvas'), cell.querySelector('.render'));
+    }
+
+    paint(canvas, sheet) {
+        if (!canvas || !sheet.complete) return;
+        canvas.setAttribute('aria-label', sheet.alt);
+        const { width, height } = canvas;
+        canvas.getContext('2d').drawImage(sheet, 0, this.frame() * height, width, height, 0, 0, width, height);
+    }
+
+    // Forwards and then backwards: a jump from the last frame to the first would hide what shimmers.
+    frame() {
+        const period = Math.max(2 * (this.frames - 1), 1), at = ((this.choice.tick % period) + period) % period || 0;
+        return Math.min(at, period - at);
+    }
+}
+
+// Counts frames, for all films at once. It stands still at first where a reader wants less motion.
+class Clock {
+    constructor(section, films, choice) {
+        Object.assign(this, { films, choice, since: null });
+        this.fps = Number(films[0].root.dataset.fps);
+        this.buttons = new Map(all('[data-do]', section).map((button) => [button.dataset.do, button]));
+        this.output = section.querySelector('.clock output');
+        this.buttons.get('play').addEventListener('click', () => this.run(!this.running));
+        this.buttons.get('back').addEventListener('click', () => this.step(-1));
+        this.buttons.get('on').addEventListener('click', () => this.step(1));
+        section.tabIndex = -1;  // what is clicked takes the keys
+        section.addEventListener('keydown', (event) => {
+            if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('select, input, button, a')) return;
+            if (event.key === ' ') this.run(!this.running);
+            else if (event.key === ',' || event.key === '.') this.step(event.key === ',' ? -1 : 1);
+            else return;
+            event.preventDefault();
+        });
+        this.run(!matchMedia('(prefers-reduced-motion: reduce)').matches);
+        this.tell();
+    }
+
+    run(running) {
+        this.running = running;
+        this.since = null;
+        this.buttons.get('play').textContent = running ? 'Stop' : 'Play';
+        if (running) requestAnimationFrame((now) => this.tick(now));
+        else this.tell();
+    }
+
+    tick(now) {
+        if (!this.running) return;
+        this.since ??= now - (this.choice.tick * 1000) / this.fps;
+        const tick = Math.floor(((now - this.since) * this.fps) / 1000);
+        if (tick !== this.choice.tick) this.go(tick);
+        requestAnimationFrame((later) => this.tick(later));
+    }
+
+    step(by) {
+        this.run(false);
+        this.go(this.choice.tick + by);
+        this.tell();
+    }
+
+    go(tick) {
+        this.choice.tick = tick;
+        this.films.forEach((film) => film.draw());
+    }
+
+    // While films run, a number that changes all the time would only distract.
+    tell() {
+        this.output.textContent = this.running ? '' : `frame ${this.films[0].frame() + 1} of ${this.films[0].frames}`;
+    }
+}
+
+all('.bar').forEach((bar) => {
+    const { a, b, reference } = JSON.parse(bar.dataset.settings), section = bar.closest('section');
+    const choice = { a, b, reference, show: 'render', zoom: 1, tick: 0 };
+    const films = all('.scene.film', section).map((root) => new Film(root, choice));
+    const scenes = [...films, ...all('.scene:not(.film)', section).map((root) => new Scene(root, choice))];
     const update = () => scenes.forEach((scene) => scene.update());
     const selects = new Map(all('select', bar).map((select) => [select.name, select]));
     choice.pick = (side, name) => {
@@ -151,7 +281,8 @@ if (bar) {
         });
     }
     update();
-}
+    if (films.length) new Clock(section, films, choice);
+});
 
 // ---- curves
 

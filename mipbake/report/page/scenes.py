@@ -12,13 +12,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from mipbake.compare.ranking import LINEAR
 from mipbake.compare.result import Comparison, Figure, Plot, Rendered, Scene
 from mipbake.metrics import MEASURES
 from mipbake.report.page.markup import Html, element
 from mipbake.report.page.methods import REFERENCE, standing_out
 from mipbake.report.page.pictures import Album, Picture, displayed_bytes, gradient_stops, heat
 from mipbake.report.page.tables import number, title, unit
-from mipbake.report.page.verdict import LINEAR
 
 
 def flip_top(comparison: Comparison) -> float:
@@ -80,7 +80,7 @@ def _scene(
     scene = rendered.scene
     picture = album.add(f"{scene.title}, {REFERENCE}", displayed_bytes(rendered.reference), scene.name, REFERENCE)
     progress()
-    cells = [_cell(REFERENCE, picture, f"{scene.title}, the reference", None, None, {})]
+    cells = [cell(REFERENCE, _shown(picture, f"{scene.title}, the reference", None), None, {})]
     for name in (name for name in order if name in rendered.images):
         picture = album.add(f"{scene.title}, {name}", displayed_bytes(rendered.images[name]), scene.name, name)
         flip = None
@@ -88,10 +88,9 @@ def _scene(
             flip = album.add(
                 f"{scene.title}, FLIP map of {name}", heat(rendered.flip[name], top), scene.name, name, "flip"
             )
-        figures = _figures(comparison, scene, name)
-        cells.append(
-            _cell(name, picture, f"{scene.title}, {name}", flip, _short(figures), dict(_named(f) for f in figures))
-        )
+        figures = figures_of(comparison, name, scene.view, scene.scale)
+        shown = _shown(picture, f"{scene.title}, {name}", flip)
+        cells.append(cell(name, shown, _short(figures), dict(named(f) for f in figures)))
         progress()
     height, width = scene.resolution
     return element(
@@ -105,31 +104,36 @@ def _scene(
     )
 
 
-def _cell(
-    name: str, picture: Picture, alt: str, flip: Picture | None, caption: str | None, figures: dict[str, str]
-) -> Html:
-    below = (
-        flip.html(f"FLIP map: {alt}", class_="flip")
-        if flip
-        else element("span", class_="no-flip", style=f"aspect-ratio: {picture.width} / {picture.height}")
-    )
+def cell(name: str, shown: Sequence[Html], caption: str | None, figures: dict[str, str]) -> Html:
+    """A method in a strip: its pictures, its name, a caption, and its figures for the view with the divider."""
     return element(
         "figure",
-        picture.html(alt, class_="render"),
-        below,
+        list(shown),
         element("figcaption", element("b", name), element("small", caption) if caption else None),
         data_method=name,
         data_figures=json.dumps(figures, ensure_ascii=False) if figures else None,
     )
 
 
-def _figures(comparison: Comparison, scene: Scene, method: str) -> list[Figure]:
-    found = [f for f in comparison.figures if f.method == method and f.view == scene.view and f.scale == scene.scale]
+def _shown(picture: Picture, alt: str, flip: Picture | None) -> list[Html]:
+    """A picture and its FLIP map, or the room that one would take."""
+    below = (
+        flip.html(f"FLIP map: {alt}", class_="flip")
+        if flip
+        else element("span", class_="no-flip", style=f"aspect-ratio: {picture.width} / {picture.height}")
+    )
+    return [picture.html(alt, class_="render"), below]
+
+
+def figures_of(comparison: Comparison, method: str, view: str, scale: str) -> list[Figure]:
+    """The figures of a method in a render or a film, in the order of MEASURES."""
+    found = [f for f in comparison.figures if (f.method, f.view, f.scale) == (method, view, scale)]
     order = list(MEASURES)
     return sorted(found, key=lambda f: order.index(f.measure) if f.measure in order else len(order))
 
 
-def _named(figure: Figure) -> tuple[str, str]:
+def named(figure: Figure) -> tuple[str, str]:
+    """Title and figure, with its unit, as a reader is shown both."""
     return title(figure.measure, ""), f"{number(figure.value, figure.measure)} {unit(figure.measure)}".strip()
 
 
@@ -138,7 +142,7 @@ def _short(figures: Sequence[Figure]) -> str | None:
     shown = next((f for f in figures if f.measure == "flip"), figures[0] if figures else None)
     if shown is None:
         return None
-    return " ".join(_named(shown))
+    return " ".join(named(shown))
 
 
 def _described(scene: Scene) -> str:

@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from mipbake.compare.ranking import LINEAR, OPTIMUM
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure
 from mipbake.metrics import MEASURES, PAIR_SETS
 from mipbake.report.page.markup import DASH, MINUS, SPACE, Content, Html, element
 from mipbake.report.page.methods import looks
-from mipbake.report.page.verdict import LINEAR, OPTIMUM, PLACES, Difference, Verdict
+from mipbake.report.page.seen import Seen, spoken
+from mipbake.report.page.verdict import PLACES, Difference, Verdict
 
 _BETTER = {
     "higher": "higher is better",
@@ -62,7 +64,7 @@ def unit(measure: str) -> str:
 
 
 def number(value: float, measure: str, largest: float | None = None) -> str:
-    """A figure as text: one decimal of decibels, two of ratios, three digits of anything else.
+    """A figure as text: one decimal of decibels, two of JOD and of ratios, three digits of anything else.
 
     `largest` of the figures it stands beside sets how many decimals those are.
     """
@@ -72,7 +74,7 @@ def number(value: float, measure: str, largest: float | None = None) -> str:
         return "∞" if value > 0 else f"{MINUS}∞"
     if unit(measure) == "dB":
         text = f"{value:+.1f}" if measure == SNR_GAIN else f"{value:.1f}"
-    elif measure in MEASURES and MEASURES[measure].direction == "one":
+    elif unit(measure) == "JOD" or (measure in MEASURES and MEASURES[measure].direction == "one"):
         text = f"{value:.2f}"
     else:
         size = max(abs(value if largest is None else largest), 1e-12)
@@ -87,6 +89,35 @@ def interval(figure: Figure, largest: float | None = None) -> str:
         return ""
     low, high = (number(bound, figure.measure, largest) for bound in (figure.low, figure.high))
     return f"{low}{SPACE}to {high}"  # a narrow column breaks it once
+
+
+def films_table(found: Verdict) -> Html:
+    """What films show behind the verdict: a row for each rival, a column for each film."""
+    groups = [("the best closed form", found.seen_closed), (LINEAR, found.seen_linear)]
+    films = list(dict.fromkeys(each.film for _, group in groups for each in group))
+    rows = []
+    for name, group in groups:
+        here = {each.film: each for each in group}
+        if here:
+            cells = [_seen_cell(here.get(film)) for film in films]
+            rows.append(element("tr", element("th", name, scope="row"), cells))
+    if not rows:
+        return Html("")
+    measure = MEASURES[next(each.measure for _, group in groups for each in group)]
+    heads = [element("td"), *(element("th", film.removeprefix("film-"), scope="col") for film in films)]
+    title_row = element(
+        "tr", element("th", f"In films, {measure.title}, ahead of", scope="rowgroup", colspan=len(films) + 1)
+    )
+    return element(
+        "div",
+        element(
+            "table", element("thead", element("tr", heads)), element("tbody", title_row, rows), class_="verdict-table"
+        ),
+        class_="scroll",
+        tabindex=0,
+        role="region",
+        aria_label="What films show",
+    )
 
 
 def verdict_table(found: Verdict) -> Html:
@@ -126,6 +157,22 @@ def _gap_cell(share: float | None) -> Html:
     if share is None:
         return element("td", DASH, title="the optimum is not ahead of the best closed form")
     return element("td", f"{share:.0%}" if share > 0 else "none", title=f"{share:.0%}".replace("-", MINUS))
+
+
+def _seen_cell(found: Seen | None) -> Html:
+    if found is None:
+        return element("td", DASH)
+    word, kind = {1: ("better", "win"), -1: ("worse", "loss"), 0: ("no visible difference", "tie")}[found.outcome]
+    figures = f"{number(found.own, found.measure)} and {number(found.other, found.measure)}"
+    decimals = 2 if unit(found.measure) == "JOD" else 3
+    return element(
+        "td",
+        element("b", f"{found.gain:+.{decimals}f}".replace("-", MINUS)),
+        element("small", word),
+        element("small", found.rival) if found.rival != LINEAR else None,
+        class_=kind,
+        title=f"{figures} {unit(found.measure)}".strip(),
+    )
 
 
 def _verdict_cell(found: Difference | None) -> Html:
@@ -199,6 +246,8 @@ def _by_method(figures: Sequence[Figure], measure: str, scale: str) -> dict[str,
 
 
 def _place(view: str) -> str:
+    if view.startswith("film-"):
+        return f"in the film of {spoken(view)}"
     return (PLACES | {"rotation": "in a slow rotation"}).get(view, f"on the {view}")
 
 

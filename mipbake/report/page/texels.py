@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.compare.ranking import best_closed_form
+from mipbake.compare.ranking import LINEAR, best_closed_form
 from mipbake.compare.result import Comparison
 from mipbake.io.layout import LAYOUTS, MapLayout, to_file
 from mipbake.pixel_filter import level_sizes
 from mipbake.report.page.markup import TIMES, Html, element
 from mipbake.report.page.pictures import Album, bytes_of
-from mipbake.report.page.verdict import LINEAR
 from mipbake.report.viewer import Source, texel_bytes, viewer_fragment
 from mipbake.stack import MipStack
 

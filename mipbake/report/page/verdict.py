@@ -1,8 +1,9 @@
-"""The verdict: where the subject is ahead, where behind, where no difference shows, in decibels of SNR.
+"""The verdict: what films show of the subject, then where it is ahead, where behind, and where no difference shows, in
+decibels of SNR.
 
-A difference counts where its confidence interval does not hold 0. `snr-gain` is that difference, with an interval over
-the same light-view pairs; where it was not measured, two figures differ if their own intervals do not overlap, which is
-a far stricter test, because what all methods find hard is in every figure.
+A difference in decibels counts where its confidence interval does not hold 0. `snr-gain` is that difference, with an
+interval over the same light-view pairs; where it was not measured, two figures differ if their own intervals do not
+overlap, which is a far stricter test, because what all methods find hard is in every figure.
 """
 
 from __future__ import annotations
@@ -11,12 +12,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from mipbake.compare.ranking import closed_forms
+from mipbake.compare.ranking import LINEAR, OPTIMUM, closed_forms
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure
 from mipbake.metrics import PAIR_SETS
 from mipbake.report.page.markup import listed
-
-LINEAR, OPTIMUM = "linear (box)", "optimum"
+from mipbake.report.page.seen import Seen, seen, seen_sentence
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets as sentences call them."""
@@ -53,6 +53,7 @@ class Verdict:
         closed: against the best closed form of each scale and pair set; linear: against `linear (box)`.
         gap: view and scale to the share of the way from the best closed form to the optimum that the subject goes.
         paired: whether all intervals are of differences over the same pairs.
+        seen_closed: against the best closed form of each film; seen_linear: against `linear (box)` in each film.
     """
 
     sentence: str
@@ -60,6 +61,8 @@ class Verdict:
     linear: tuple[Difference, ...]
     gap: dict[tuple[str, str], float]
     paired: bool
+    seen_closed: tuple[Seen, ...] = ()
+    seen_linear: tuple[Seen, ...] = ()
 
 
 def verdict(comparison: Comparison) -> Verdict:
@@ -77,9 +80,13 @@ def verdict(comparison: Comparison) -> Verdict:
     for name, found in ((against, best), (LINEAR, linear if names != {LINEAR} else [])):
         if found:
             clauses.append(f"{'it' if clauses else subject} {_outcome(name, found)}")
-    sentence = f"{'; '.join(clauses)}." if clauses else f"Nothing was measured that {subject} could be compared by."
+    films = seen(comparison)
+    looks = seen_sentence(subject, *films)
+    lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
+    sentence = f"{lead}{'; '.join(clauses)}." if clauses else looks
+    sentence = sentence or f"Nothing was measured that {subject} could be compared by."
     paired = any(figure.measure == SNR_GAIN for figure in comparison.figures)
-    return Verdict(sentence, tuple(best), tuple(linear), gap, paired)
+    return Verdict(sentence, tuple(best), tuple(linear), gap, paired, *films)
 
 
 def best_in_renders(comparison: Comparison) -> str:
