@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.compare.result import SCALES, Comparison, Figure, Method, Plot, Rendered, Scene
+from mipbake.compare.result import SCALES, Comparison, Figure, Filmed, FilmedScene, Method, Plot, Rendered, Scene
 from mipbake.report.viewer import Source
 from mipbake.stack import MipStack
 
@@ -87,6 +87,35 @@ def rendered(name: str, title: str, view: str, scale: str, names: Any, size: tup
         flips[each] = np.clip(np.abs(images[each] - reference).mean(-1) * 2, 0, 1)
     scene = Scene(name, title, view, scale, lod, size, "studio", 96, 0.002, 0.04, True)
     return Rendered(scene, reference, images, np.ones(size, bool), flips)
+
+
+def filmed(name: str, names: Any = NAMES, frames: int = 4, size: tuple[int, int] = (24, 36)) -> Filmed:
+    """A film whose frames have one grey each, so that a pixel tells the method and the frame: `film_grey`."""
+    scene = FilmedScene(
+        f"film-{name}", f"A {name}", "camera", "trilinear", False, 1.5, size, frames, 30.0, "studio", 0.8, 64, 0.002,
+        0.02, True,
+    )  # fmt: skip
+
+    def of(index: int) -> np.ndarray:
+        greys = [film_grey(index, frame) for frame in range(frames)]
+        return np.repeat(np.uint8(greys), size[0] * size[1] * 3).reshape(frames, *size, 3)
+
+    return Filmed(scene, of(-1), {each: of(index) for index, each in enumerate(names)})
+
+
+def film_grey(index: int, frame: int) -> int:
+    """Of a frame, of the method of that index in the comparison; -1 for the reference."""
+    return 20 + 24 * (index + 1) + 5 * frame
+
+
+def film_figures(name: str, jod: dict[str, float], flip: dict[str, float] | None = None) -> list[Figure]:
+    """Figures of a film by method."""
+    measured = [("jod-37", jod), ("flip", flip or dict.fromkeys(jod, 0.1))]
+    return [
+        Figure(method, measure, f"film-{name}", "", 1.5, value, math.nan, math.nan)
+        for measure, found in measured
+        for method, value in found.items()
+    ]
 
 
 def made_up(names: tuple[str, ...] = NAMES, size: int = 48, **changes: Any) -> Comparison:

@@ -163,7 +163,7 @@ def _seen_cell(found: Seen | None) -> Html:
     if found is None:
         return element("td", DASH)
     word, kind = {1: ("better", "win"), -1: ("worse", "loss"), 0: ("no visible difference", "tie")}[found.outcome]
-    figures = f"{number(found.own, found.measure)} and {number(found.other, found.measure)}"
+    figures = " and ".join(number(f, found.measure, max(found.own, found.other)) for f in (found.own, found.other))
     decimals = 2 if unit(found.measure) == "JOD" else 3
     return element(
         "td",
