@@ -26,6 +26,7 @@ FRAMES = 16
 """Frames of a film. A guess: half a second, at FRAMES_PER_SECOND."""
 
 FRAMES_PER_SECOND = 30.0
+"""A guess: what games run at on slower machines."""
 
 Motion = Literal["camera", "light"]
 """What moves: the camera, or the lights, which turn round the vertical."""
@@ -33,7 +34,7 @@ Motion = Literal["camera", "light"]
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
 FLOOR_LAST = 4
-"""Level of detail at the top of the floor, where the stack has so many levels; it is 0 at the bottom."""
+"""Level of detail at the top of the floor, where the stack has so many levels; it is 0 at the bottom. A guess."""
 
 _STEP = (0.61, 0.37)  # texels of level 0 to the right and ahead, from frame to frame, on floor and wall; a guess
 _TURN = 0.25  # degrees from frame to frame, of spheres, of meshes and of lights; a guess
@@ -101,7 +102,7 @@ def mesh_films(
     return (FilmScene("mesh", f"{mesh.name}, turning", _turning(still, motion, frames)),)
 
 
-_WALL_TEXEL = 1 / 256  # in the world; only its ratio to the distance is seen
+_WALL_TEXEL = 1 / 256  # in the world; not tuned: only its ratio to the distance is seen
 
 
 def _wall_shot(size: tuple[int, int], lighting: Lighting, resolution: tuple[int, int]) -> Shot:
