@@ -50,7 +50,7 @@ def unjudged(films: Sequence[Filmed]) -> tuple[str, ...]:
 
 
 def not_converged(scenes: Sequence[Scene], films: Sequence[FilmedScene]) -> tuple[str, ...]:
-    """A sentence about all references of pictures that did not converge, and one about those of films."""
+    """A sentence about all references of pictures that did not converge, and one about the references of films."""
     pictures = [
         _said(each.name, each.standard_error, each.candidate_error, each.passes)
         for each in scenes

@@ -1,7 +1,7 @@
 """The measures of one film and one candidate, and the reference that they are taken against, as a display shows both.
 
-All measures are taken over the interior, as those of renders are (`mipbake.compare.pictures`). Measures that look at
-whole pictures see the reference itself outside of it, even in the candidate.
+All measures are taken over the interior, as the measures of renders are (`mipbake.compare.pictures`). Measures that
+look at whole pictures see the reference itself outside of it, even in the candidate.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def film_view(scene: str) -> str:
 def films_of(
     size: tuple[int, int], lighting: Lighting, last_level: int, mesh: Mesh | None, motion: Motion, side: int
 ) -> tuple[FilmScene, ...]:
-    """The films of a texture of `size` (height, width), at most `side` pixels high: those of the mesh, if there is one.
+    """The films of a texture of `size` (height, width), at most `side` pixels high: films of the mesh, if there is one.
 
     Raises:
         InputError: a mesh that cannot be seen.
