@@ -30,7 +30,7 @@ from mipbake.found import set_report
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Job
-from mipbake.metrics import PAIR_SETS
+from mipbake.metrics import MEASURES, PAIR_SETS
 from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
 from mipbake.render.cache import default_folder
@@ -217,12 +217,38 @@ def compare(
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:
     """What a comparison found, for people."""
     session.print(verdict(comparison).sentence)
+    if comparison.films:
+        session.print("", film_table(comparison))
     for pair_set in PAIR_SETS:
         session.print("", scale_table(comparison, pair_set))
     session.print("", *(f"warning: {warning}" for warning in comparison.warnings))
     session.print(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
     size_of = sum(file.stat().st_size for file in files)
     session.print(f"wrote {place / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
+
+
+def film_table(comparison: Comparison) -> Table:
+    """Methods by film: what ColorVideoVDP says of each, or FLIP where it did not judge; the best is bold."""
+    from rich.text import Text
+
+    judged = any(figure.measure == "jod-37" for figure in comparison.figures)
+    measure = MEASURES["jod-37" if judged else "flip"]
+    made = table(f"films, {measure.title}", *(each.scene.name.removeprefix("film-") for each in comparison.films))
+    for shown in made.columns[1:]:
+        shown.justify = "right"
+    names = [method.name for method in comparison.methods]
+    rows = [
+        [comparison.figure(name, measure.name, each.scene.name, "").value for each in comparison.films]
+        for name in names
+    ]
+    least = [min(measure.loss(value) for value in column) for column in zip(*rows, strict=True)]
+    for name, row in zip(names, rows, strict=True):
+        cells = [
+            Text(f"{value:.{2 if judged else 3}f}", "bold" if measure.loss(value) == best else "")
+            for value, best in zip(row, least, strict=True)
+        ]
+        made.add_row(name, *cells)
+    return made
 
 
 def scale_table(comparison: Comparison, pair_set: str) -> Table:

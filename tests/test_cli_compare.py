@@ -45,10 +45,12 @@ def test_a_report_with_its_renders(folder, tmp_path, capsys):
     assert 'src="http' not in page and 'href="http' not in page
 
 
-def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path):
+def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     out = tmp_path / "report"
     given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light", "--accumulate"]
     assert main([*given, "--fail-if", "film_wall.flip > 1", "--fail-if", "film_floor.sparkle - best > 1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("In films, as ") and "floor" in printed and "sphere" in printed and "films, " in printed
     results = json.loads((out / "results.json").read_text())
     views = {"film-floor", "film-wall", "film-sphere"}
     assert [film["name"] for film in results["films"]] == ["film-floor", "film-wall", "film-sphere"]
