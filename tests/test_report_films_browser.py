@@ -37,8 +37,9 @@ def opened(browser: Any, report: Path) -> Iterator[Any]:
     complaints: list[str] = []
     contexts = []
 
-    def open_page(motion: str = "reduce", **options: Any) -> Any:
-        contexts.append(browser.new_context(viewport={"width": 1280, "height": 2400}, reduced_motion=motion, **options))
+    def open_page(motion: str = "reduce", width: int = 1280, **options: Any) -> Any:
+        size = {"width": width, "height": 2400}
+        contexts.append(browser.new_context(viewport=size, reduced_motion=motion, **options))
         page = contexts[-1].new_page()
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
@@ -135,6 +136,13 @@ def test_films_have_a_bar_and_a_divider_of_their_own(opened: Any) -> None:
     assert "9.25 JOD" in films.locator(".measured").first.inner_text()
     films.get_by_label("Zoom").select_option("4")
     assert "scale(4)" in str(films.locator(".side canvas").first.get_attribute("style"))
+
+
+def test_a_phone_shows_films_without_scrolling_sideways(opened: Any) -> None:
+    page = opened(width=390)
+    settled(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    assert page.locator(".clock output").bounding_box()["x"] + 60 < 390
 
 
 def test_without_scripts_the_first_frame_of_every_film_is_seen(opened: Any) -> None:
