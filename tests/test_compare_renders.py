@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mipbake import shading
+from mipbake.compare import pictures
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.pictures import SHIFT, RenderedView, RenderSettings, render_view
 from mipbake.compare.plots import apparent_brdf, half_pixel_shift, temporal_slice
@@ -27,6 +28,7 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import shapes
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
+from mipbake.render.samplers import sampler_named
 
 from .mesh_renders import candidate, reference
 
@@ -203,6 +205,17 @@ def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: 
         assert (again.rendered.reference == result.rendered.reference).all()
     other = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(1, 64))
     assert (other.rendered.reference != result.rendered.reference).any()
+
+
+def test_the_stochastic_sampler_draws_a_shifted_picture_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its noise would be the same in both, and no part of the flicker."""
+    monkeypatch.setattr(pictures, "SHIFT", (0.0, 0.0))
+    stored = bumpy(32)
+    candidates, view = baked(stored, ("linear", "box")), views((32, 32))["sphere-1-1"]
+    for sampler, changes in (("trilinear", False), ("stochastic", True)):
+        settings = RenderSettings(0, 32, sampler_named(sampler))
+        change = render_view(view, filtered(stored, "box"), candidates, settings).change
+        assert change is not None and (change.images["linear (box)"] != 0).any() == changes
 
 
 def test_filters_with_negative_lobes_and_views_without_interior_are_measured() -> None:

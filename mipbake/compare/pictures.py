@@ -121,11 +121,11 @@ def render_view(
 
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # share of the time that a reference takes
-    still = _render(view.shot, source, candidates, settings, lambda share: tell(part * share))
+    still = _render(view.shot, source, candidates, settings, 0, lambda share: tell(part * share))
     moved = None
     if moving:
         shot = replace(view.shot, camera=shifted(view.camera, SHIFT))
-        moved = _render(shot, source, candidates, settings, lambda share: tell(part * (1 + share)))
+        moved = _render(shot, source, candidates, settings, 1, lambda share: tell(part * (1 + share)))
     covered = still.frames[candidates[0].method.name]
     reference = still.reference
     scene = Scene(
@@ -170,8 +170,10 @@ def _render(
     source: FilteredSource,
     candidates: Sequence[Candidate],
     settings: RenderSettings,
+    frame: int,
     tell: Callable[[float], None],
 ) -> _Renders:
+    """A picture, the frame of that number in a motion: the stochastic sampler draws every frame anew."""
     frames = {
         each.method.name: mesh_render.candidate(
             shot,
@@ -179,7 +181,7 @@ def _render(
             each.method.model,
             source.wrap,
             settings.sampler,
-            rng=np.random.default_rng(settings.seed),
+            rng=np.random.default_rng((settings.seed, frame)),
         )
         for each in candidates
     }
