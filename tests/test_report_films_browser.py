@@ -96,6 +96,9 @@ def test_buttons_and_keys_show_single_frames_forwards_and_backwards(opened: Any)
         frame = int(shown[-1].split()[1]) - 1
         assert greys(page) == 2 * at(frame)
     assert shown == [f"frame {number} of 4" for number in (2, 3, 4, 3, 2)]
+    for key, frame in ((".", 0), (",", 1)):  # the button that was clicked has the focus
+        page.keyboard.press(key)
+        assert greys(page) == 2 * at(frame)
     page.locator(".film .divider").first.focus()
     for key, frame in ((",", 2), (",", 3), (",", 2), (".", 3)):
         page.keyboard.press(key)

@@ -219,8 +219,8 @@ class Clock {
         this.buttons.get('on').addEventListener('click', () => this.step(1));
         section.tabIndex = -1;  // what is clicked takes the keys
         section.addEventListener('keydown', (event) => {
-            if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('select, input, button, a')) return;
-            if (event.key === ' ') this.run(!this.running);
+            if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('select, input')) return;
+            if (event.key === ' ' && !event.target.closest('button, a')) this.run(!this.running);
             else if (event.key === ',' || event.key === '.') this.step(event.key === ',' ? -1 : 1);
             else return;
             event.preventDefault();
