@@ -77,7 +77,8 @@ def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeyp
     monkeypatch.setattr("mipbake.compare.comparing.check_color_video_vdp", missing)
     given = ["compare", folder, "-o", tmp_path / "r", *FILMS, *FEW]
     assert "type 'pip'" in fails(capsys, 2, *given, "--fail-if", "film_floor.jod_37 < 9")
-    assert "for nothing" in fails(capsys, 2, *given, "--no-films", "--fail-if", "film_floor.jod_37 < 9")
+    for condition in ("film_floor.jod_37 < 9", "film_floor.flip < 9"):
+        assert "has no films: leave it out" in fails(capsys, 2, *given, "--no-films", "--fail-if", condition)
     assert not (tmp_path / "r").exists()
 
 

@@ -66,9 +66,9 @@ class Settings:
     """How a comparison is made.
 
     Args:
-        lighting: of the renders; None for the studio.
-        mesh: what is rendered in place of spheres and plane.
-        sampler: how stacks are looked up in renders.
+        lighting: of renders and films; None for the studio.
+        mesh: what is rendered and filmed, in place of spheres, planes and walls.
+        sampler: how stacks are looked up in renders and films.
         side: of a square render, in pixels; the plane is 7/4 as wide. Films are no higher than it, nor than
             `mipbake.compare.films.RESOLUTION`.
         max_passes: most samples for each pixel in the reference of a render; of a film no more than
@@ -78,7 +78,7 @@ class Settings:
         accumulate: whether films are accumulated over frames, as most engines do.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
         seed: seed of everything that is drawn.
-        cache: folder where references of renders are kept for the next comparison; None for nowhere.
+        cache: folder where references of renders and films are kept for the next comparison; None for nowhere.
 
     Raises:
         UsageError: numbers that no comparison can be made with.
@@ -119,7 +119,7 @@ class Settings:
 
     @property
     def lights(self) -> Lighting:
-        """The lighting of the renders."""
+        """The lighting of renders and films."""
         return self.lighting or environment.studio()
 
 
@@ -196,8 +196,7 @@ def compare(
         raise UsageError("no method was named: expected at least one to compare")
     planned = _planned(texture_set, rivals, kernel, views, films)
     for condition in conditions:
-        if films and MEASURES[condition.measure].needs == "film":
-            check_color_video_vdp()
+        _decidable(condition, settings)
         condition.check(planned)
     foreign = mismatch(stack, texture_set) if stack else None
     warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
@@ -308,6 +307,18 @@ def _films(texture_set: TextureSet, settings: Settings) -> tuple[FilmScene, ...]
         return ()
     size, last = (texture_set.height, texture_set.width), int(texture_space.last_lod(texture_set))
     return films_of(size, settings.lights, last, settings.mesh, settings.motion, settings.side)
+
+
+def _decidable(condition: Condition, settings: Settings) -> None:
+    """UsageError where a condition is on a film and no film is made, or where nothing is installed that judges it."""
+    judged = MEASURES[condition.measure].needs == "film"
+    if not settings.films and (judged or (condition.view or "").startswith(film_view(""))):
+        raise UsageError(
+            f"condition {condition.text!r}: it is on a film, and the comparison has no films: leave it out, or make "
+            "films"
+        )
+    if judged:
+        check_color_video_vdp()
 
 
 def _planned(
