@@ -3,8 +3,7 @@
     python benchmarks/films.py MATERIALS FOLDER --results FILE    measures, and writes the figures of all sets as JSON
 
 MATERIALS is a folder of texture sets, FOLDER takes a file a set, from which a stopped run goes on. Every set is filmed
-as floor, wall and sphere, under one of three lightings in turn. A sampler that a bake is made for will film the stack
-that is made for it.
+as floor, wall and sphere, under one of three lightings in turn.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ def main() -> None:
     parser.add_argument("materials", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--results", type=Path, required=True, help="file for the figures of all sets")
-    parser.add_argument("--plans", nargs="*", help="names of the sets that are measured; all without it")
+    parser.add_argument("--plans", nargs="+", help="names of the sets that are measured; all without it")
     options = parser.parse_args()
     sets = folder_sets(options.materials)
     options.folder.mkdir(parents=True, exist_ok=True)

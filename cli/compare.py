@@ -115,7 +115,7 @@ def compare(
     ] = next(iter(ENVIRONMENTS)),
     mesh: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option(metavar="FILE", help="Render and film this mesh (.obj, .gltf, .glb), no spheres and planes."),
+        typer.Option(metavar="FILE", help="Render and film this mesh (.obj, .gltf, .glb) and nothing else."),
     ] = None,
     sampler: Annotated[
         str,
