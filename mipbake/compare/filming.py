@@ -1,7 +1,7 @@
 """Films of a comparison: every candidate's frames, one reference for all, and the figures of each.
 
-A film's reference takes twice as many samples until the noise of what is displayed is small beside the error of the
-closest candidate. Figures that take its halves apart see none of that noise.
+A film's reference takes more samples until the noise of what is displayed is small beside the error of the closest
+candidate. Figures that take its halves apart see none of that noise.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ UNSEEN = 1 / (255 * math.sqrt(12))
 """Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
 
 _LEAST_PASSES = 16  # a guess
+_LEAST_STEP = 1.25  # times as many samples as before; a guess
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,10 @@ def _reference(
         if shown.noise <= _wanted(closest) or passes >= most:
             progress(1.0)
             return shown, closest
-        before, passes = passes, min(2 * passes, most)
+        # The noise falls at least with the root of the number of samples; what seems needed, but no more than double.
+        # Steps are not too small, lest one of many rough estimates is low by chance.
+        needed = passes * min(2.0, max(_LEAST_STEP, (shown.noise / _wanted(closest)) ** 2))
+        before, passes = passes, min(2 * math.ceil(needed / 2), most)
 
 
 def _wanted(error: float) -> float:
