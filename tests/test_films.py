@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -259,3 +260,26 @@ def test_a_surface_that_came_from_outside_of_the_picture_shows_the_new_frame() -
     assert isinstance(aside, Camera)
     new = np.random.default_rng(0).random((24, 32, 3))
     assert np.array_equal(accumulation._moved(np.zeros_like(new), film.shots[1], aside, new), new)
+
+
+def test_a_history_is_held_to_the_colours_around_each_pixel_of_the_new_frame() -> None:
+    rng = np.random.default_rng(0)
+    history, new = 3 * rng.random((2, 6, 7, 3)) - 1
+    expected = np.empty_like(history)
+    for row, column, channel in np.ndindex(history.shape):
+        around = new[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2, channel]
+        expected[row, column, channel] = min(max(history[row, column, channel], around.min()), around.max())
+    assert np.array_equal(accumulation._held(history, new), expected)
+
+
+def test_a_new_frame_is_a_tenth_of_what_is_shown_in_tonemapped_radiance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grey that stood still, then a chequered frame, black and bright."""
+    chequered = np.float32(9) * (np.indices((24, 32)).sum(0) % 2)[..., None] * np.ones(3, np.float32)
+    grey = np.ones_like(chequered)
+    rendered = iter([grey] * (JITTERS + 1) + [chequered])
+    monkeypatch.setattr(accumulation, "candidate", lambda *_: SimpleNamespace(image=next(rendered)))
+    shown = film_accumulated(still(2), stack(), "gltf", WRAP)
+    np.testing.assert_allclose(shown[0], 1, rtol=1e-6)
+    mixed = 0.9 * 0.5 + 0.1 * np.array([0.0, 0.9])  # 1 is 0.5 tonemapped, and 9 is 0.9
+    expected = np.where(chequered > 0, *(mixed / (1 - mixed))[::-1])
+    np.testing.assert_allclose(shown[1], expected, rtol=1e-5)
