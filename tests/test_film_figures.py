@@ -91,6 +91,16 @@ def test_figures_by_hand() -> None:
     assert found.flicker_snr == pytest.approx(lost, abs=1e-3)
 
 
+def test_change_is_of_pixels_that_are_inside_in_all_frames() -> None:
+    """A pixel that leaves the interior shows the reference from then on, and this change is nobody's."""
+    linear = reference()
+    linear.interior[2:, :, :12] = False
+    film = exact()
+    film[:2, :, :12] = 40
+    found = film_figures(film, ShownReference.of(linear), ())
+    assert found.flicker == pytest.approx(1) and found.snr < 0 and found.flip > 0.1
+
+
 def test_noise_biases_neither_snr_nor_flicker() -> None:
     wrong = (exact() + 0.1 * np.roll(exact(), 5, 2)).astype(np.float32)
     noisy, right = (film_figures(wrong, ShownReference.of(reference(noise)), ()) for noise in (0.05, 0.0))

@@ -15,8 +15,10 @@ from mipbake.compare.filming import RESOLVED_SHARE, UNSEEN, FilmSettings, film, 
 from mipbake.compare.films import FilmScene
 from mipbake.compare.pictures import RenderSettings
 from mipbake.compare.result import Figure, Filmed
-from mipbake.metrics import MEASURES
+from mipbake.metrics import MEASURES, displayed
 from mipbake.render import shapes
+from mipbake.render.accumulation import film_accumulated
+from mipbake.render.film import film_candidate
 
 from .test_compare_renders import LIGHTS, baked, bumpy, constant, filtered
 
@@ -116,6 +118,27 @@ def test_accumulation_and_samplers_change_what_candidates_show_and_not_the_refer
         assert np.array_equal(changed.reference, plain.reference)
         assert not np.array_equal(changed.images["linear (box)"], plain.images["linear (box)"])
         assert (changed.scene.accumulated, changed.scene.sampler) == (other.accumulate, other.renders.sampler)
+
+
+def test_the_seed_draws_what_the_stochastic_sampler_shows() -> None:
+    stored = bumpy(32)
+    scene, candidates, source = scenes()["wall"], baked(stored, ("linear", "box")), filtered(stored, "gaussian")
+    for seed, accumulate in ((3, False), (4, True)):
+        looks = RenderSettings(seed, 16, "stochastic")
+        filmed, _ = film(scene, source, candidates, FilmSettings(looks, accumulate=accumulate))
+        make = film_accumulated if accumulate else film_candidate
+        made = make(scene.film, candidates[0].levels, "gltf", source.wrap, "stochastic", seed)
+        off = 255 * displayed(made * np.float64(filmed.scene.exposure)) - filmed.images["linear (box)"]
+        assert np.abs(off).max() < 0.51
+
+
+def test_a_film_shows_the_outline_of_a_candidate_as_it_is() -> None:
+    """Measures see the reference there, people see steps."""
+    level, candidates = constant()
+    filmed, _ = film(scenes()["sphere"], filtered(level, "gaussian"), candidates, settings(16))
+    black = (filmed.images["constant"] == 0).all(-1)
+    grey = (filmed.reference > 64).any(-1)
+    assert (black & grey).any()
 
 
 def test_the_level_of_detail_of_a_film_is_clamped_to_the_stack() -> None:

@@ -81,13 +81,6 @@ class FilmReference:
         """(T, H, W, 3) float32, the mean of the halves."""
         return np.asarray((self.first + self.second) / 2, np.float32)
 
-    @property
-    def noise(self) -> float:
-        """Estimated root mean square error of `frames` over the interior, relative to their root mean square there."""
-        a, b = (each[self.interior].astype(np.float64) for each in (self.first, self.second))
-        signal = float(np.mean(a * b)) if len(a) else 0.0
-        return float(np.sqrt(np.mean((a - b) ** 2) / 4 / signal)) if signal > 0 else 0.0
-
 
 def film_candidate(
     film: Film,
