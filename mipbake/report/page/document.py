@@ -144,8 +144,8 @@ def _films(comparison: Comparison, shown: Html) -> Html:
         class_="js",
     )
     text = (
-        "Each method shows every frame with one lookup for each pixel; the reference is supersampled. All frames of a "
-        "film have one exposure. ColorVideoVDP says how a film looks beside the reference, in JOD: 10 is no visible "
+        "Each method is shaded once for each pixel of every frame; the reference is supersampled. All frames of a film "
+        "have one exposure. ColorVideoVDP says how a film looks beside the reference, in JOD: 10 is no visible "
         "difference, and one less is what three in four people prefer the reference over."
     )
     controls = element(
