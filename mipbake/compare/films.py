@@ -116,7 +116,8 @@ def _wall_shot(size: tuple[int, int], lighting: Lighting, resolution: tuple[int,
     raised = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
     turned = _about_y(_WALL_ANGLE) @ raised
     tangents = np.concatenate([ground.tangents[:, :3] @ turned.T, ground.tangents[:, 3:]], 1)
-    uv = (ground.uv - 0.5) * side / _WALL_TEXEL / np.array([size[1], size[0]], np.float64)
+    # The middle of the texture in the middle of the picture: sets that do not repeat fill it.
+    uv = 0.5 + (ground.uv - 0.5) * side / _WALL_TEXEL / np.array([size[1], size[0]], np.float64)
     mesh = Mesh("wall", ground.positions @ turned.T, ground.normals @ turned.T, uv, tangents, ground.triangles)
     camera = Camera((0.0, 0.0, distance), field_of_view=_WALL_FIELD, near=0.1 * distance, far=10 * distance)
     return Shot(mesh, camera, lighting, resolution)
