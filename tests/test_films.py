@@ -217,7 +217,8 @@ def test_a_still_film_tends_to_the_mean_of_its_jittered_frames(monkeypatch: pyte
     once = candidate(film.shots[0], levels, "gltf", WRAP).image
     monkeypatch.setattr(accumulation, "_held", lambda history, _new: history)
     free = film_accumulated(film, levels, "gltf", WRAP)[-1]
-    assert error(free, mean) < 0.15 * error(once, mean)
+    # Exponential weights of a tenth leave sqrt(0.1 / 1.9) = 0.23 of what independent frames are off by.
+    assert error(free, mean) < 0.23 * error(once, mean)
     assert error(last, mean) < 0.5 * error(once, mean)
 
 
