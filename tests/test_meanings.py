@@ -74,7 +74,7 @@ WORDS = {
         ),
         names=(
             *("compare.candidates", "compare.candidates.Candidate", "compare.turning.Turning.candidate"),
-            *("render.mesh_render.candidate", "render.texture_space.candidate"),
+            *("render.film.film_candidate", "render.mesh_render.candidate", "render.texture_space.candidate"),
         ),
         types=(r"(Sequence\[)?(Candidate|Frame)\]?", "ImageArray", ARRAYS),
     ),
@@ -106,8 +106,10 @@ WORDS = {
             *("compare.turning.Turning.reference", "judging.lit_renders.lit_reference", "reference"),
             *("reference.estimate.reference", "render.mesh_render.Reference", "render.mesh_render.reference"),
             *("training.loss.draw_noisy_reference", "raster.reference", "sampling.reference", "shading.reference"),
+            *("compare.film_figures.ShownReference", "render.film.FilmReference", "render.film.film_reference"),
+            *("render.film.FilmSampling.reference", "render.mesh_render.reference_key"),
         ),
-        types=("Reference", "ImageArray", ARRAYS),
+        types=("Reference", "FilmReference", "ImageArray", ARRAYS),
         phrases=r"references? (to|from) (a|an|the) (texture|image|buffer|file)",
     ),
     # One direction of light and one of view, never two of anything else.
@@ -140,7 +142,7 @@ WORDS = {
             *("models.lookup_kernel.periodic_levels", "models.moment_inference.bake_levels"),
             *("pixel_filter.filtered_levels", "prefilter.promise.LevelPromise", "prefilter.search.level_fit"),
             *("prefilter.search.ingredients.Bench.levels", "prefilter.search.level_fit.fit_level"),
-            *("prefilter.search.pixel_samples.levels_seen", "render.mesh_render.level_of_detail"),
+            *("prefilter.search.pixel_samples.levels_seen", "render.samplers.level_of_detail"),
         ),
         types=(
             *(r"int( \| None)?", "range", ARRAYS, "Levels", rf"(Sequence|list)\[{ARRAYS}\]", r"tuple\[Any, \.\.\.\]"),
