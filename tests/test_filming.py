@@ -92,7 +92,7 @@ def test_a_reference_that_needs_a_few_samples_more_takes_a_few_more(monkeypatch:
     scene, candidates, source = scenes()["floor"], baked(stored, ("linear", "box")), filtered(stored, "gaussian")
     at_32 = film(scene, source, candidates, settings(32))[0].scene
     monkeypatch.setattr(filming, "RESOLVED_SHARE", at_32.noise / at_32.candidate_error / 1.05)
-    monkeypatch.setattr(filming, "_LEAST_PASSES", 32)
+    monkeypatch.setattr(filming, "LEAST_PASSES", 32)
     assert 32 < film(scene, source, candidates, settings(256))[0].scene.passes < 64
 
 

@@ -215,7 +215,7 @@ def test_a_still_film_tends_to_the_mean_of_its_jittered_frames(monkeypatch: pyte
     offsets = [(float(x), float(y)) for x, y in jitter(JITTERS)]
     mean = np.mean([candidate(film.shots[0], levels, "gltf", WRAP, offset=each).image for each in offsets], 0)
     once = candidate(film.shots[0], levels, "gltf", WRAP).image
-    monkeypatch.setattr(accumulation, "_held", lambda history, _new: history)
+    monkeypatch.setattr(accumulation, "held", lambda history, _new: history)
     free = film_accumulated(film, levels, "gltf", WRAP)[-1]
     # Exponential weights of a tenth leave sqrt(0.1 / 1.9) = 0.23 of what independent frames are off by.
     assert error(free, mean) < 0.23 * error(once, mean)
@@ -242,7 +242,7 @@ def test_the_history_lands_where_the_surface_was() -> None:
         return 0.5 + 0.2 * np.stack([np.sin(0.3 * u), np.cos(0.2 * v), np.sin(0.2 * (u + v))], -1)
 
     new = np.full((48, 72, 3), 9.0)
-    moved = accumulation._moved(painted(before), after, film.cameras[0], new)
+    moved = accumulation.moved(painted(before), after, film.cameras[0], new)
     inside = np.s_[4:-4, 4:-4]  # at the border a history has no neighbours to interpolate between
     assert np.abs(moved - painted(after))[inside].max() < 2e-3
     assert np.abs(painted(before) - painted(after)).max() > 0.02
@@ -264,7 +264,7 @@ def test_a_surface_that_came_from_outside_of_the_picture_shows_the_new_frame() -
     aside = dataclasses.replace(film.cameras[0], position=(9.0, 0.0, 9.0), looks_at=(18.0, 0.0, 9.0))
     assert isinstance(aside, Camera)
     new = np.random.default_rng(0).random((24, 32, 3))
-    assert np.array_equal(accumulation._moved(np.zeros_like(new), film.shots[1], aside, new), new)
+    assert np.array_equal(accumulation.moved(np.zeros_like(new), film.shots[1], aside, new), new)
 
 
 def test_a_history_is_held_to_the_colours_around_each_pixel_of_the_new_frame() -> None:
@@ -274,7 +274,7 @@ def test_a_history_is_held_to_the_colours_around_each_pixel_of_the_new_frame() -
     for row, column, channel in np.ndindex(history.shape):
         around = new[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2, channel]
         expected[row, column, channel] = min(max(history[row, column, channel], around.min()), around.max())
-    assert np.array_equal(accumulation._held(history, new), expected)
+    assert np.array_equal(accumulation.held(history, new), expected)
 
 
 def test_a_new_frame_is_a_tenth_of_what_is_shown_in_tonemapped_radiance(monkeypatch: pytest.MonkeyPatch) -> None:

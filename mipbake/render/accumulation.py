@@ -58,8 +58,8 @@ def film_accumulated(
     for index, shot in enumerate(shots):
         new = rendered(shot, index)
         if index:
-            history = _moved(history, shot, film.cameras[index - 1], new)
-        history = NEW * new + (1 - NEW) * _held(history, new)
+            history = moved(history, shot, film.cameras[index - 1], new)
+        history = NEW * new + (1 - NEW) * held(history, new)
         shown.append(history / (1 - history))
     return np.stack(shown).astype(np.float32)
 
@@ -78,7 +78,7 @@ def _radical_inverse(index: int, base: int) -> float:
     return inverse
 
 
-def _moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArray[np.float64]) -> NDArray[np.float64]:
+def moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArray[np.float64]) -> NDArray[np.float64]:
     """The history where each pixel's surface was seen by the camera of the frame before, interpolated by cubic splines;
     the new frame where nothing is, and where the surface lay outside of the picture."""
     from scipy.ndimage import map_coordinates
@@ -95,11 +95,11 @@ def _moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArra
     row = (1 - was[..., 1] / w) / 2 * height - 0.5
     inside = covered & (np.abs(column - (width - 1) / 2) <= width / 2) & (np.abs(row - (height - 1) / 2) <= height / 2)
     at = np.stack([row, column])
-    moved = np.stack([map_coordinates(history[..., c], at, order=3, mode="nearest") for c in range(3)], -1)
-    return np.where(inside[..., None], moved, new)
+    shifted = np.stack([map_coordinates(history[..., c], at, order=3, mode="nearest") for c in range(3)], -1)
+    return np.where(inside[..., None], shifted, new)
 
 
-def _held(history: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float64]:
+def held(history: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float64]:
     """The history, no darker and no brighter than the new frame around each pixel, by channel."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
