@@ -317,23 +317,6 @@ def test_ssim_needs_room_for_its_window() -> None:
         structural_similarity(picture()[:10], picture()[:10])
 
 
-def test_false_sparkle_by_hand() -> None:
-    """What is 0.1 above the reference or less counts nothing, and nothing darker does; channels count by themselves."""
-    reference = np.full((1, 2, 2, 3), 0.3)
-    candidate = reference.copy()
-    candidate[0, 0, 0] = [0.9, 0.35, 0.1]  # 0.5 too much, forgiven, darker
-    candidate[0, 1, 1] = [0.4, 0.5, 0.0]  # just forgiven, 0.1 too much, darker
-    measured = false_sparkle(candidate, reference)
-    assert measured.per_pixel == pytest.approx(np.array([[[0.5 / 3, 0], [0, 0.1 / 3]]]), abs=1e-7)
-    assert measured.mean == pytest.approx(0.6 / 12)
-    assert false_sparkle(reference, candidate).mean == pytest.approx((0.1 + 0.2) / 12)
-
-
-def test_false_sparkle_ends_at_nine_tenths() -> None:
-    assert false_sparkle(flat(1, 1, 1), flat(0, 0, 0)).mean == pytest.approx(0.9)
-    assert false_sparkle(flat(0, 0, 0), flat(1, 1, 1)).mean == 0
-
-
 def test_a_mask_keeps_the_background_out_of_the_mean() -> None:
     candidate, reference = np.zeros((2, 3, 3)), np.zeros((2, 3, 3))
     candidate[0, 0] = 1

@@ -14,17 +14,11 @@ from PIL import Image
 
 from mipbake.report.page import write_report
 
-from .chromium import headless
+from .chromium import watched
 from .report_cases import NAMES, made_up, made_up_stacks
 
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 900}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with headless() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
@@ -46,28 +40,14 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def opened(browser: Any, report: Path) -> Iterator[Any]:
-    """Opens the report from disk; fails on anything that the browser complains about or asks a network for."""
-    complaints: list[str] = []
-    contexts = []
+    """Opens the report from disk (chromium.watched)."""
+    with watched(browser, report.as_uri()) as page:
 
-    def open_page(size: dict[str, int] = DESKTOP, **options: Any) -> Any:
-        # Nothing scrolls smoothly then, so that places are where they were measured.
-        contexts.append(browser.new_context(viewport=size, reduced_motion="reduce", **options))
-        page = contexts[-1].new_page()
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("request", lambda r: complaints.append(r.url) if r.url != report.as_uri() and _outside(r.url) else None)
-        page.goto(report.as_uri())
-        return page
+        def open_page(size: dict[str, int] = DESKTOP, **options: Any) -> Any:
+            # Nothing scrolls smoothly then, so that places are where they were measured.
+            return page(viewport=size, reduced_motion="reduce", **options)
 
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert [c for c in complaints if "GL Driver Message" not in c and "software WebGL" not in c] == []
-
-
-def _outside(url: str) -> bool:
-    return not url.startswith(("data:", "blob:"))
+        yield open_page
 
 
 def shown(value: float) -> int:

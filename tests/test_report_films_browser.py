@@ -10,17 +10,11 @@ import pytest
 
 from mipbake.report.page import write_report
 
-from .chromium import headless
+from .chromium import watched
 from .report_cases import film_figures, film_grey, filmed, made_up
 
 FEW = ("neural", "linear (box)", "lean (gaussian)")
 FRAMES = 4
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with headless() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
@@ -33,24 +27,13 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def opened(browser: Any, report: Path) -> Iterator[Any]:
-    """Opens the report from disk; fails on anything that the browser complains about or asks a network for."""
-    complaints: list[str] = []
-    contexts = []
+    """Opens the report from disk (chromium.watched)."""
+    with watched(browser, report.as_uri()) as page:
 
-    def open_page(motion: str = "reduce", width: int = 1280, **options: Any) -> Any:
-        size = {"width": width, "height": 2400}
-        contexts.append(browser.new_context(viewport=size, reduced_motion=motion, **options))
-        page = contexts[-1].new_page()
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("request", lambda r: complaints.append(r.url) if not r.url.startswith(("data:", "file:")) else None)
-        page.goto(report.as_uri())
-        return page
+        def open_page(motion: str = "reduce", width: int = 1280, **options: Any) -> Any:
+            return page(viewport={"width": width, "height": 2400}, reduced_motion=motion, **options)
 
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
+        yield open_page
 
 
 GREYS = """(selector) => [...document.querySelectorAll(selector)].map((canvas) => {

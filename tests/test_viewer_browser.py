@@ -18,7 +18,6 @@ from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.report.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
 from mipbake.stack import MipStack
 
-from .chromium import headless
 from .viewer_scenes import PROVENANCE, material, stack_of
 
 pytestmark = pytest.mark.independent
@@ -32,12 +31,6 @@ class Shot(NamedTuple):
 
     radiance: np.ndarray
     covered: np.ndarray
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with headless() as started:
-        yield started
 
 
 @pytest.fixture
