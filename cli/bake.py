@@ -9,6 +9,7 @@ from typing import Annotated, Optional
 import typer
 
 import mipbake
+from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
@@ -67,8 +68,8 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(PRESETS),
-            help="Engine that loads the stack. Its preset chooses target, formats, packing, normals and names unless "
-            "you do; see `mipbake presets`.",
+            help="Engine that loads the stack. Its preset chooses target, sampler, formats, packing, normals and names "
+            "unless you do; see `mipbake presets`.",
             show_default=False,
         ),
     ] = None,
@@ -147,6 +148,24 @@ def bake(
             show_default="the default of the method",
         ),
     ] = None,
+    sampler: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(BAKED_SAMPLERS),
+            help="How the engine looks the stack up where a pixel covers more of it in one direction than in another, "
+            f"for {_some_of('sampler')}: once, or with anisotropic filtering.",
+            show_default=f"as the preset chooses, else {DEFAULT_SAMPLER}",
+        ),
+    ] = None,
+    aim: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            metavar="0..1",
+            help=f"What {_some_of('aim')} aim at: 1 is pictures as people see them, 0 is decibels under single lights, "
+            "and a number between them weighs the two.",
+            show_default=f"{DEFAULT_AIM:g}",
+        ),
+    ] = None,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
@@ -167,6 +186,8 @@ def bake(
         min_roughness=min_roughness,
         weights=weights,
         budget=budget,
+        sampler=sampler,
+        aim=aim,
     )
     made = bake_sources(sources, out, wanted, replace(load, alpha_cutoff=alpha_cutoff), Printer(session))
     results = [told(each) for each in made]
