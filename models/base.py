@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.models.architecture import Architecture
 from mipbake.pixel_filter import Wrap
 
@@ -36,13 +37,14 @@ class Network(nn.Module, ABC):
         """The pixel filters that it was trained for; only released weights say that."""
 
     @abstractmethod
-    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:
+    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: str = DEFAULT_SAMPLER) -> Stacks:
         """Every level of the stacks of every model that is made; differentiable in the parameters.
 
         Args:
             stored: (B, S, S, C) stored channels of images that repeat, S a power of two.
             source: the model of the images, one of the encoders'.
-            pixel_filter: that the levels are for.
+            pixel_filter: that the levels are for. sampler: that will look them up, for networks that tell samplers
+                apart.
 
         Returns:
             (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.
@@ -57,12 +59,14 @@ class Network(nn.Module, ABC):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
         target; any size, without gradients.
 
         Args:
             progress: told the finished share, from 0 to 1.
+            sampler: as for `forward`.
 
         Raises:
             UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.

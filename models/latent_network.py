@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.material import convert
 from mipbake.models.base import Network, Patches, Stacks
@@ -242,8 +243,14 @@ class LatentNetwork(Network):
         target = target or self._only("decoders")
         return to_stored(self.whitening_of(target).inverse(self.decoder_of(target)(latent)), target)
 
-    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:  # noqa: ARG002
-        """See Network. The pixel filter is the one that the network is trained for."""
+    def forward(
+        self,
+        stored: Tensor,
+        source: str,
+        pixel_filter: str,  # noqa: ARG002
+        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+    ) -> Stacks:
+        """See Network. The pixel filter is the one that the network is trained for; it tells no samplers apart."""
         return self.stacks(stored, _PERIODIC, source)
 
     def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
@@ -270,6 +277,7 @@ class LatentNetwork(Network):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
         """See Network.
 

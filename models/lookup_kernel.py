@@ -11,6 +11,10 @@ more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slante
 its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
 
 Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
+
+A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
+the texels of that level cover, and films of floors look too blurred. So networks that tell samplers apart filter the
+levels above 0 a little less widely for it (`width_of`).
 """
 
 from __future__ import annotations
@@ -27,6 +31,14 @@ from mipbake.pixel_filter import level_sizes, resample_weights
 _BETWEEN = 1 / 60
 """What levels are sharper by because lookups lie between them. docs/research.md has what it gains in pictures; the
 number is a guess."""
+
+_TRILINEAR = 0.8
+"""Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
+
+
+def width_of(level: int, sampler: str) -> float:
+    """Width of the pixel filter of a level, in units of its own, for a network that tells samplers apart."""
+    return _TRILINEAR if level and sampler == "trilinear" else 1.0
 
 
 def sharpening(level: int) -> float:
@@ -51,20 +63,26 @@ def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:
     return image
 
 
-def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str) -> NDArray[np.float64]:
-    """(n_out, n_in): the pixel filter along one axis, from texels of level 0."""
-    index, weights = resample_weights(n_in, n_out, pixel_filter, wrap)
+def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str, width: float = 1.0) -> NDArray[np.float64]:
+    """(n_out, n_in): the pixel filter along one axis, from texels of level 0, `width` times as wide."""
+    index, weights = resample_weights(n_in, n_out, pixel_filter, wrap, width)
     matrix = np.zeros((n_out, n_in))
     np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
     return matrix
 
 
 @lru_cache(maxsize=64)
-def periodic_matrices(size: int, pixel_filter: str, sharp: bool = True) -> tuple[Tensor, ...]:
-    """(size_L, size) of every level of a square image that repeats: pixel filter and, if `sharp`, sharpening in one."""
+def periodic_matrices(
+    size: int, pixel_filter: str, sharp: bool = True, sampler: str | None = None
+) -> tuple[Tensor, ...]:
+    """(size_L, size) of every level of a square image that repeats: pixel filter and, if `sharp`, sharpening in one.
+
+    `sampler`: that will look the levels up; None where samplers are not told apart.
+    """
     out = []
     for level, (side, _) in enumerate(level_sizes(size, size)):
-        matrix = axis_matrix(size, side, pixel_filter, "wrap")
+        width = 1.0 if sampler is None else width_of(level, sampler)
+        matrix = axis_matrix(size, side, pixel_filter, "wrap", width)
         if sharp and side > 1:
             a = sharpening(level)
             matrix = (1 + 2 * a) * matrix - a * (np.roll(matrix, 1, 0) + np.roll(matrix, -1, 0))
@@ -73,10 +91,10 @@ def periodic_matrices(size: int, pixel_filter: str, sharp: bool = True) -> tuple
     return tuple(out)
 
 
-def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True) -> list[Tensor]:
+def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True, sampler: str | None = None) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
-    matrices = periodic_matrices(size, pixel_filter, sharp)
+    matrices = periodic_matrices(size, pixel_filter, sharp, sampler)
     rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
     rows = rows.reshape(batch, -1, size, channels)
     parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)

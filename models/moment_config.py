@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from mipbake.aim import BAKED_SAMPLERS, baked_sampler
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
@@ -40,6 +41,7 @@ class MomentConfig(Architecture):
         pointwise: dense 1 x 1 layers of the encoder.
         growth: new maps a layer of the encoder.
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
+        samplers: that the network tells apart, each with what the decoder adds for it; none: one stack serves all.
 
     The network of `mipbake-1` has the defaults, which are guesses.
     """
@@ -54,11 +56,18 @@ class MomentConfig(Architecture):
     growth: int = 24
     decoder_layers: int = 4
     decoder_growth: int = 32
+    samplers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.decoders) != 1 or self.decoders[0] not in MADE:
             raise UsageError(f"network.decoders must be one of {', '.join(MADE)} here, got {self.decoders!r}")
+        if self.samplers not in ((), BAKED_SAMPLERS):
+            raise UsageError(f"network.samplers must be {list(BAKED_SAMPLERS)} or [], got {list(self.samplers)!r}")
         check_counts(self)
+
+    def told(self, sampler: str) -> str | None:
+        """The sampler, where it is told apart; else None."""
+        return baked_sampler(sampler) if self.samplers else None
 
     @property
     def encoders(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from mipbake import directions, material
 from mipbake.errors import UsageError
-from mipbake.models.lookup_kernel import sharpened, sharpening
+from mipbake.models.lookup_kernel import sharpened, sharpening, width_of
 from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.models.workers import in_order
@@ -28,24 +28,40 @@ _FROM_TOP = 3
 guess."""
 
 
+@dataclass(frozen=True)
+class Lookup:
+    """What levels are made for.
+
+    Args:
+        kernel: name of the pixel filter. sampler: that will look the levels up; None where it is not told apart.
+    """
+
+    kernel: str
+    sampler: str | None = None
+
+    def width(self, level: int) -> float:
+        """Width of the pixel filter of a level."""
+        return 1.0 if self.sampler is None else width_of(level, self.sampler)
+
+
 def bake(
     network: MomentNetwork,
     stored: NDArray[np.float32],
     source: str,
     target: str,
-    pixel_filter: str,
+    lookup: Lookup,
     wrap: Wrap,
     progress: Callable[[float], None],
 ) -> list[NDArray[np.float32]]:
     """See MomentNetwork.bake."""
-    kernel = filter_named(pixel_filter).name
+    kernel = filter_named(lookup.kernel).name
     made, (read,) = network.config.made_from(target), network.config.encoders
     if not network.config.takes(source):
         raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
     if network.pixel_filters and kernel not in network.pixel_filters:
         filters = ", ".join(network.pixel_filters)
         raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
-    levels = bake_levels(network, material.convert(stored, source, read), kernel, wrap, progress=progress)
+    levels = bake_levels(network, material.convert(stored, source, read), lookup, wrap, progress=progress)
     if made == target:
         return levels
     converted = [material.regularise(material.convert(level, made, target), target) for level in levels]
@@ -54,11 +70,11 @@ def bake(
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is baked, and how: level 0 (H, W, R), the kernel's name, and the side of a tile."""
+    """What is baked, and how: level 0 (H, W, R), what for, and the side of a tile."""
 
     network: MomentNetwork
     stored: NDArray[np.float32]
-    kernel: str
+    lookup: Lookup
     wrap: Wrap
     tile: int
 
@@ -71,7 +87,7 @@ class _Plan:
 def bake_levels(
     network: MomentNetwork,
     stored: NDArray[np.float32],
-    kernel: str,
+    lookup: Lookup,
     wrap: Wrap,
     tile: int = DEFAULT_TILE,
     progress: Callable[[float], None] = lambda _: None,
@@ -81,14 +97,14 @@ def bake_levels(
     Args:
         network: the trained network.
         stored: (H, W, R) stored channels of the model that is read, any size.
-        kernel: name of the pixel filter. wrap: wrap mode along u and along v.
+        lookup: what the levels are for. wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding.
         progress: told the finished share, from 0 to 1.
 
     Returns:
         (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
     """
-    plan = _Plan(network, np.ascontiguousarray(stored), kernel, wrap, tile)
+    plan = _Plan(network, np.ascontiguousarray(stored), lookup, wrap, tile)
     with torch.inference_mode():
         top, latents = _from_top(plan, lambda share: progress(0.8 * share))
         levels = [top, *(_decoded(plan, latent, level) for level, latent in enumerate(latents, 1))]
@@ -106,10 +122,10 @@ class _Sink:
     columns: Sequence[Piece]
 
 
-def _sink(plan: _Plan, into: tuple[int, int], kernel: str) -> _Sink:
+def _sink(plan: _Plan, into: tuple[int, int], kernel: str, width: float = 1.0) -> _Sink:
     size, wrap = plan.sizes[0], plan.wrap
     rows, columns = (
-        pieces(*resample_weights(size[axis], into[axis], kernel, wrap[1 - axis]), size[axis], plan.tile)
+        pieces(*resample_weights(size[axis], into[axis], kernel, wrap[1 - axis], width), size[axis], plan.tile)
         for axis in (0, 1)
     )
     return _Sink(torch.zeros(*into, plan.network.latent_channels), rows, columns)
@@ -117,9 +133,11 @@ def _sink(plan: _Plan, into: tuple[int, int], kernel: str) -> _Sink:
 
 def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[np.float32], list[Tensor]]:
     """Level 0 of the stack, and the filtered latents (H_L, W_L, Z) of every other level."""
-    network, stored, kernel, wrap, tile = plan.network, plan.stored, plan.kernel, plan.wrap, plan.tile
+    network, stored, lookup, wrap, tile = plan.network, plan.stored, plan.lookup, plan.wrap, plan.tile
+    kernel = lookup.kernel
     sizes = plan.sizes
-    direct = [_sink(plan, size, kernel) for size in sizes[1 : 1 + _FROM_TOP]]
+    finest = list(enumerate(sizes))[1 : 1 + _FROM_TOP]
+    direct = [_sink(plan, size, kernel, lookup.width(level)) for level, size in finest]
     coarse = len(sizes) > 1 + _FROM_TOP
     boxes = [_sink(plan, sizes[1], "box")] if coarse else []
     taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
@@ -138,7 +156,7 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
         columns = border_indices(x - border, stop[1] + border, width, wrap[0]).numpy()
         around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])[0]
         filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, : network.detail], taps))
-        top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel).numpy()
+        top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel, lookup.sampler).numpy()
         return around[reach:-reach, reach:-reach]
 
     for done, ((y, x), inside) in enumerate(zip(corners, in_order(made, corners), strict=True), 1):
@@ -152,7 +170,7 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
             finer = level - _FROM_TOP
             if finer > 1:
                 box = resample(box, sizes[finer], "box", wrap)
-            latents.append(torch.from_numpy(resample(box, sizes[level], kernel, wrap)))
+            latents.append(torch.from_numpy(resample(box, sizes[level], kernel, wrap, lookup.width(level))))
     return top, latents
 
 
@@ -173,5 +191,6 @@ def _decoded(plan: _Plan, latent: Tensor, level: int) -> NDArray[np.float32]:
     ready = with_detail(sharpened(latent, level, plan.wrap), latent[..., : plan.network.detail])
     index = torch.full((1,), float(level))
     rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as many texels at a time as of level 0
-    parts = in_order(lambda some: plan.network.decode(some, index, plan.kernel).numpy(), rows)
+    lookup = plan.lookup
+    parts = in_order(lambda some: plan.network.decode(some, index, lookup.kernel, lookup.sampler).numpy(), rows)
     return np.concatenate(list(parts))

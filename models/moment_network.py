@@ -13,6 +13,9 @@ network differs from theirs in five ways.
 - The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
 - Colours of diffuse light stay averages, right from every direction; colours of highlights may change.
 
+A network may tell samplers apart: for each, the decoder adds numbers of its own to what its layers sum up, which is
+what one more input that says which sampler it is would do.
+
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
 """
 
@@ -27,6 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.material import Kind, MaterialModel, model_named
 from mipbake.models import surface
 from mipbake.models.base import Network, Stacks
@@ -77,6 +81,8 @@ class MomentNetwork(Network):
         # Beside the output, so that a network for anisotropic lobes can start from one for round ones.
         self.stretch = nn.Linear(seen + wide * config.decoder_layers, OUTPUTS) if config.anisotropic else None
         self.crisp = nn.Linear(seen + wide * config.decoder_layers + self.detail, CRISP)
+        if config.samplers:
+            self.told = nn.Parameter(torch.zeros(len(config.samplers), sum(self._sums)))
         for layer in (*self.encoder, *self.decoder):
             nn.init.kaiming_normal_(layer.weight, a=SLOPE)
             nn.init.zeros_(layer.bias)
@@ -118,14 +124,27 @@ class MomentNetwork(Network):
         learned = self.project(maps).permute(0, 2, 3, 1)
         return torch.cat([moments(inside, self.read), learned], -1)
 
-    def decode(self, latent: Tensor, level: Tensor, pixel_filter: str) -> Tensor:
+    @property
+    def _sums(self) -> list[int]:
+        """How many numbers each part of the decoder sums up: its layers, the output and `crisp`."""
+        return [*[self.config.decoder_growth] * self.config.decoder_layers, self.output.out_features, CRISP]
+
+    def _added(self, sampler: str | None) -> list[Tensor | float]:
+        """What is added to the sums of each part of the decoder."""
+        if sampler is None:
+            return [0.0] * len(self._sums)
+        return list(torch.split(self.told[self.config.samplers.index(sampler)], self._sums))
+
+    def decode(self, latent: Tensor, level: Tensor, pixel_filter: str, sampler: str | None = None) -> Tensor:
         """(..., Z + detail) filtered latents to (..., C) stored channels, valid as they are; differentiable.
 
         Args:
             latent: filtered and sharpened, and what sharpening did (with_detail).
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
             pixel_filter: that the latents were filtered with.
+            sampler: that will look the texels up; None for a network that tells none apart.
         """
+        *told, told_output, told_crisp = self._added(sampler)
         count, width = moment_count(self.read), self.detail
         latent, detail = latent[..., :-width], latent[..., -width:].detach()
         found = statistics(latent[..., :count].detach(), self.read)  # of the latents that are not learned
@@ -136,35 +155,37 @@ class MomentNetwork(Network):
         code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., count:]], -1)
         layers = [cast(nn.Linear, layer) for layer in self.decoder]
-        flat = dense(maps.reshape(1, -1, maps.shape[-1]), [x.weight for x in layers], [x.bias for x in layers])
+        biases = [layer.bias + each for layer, each in zip(layers, told, strict=True)]
+        flat = dense(maps.reshape(1, -1, maps.shape[-1]), [layer.weight for layer in layers], biases)
         maps = flat.reshape(*maps.shape[:-1], -1)
         # Not of one tensor: it would be a copy of all maps.
         by_maps, by_detail = torch.split(self.crisp.weight, [maps.shape[-1], width], 1)
-        crisp = functional.linear(maps, by_maps, self.crisp.bias) + functional.linear(_DETAIL_SCALE * detail, by_detail)
+        crisp = functional.linear(maps, by_maps, self.crisp.bias + told_crisp)
+        crisp = crisp + functional.linear(_DETAIL_SCALE * detail, by_detail)
         added = more(detail, crisp.tanh(), self.read)
-        texels = corrected(found, _STEP * self.output(maps), added, self.read, self.made)
+        texels = corrected(found, _STEP * (self.output(maps) + told_output), added, self.read, self.made)
         if self.stretch is not None:
             lobes = added[..., moment_places(self.read).stretch]
             out = _STEP * self.stretch(maps)
             texels = {**texels, **stretched(found, texels[Kind.ROUGHNESS], out, lobes, self.made)}
         return torch.cat([texels[part.kind] for part in self.made.parts], -1)
 
-    def forward(self, stored: Tensor, source: str, pixel_filter: str) -> Stacks:  # noqa: ARG002
+    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: str = DEFAULT_SAMPLER) -> Stacks:  # noqa: ARG002
         """See Network. The source is the model that is read."""
-        latents, index = self._latents(stored, pixel_filter)
-        levels = _split(self.decode(latents, index, pixel_filter), stored)
+        told = self.config.told(sampler)
+        latents, index = self._latents(stored, pixel_filter, told)
+        levels = _split(self.decode(latents, index, pixel_filter, told), stored)
         (made,) = self.config.decoders
         return {made: agreeing(levels, made, ("wrap", "wrap"))}
 
-    def _latents(self, stored: Tensor, pixel_filter: str) -> tuple[Tensor, Tensor]:
+    def _latents(self, stored: Tensor, pixel_filter: str, sampler: str | None) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
         halo = self.halo
         maps = functional.pad(stored.permute(0, 3, 1, 2), (halo, halo, halo, halo), mode="circular")
         encoded = self.encode_extended(maps.permute(0, 2, 3, 1))
-        plain = periodic_levels(encoded[..., : self.detail], pixel_filter, sharp=False)
-        latents = [
-            with_detail(sharp, each) for sharp, each in zip(periodic_levels(encoded, pixel_filter), plain, strict=True)
-        ]
+        sharp = periodic_levels(encoded, pixel_filter, sampler=sampler)
+        plain = periodic_levels(encoded[..., : self.detail], pixel_filter, sharp=False, sampler=sampler)
+        latents = [with_detail(*both) for both in zip(sharp, plain, strict=True)]
         # One pass over the texels of all levels: the small ones cost no more than their texels.
         levels = [latents[0].new_full((z.shape[1], 1), float(level)) for level, z in enumerate(latents)]
         return torch.cat(latents, 1), torch.cat(levels)
@@ -177,11 +198,12 @@ class MomentNetwork(Network):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """See Network."""
-        from mipbake.models.moment_inference import bake
+        from mipbake.models.moment_inference import Lookup, bake
 
-        return bake(self, stored, source, target, pixel_filter, wrap, progress)
+        return bake(self, stored, source, target, Lookup(pixel_filter, self.config.told(sampler)), wrap, progress)
 
 
 def with_detail(sharp: Tensor, plain: Tensor) -> Tensor:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from mipbake import directions
+from mipbake.aim import BAKED_SAMPLERS
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, Kind, convert
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
 from mipbake.models.moment_config import MomentConfig
-from mipbake.models.moment_inference import bake, bake_levels
+from mipbake.models.moment_inference import Lookup, bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.prefilter.rules.linear import Linear
@@ -39,7 +42,9 @@ torch.set_num_threads(1)
 def test_a_constant_material_stays_as_it_is(texel: tuple[float, ...], wrap: Wrap) -> None:
     xy = np.array(texel[5:])
     stored = np.concatenate([texel[:5], xy, [np.sqrt(1 - xy @ xy)]]).astype(np.float32)
-    levels = bake(trained_like(), np.tile(stored, (20, 12, 1)), "gltf", "gltf", "gaussian", wrap, lambda _: None)
+    levels = bake(
+        trained_like(), np.tile(stored, (20, 12, 1)), "gltf", "gltf", Lookup("gaussian"), wrap, lambda _: None
+    )
     for level in levels:
         np.testing.assert_allclose(level, np.broadcast_to(stored, level.shape), atol=1e-3)  # a quarter of an 8-bit step
         for channel in range(4):
@@ -70,7 +75,7 @@ def test_diffuse_light_is_averaged() -> None:
 def test_colours_of_a_flat_dielectric_are_averages() -> None:
     stored = bumpy(32, 32)
     stored[..., 3], stored[..., 4], stored[..., 5:8] = 0, 0.4, (0, 0, 1)
-    levels = bake(trained_like(), stored, "gltf", "gltf", "box", TORUS, lambda _: None)
+    levels = bake(trained_like(), stored, "gltf", "gltf", Lookup("box"), TORUS, lambda _: None)
     averages = filtered_levels(stored, "box", TORUS)
     for index, (level, average) in enumerate(zip(levels, averages, strict=True)):
         expected = sharpened(torch.from_numpy(average), index, TORUS).numpy()[..., :4].clip(0, 1)
@@ -83,7 +88,7 @@ def test_colours_of_a_flat_dielectric_are_averages() -> None:
 @pytest.mark.parametrize(("height", "width"), [(40, 25), (16, 1), (33, 64)])
 def test_tiles_do_not_show(height: int, width: int, pixel_filter: str, model: str) -> None:
     network, stored = trained_like(config_of(model)), of_model(model, height, width)
-    whole, tiled = (bake_levels(network, stored, pixel_filter, ("clamp", "wrap"), tile) for tile in (128, 7))
+    whole, tiled = (bake_levels(network, stored, Lookup(pixel_filter), ("clamp", "wrap"), tile) for tile in (128, 7))
     assert [level.shape[:2] for level in whole] == level_sizes(height, width)
     for left, right in zip(whole, tiled, strict=True):
         np.testing.assert_allclose(left, right, atol=1e-4)
@@ -91,11 +96,11 @@ def test_tiles_do_not_show(height: int, width: int, pixel_filter: str, model: st
 
 def test_threads_do_not_show() -> None:
     network, stored = trained_like(), bumpy(300, 170)
-    one = bake_levels(network, stored, "gaussian", ("clamp", "wrap"), 64)
+    one = bake_levels(network, stored, Lookup("gaussian"), ("clamp", "wrap"), 64)
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        three = bake_levels(network, stored, "gaussian", ("clamp", "wrap"), 64)
+        three = bake_levels(network, stored, Lookup("gaussian"), ("clamp", "wrap"), 64)
     finally:
         torch.set_num_threads(before)
     for left, right in zip(one, three, strict=True):
@@ -282,3 +287,17 @@ def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:
     assert network.stretch is not None
     assert all(p.grad is not None and bool(p.grad.isfinite().all()) for p in network.parameters())
     assert float(network.stretch.weight.grad.abs().max()) > 0  # type: ignore[union-attr]
+
+
+def test_samplers_that_are_told_apart_change_coarser_levels_and_what_is_trained_is_what_is_baked() -> None:
+    network = trained_like(replace(config_of("gltf"), samplers=BAKED_SAMPLERS))
+    with torch.no_grad():
+        network.told.normal_(0, 0.3, generator=torch.Generator().manual_seed(0))
+    stored = of_model("gltf", 32, 32)
+    baked = {each: network.bake(stored, "gltf", "gltf", "gaussian", TORUS, sampler=each) for each in BAKED_SAMPLERS}
+    for sampler, levels in baked.items():
+        trained = network(torch.from_numpy(stored)[None], "gltf", "gaussian", sampler)["gltf"]
+        for made, expected in list(zip(levels, trained, strict=True))[:4]:  # coarser ones come from box averages
+            np.testing.assert_allclose(made, expected[0].detach().numpy(), atol=5e-4)
+    for level, (first, second) in enumerate(zip(*baked.values(), strict=True)):
+        assert np.abs(first - second).max() > 1e-3, level
