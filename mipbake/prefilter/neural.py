@@ -66,5 +66,5 @@ class Neural:
         from mipbake.models.registry import load_network
 
         info = self.weights(target, pixel_filter, source)
-        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress)
+        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
         return PrefilterResult(levels, info.name, info.sha256, sampler=self.sampler)
