@@ -121,6 +121,7 @@ _ALL = (
         sides="multiples of 4",
         notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
         no_finer="Unity is not known to take other texels",
+        sampler="anisotropic",
     ),
     Preset(
         "godot",
@@ -148,6 +149,7 @@ _ALL = (
         "Blender (Cycles)",
         (Output("exr:half", SEPARATE, OPENGL, _SET_FILE),),
         notes=("switch the texture cache on (5.2 and newer); older versions and EEVEE show level 0 alone",),
+        sampler="anisotropic",
     ),
 )
 
