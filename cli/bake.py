@@ -9,11 +9,12 @@ from typing import Annotated, Optional
 import typer
 
 import mipbake
+from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
 from mipbake.cli.bake_output import Printer, told
-from mipbake.cli.options import one_of
+from mipbake.cli.options import one_of, some_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
 from mipbake.compare.costs import LIMIT
@@ -22,7 +23,7 @@ from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.output import GLB, GLB_TEXELS
 from mipbake.packing import PACKINGS, SOURCE
 from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS, OPTIONS
+from mipbake.prefilter import METHODS
 from mipbake.prefilter.search.time_budget import BEST
 from mipbake.presets import PRESETS
 
@@ -30,12 +31,6 @@ _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.ite
 _FORMATS = "; ".join(
     f"{name}: {next(iter(kinds.values())).summary} (texels {', '.join(kinds)})" for name, kinds in FORMATS.items()
 )
-
-
-def _some_of(option: str) -> str:
-    """The methods that have an option, as a sentence lists them."""
-    *others, last = OPTIONS[option]
-    return f"{', '.join(others)} or {last}" if others else last
 
 
 @options.reads_sets
@@ -67,8 +62,8 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=one_of(PRESETS),
-            help="Engine that loads the stack. Its preset chooses target, formats, packing, normals and names unless "
-            "you do; see `mipbake presets`.",
+            help="Engine that loads the stack. Its preset chooses target, sampler, formats, packing, normals and names "
+            "unless you do; see `mipbake presets`.",
             show_default=False,
         ),
     ] = None,
@@ -134,7 +129,7 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar="NAME",
-            help=f"Trained weights, for {_some_of('weights')}.",
+            help=f"Trained weights, for {some_of('weights')}.",
             show_default="the weights for the target and the filter",
         ),
     ] = None,
@@ -142,9 +137,27 @@ def bake(
         Optional[str],  # noqa: UP045
         typer.Option(
             metavar=f"30s|2m|{BEST}",
-            help=f"Time that {_some_of('budget')} may spend on optimising: a number of seconds or minutes, or {BEST}, "
+            help=f"Time that {some_of('budget')} may spend on optimising: a number of seconds or minutes, or {BEST}, "
             "which goes on until nothing improves.",
             show_default="the default of the method",
+        ),
+    ] = None,
+    sampler: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(BAKED_SAMPLERS),
+            help="How the engine looks the stack up where a pixel covers more of it in one direction than in another, "
+            f"for {some_of('sampler')}: once, or with anisotropic filtering.",
+            show_default=f"as the preset chooses, else {DEFAULT_SAMPLER}",
+        ),
+    ] = None,
+    aim: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            metavar="0..1",
+            help=f"What {some_of('aim')} aim at: 1 is pictures as people see them, 0 is decibels under single lights, "
+            "and a number between them weighs the two.",
+            show_default=f"{DEFAULT_AIM:g}",
         ),
     ] = None,
 ) -> None:
@@ -167,6 +180,8 @@ def bake(
         min_roughness=min_roughness,
         weights=weights,
         budget=budget,
+        sampler=sampler,
+        aim=aim,
     )
     made = bake_sources(sources, out, wanted, replace(load, alpha_cutoff=alpha_cutoff), Printer(session))
     results = [told(each) for each in made]

@@ -56,9 +56,11 @@ class Printer(Listener):
         """See Listener."""
         made = result.provenance
         learned = f" with {made.weights}" if made.weights else ""
+        aimed = f", sampler {made.sampler}" if made.sampler else ""
+        aimed += "" if made.aim is None else f", aim {made.aim:g}"
         wrote = f"wrote {result.out}: {len(result.files)} files, {result.bytes / 1e6:.2f} MB"
         self.session.print(
-            f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}, "
+            f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}{aimed}, "
             f"{len(stack.levels)} levels",
             *(f"adjusted: {line}" for line in made.adjustments),
             *_promise(made),
@@ -148,8 +150,9 @@ def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
     ]
     files += [f"{GLB} with {output().format} in it"] if any(asked.wants_glb(job) for job in found) else []
     written = f", {'; '.join(files)}" if files else ""
+    sampler = f", sampler {asked.options.sampler}" if asked.options.sampler else ""
     return [
-        f"preset {preset.name} for {preset.engine}: target {asked.target}{written}",
+        f"preset {preset.name} for {preset.engine}: target {asked.target}{sampler}{written}",
         *(f"in the engine: {note}" for note in preset.notes),
     ]
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 import mipbake
+from mipbake.aim import DEFAULT_AIM
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
-from mipbake.cli.options import one_of
+from mipbake.cli.options import one_of, some_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
@@ -99,6 +100,14 @@ def compare(
             help="Pixel filter of the reference; with --baked, the filter of that stack.",
         ),
     ] = DEFAULT_FILTER,
+    aim: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            metavar="0..1",
+            help=f"What {some_of('aim')} aim at when they are baked, as in `mipbake bake --aim`.",
+            show_default=f"{DEFAULT_AIM:g}",
+        ),
+    ] = None,
     fail_if: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(
@@ -122,7 +131,8 @@ def compare(
         typer.Option(
             metavar=one_of(SAMPLERS),
             help="How renders and films look stacks up: between texels and levels; with 16x anisotropic filtering; or "
-            "a texel drawn at random, as renderers do that filter what is shaded.",
+            f"a texel drawn at random, as renderers do that filter what is shaded. Stacks of {some_of('sampler')} are "
+            "made for it, or for trilinear where it is stochastic.",
         ),
     ] = SAMPLERS[0],
     films: Annotated[
@@ -195,7 +205,7 @@ def compare(
         stack = mipbake.open_stack(known) if known else None
         with timings(session, texture_set.name) as progress, temporary_folder() as kept:
             renders = kept if keep_renders else None
-            compared = Subjects(stack, known, names, target, pixel_filter)
+            compared = Subjects(stack, known, names, target, pixel_filter, aim)
             found = compare_methods(texture_set, compared, settings, conditions, renders, progress)
             comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
             source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)

@@ -61,7 +61,9 @@ def _stack(session: Session, path: Path) -> dict[str, Any]:
         f"wrap {', '.join(stack.wrap)}",
         f"baked by {stack.method} of mipbake {stack.version}"
         + (f" with {stack.weights}" if stack.weights else "")
-        + f", pixel filter {stack.pixel_filter}",
+        + f", pixel filter {stack.pixel_filter}"
+        + (f", sampler {stack.sampler}" if stack.sampler else "")
+        + (f", aim {stack.aim}" if stack.aim else ""),
         *(f"{name}: normals {convention}" for name, convention in stack.conventions),
     )
     for each in files:
@@ -99,7 +101,7 @@ def _texels(image: FileInfo | ImageInfo, channels: str = "") -> str:
 def _told(about: Mapping[str, Any]) -> str:
     said = {key: ", ".join(map(str, value)) if isinstance(value, list) else value for key, value in about.items()}
     measured = said.pop("measured", None)
-    lines = [f"{key} {value}" for key, value in said.items() if value]
+    lines = [f"{key} {value}" for key, value in said.items() if value not in (None, "")]
     return ", ".join(lines + ([_measured(measured)] if measured else []))
 
 

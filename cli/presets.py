@@ -19,10 +19,10 @@ def presets(
     """Show what each preset of `mipbake bake --preset` chooses. docs/engines says why, and how to import the files."""
     session: Session = context.obj
     session.configure(False, json)
-    rows = table("preset", "for", "target", "formats", "packing", "normals", "sides")
+    rows = table("preset", "for", "target", "sampler", "formats", "packing", "normals", "sides")
     for preset in PRESETS.values():
         rows.add_row(*_row(preset))
-    rows.columns[3].min_width = max(len(output.format) for preset in PRESETS.values() for output in preset.outputs)
+    rows.columns[4].min_width = max(len(output.format) for preset in PRESETS.values() for output in preset.outputs)
     documents = [preset.name for preset in PRESETS.values() if preset.documents]
     session.print(
         rows,
@@ -41,6 +41,7 @@ def _row(preset: Preset) -> tuple[str, ...]:
         preset.name,
         preset.engine,
         preset.target,
+        preset.sampler,
         formats,
         first.packing,
         normals,

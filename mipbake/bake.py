@@ -60,6 +60,8 @@ def bake(
     progress: PhaseProgress = lambda _phase, _share: None,
     weights: str | None = None,
     budget: str | None = None,
+    sampler: str | None = None,
+    aim: float | None = None,
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
 
@@ -72,6 +74,9 @@ def bake(
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
         budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the default of the method.
+        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
+            for the default one.
+        aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
@@ -80,10 +85,10 @@ def bake(
         coverage on every level.
 
     Raises:
-        UsageError: an unknown method, target, filter or weights, a choice that the method does not have, or a budget
-            that cannot be read.
+        UsageError: an unknown method, target, filter, weights or sampler, a choice that the method does not have, a
+            budget that cannot be read, or an aim that is no number from 0 to 1.
     """
-    prefilter = method_named(method, weights, budget)
+    prefilter = method_named(method, weights, budget, sampler, aim)
     model = resolve_target(texture_set, target)
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model
@@ -115,6 +120,8 @@ def bake(
             weights=result.weights,
             weights_sha256=result.weights_sha256,
             budget=budget,
+            sampler=result.sampler,
+            aim=result.aim,
             tool_version=__version__,
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,

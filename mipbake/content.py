@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import BakedSampler, baked_sampler, checked_aim
 from mipbake.errors import UsageError
 from mipbake.io.layout import LAYOUTS, MapLayout, extra_layout
 from mipbake.io.map_files import Levels
@@ -27,6 +28,8 @@ class Provenance:
         pixel_filter: the pixel filter that the levels are made for.
         weights, weights_sha256: trained weights and their hash; None for closed forms.
         budget: time that the method was given to optimise, as it was asked for; None where it set its own.
+        sampler: that the levels are made for. aim: what the method aimed at, from 0, SNR under single lights, to 1,
+            what people see. None for methods that take none, and in files of versions that knew none.
         tool_version: version of mipbake.
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that level 0 was made from.
@@ -34,6 +37,9 @@ class Provenance:
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
         adjustments: what was changed after the bake, in sentences.
         alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
+
+    Raises:
+        UsageError: stacks are made for no such sampler or aim.
     """
 
     method: str
@@ -41,6 +47,8 @@ class Provenance:
     weights: str | None = None
     weights_sha256: str | None = None
     budget: str | None = None
+    sampler: BakedSampler | None = None
+    aim: float | None = None
     tool_version: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""
@@ -48,6 +56,13 @@ class Provenance:
     promise: Promise | None = None
     adjustments: tuple[str, ...] = ()
     alpha_cutoff: float | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what may come from files."""
+        if self.sampler is not None:
+            baked_sampler(self.sampler)
+        if self.aim is not None:
+            checked_aim(self.aim)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +110,8 @@ class Content:
                 "method": made.method,
                 "pixel_filter": made.pixel_filter,
                 "weights": made.weights,
+                "sampler": made.sampler,
+                "aim": made.aim,
                 "source_hash": made.source_hash,
                 "version": made.tool_version,
                 "wrap": list(self.wrap),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mipbake._srgb import srgb_to_linear
 from mipbake.content import Provenance
-from mipbake.errors import InputError
+from mipbake.errors import InputError, UsageError
 from mipbake.io import ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.gltf.document import Document, Json, member, number, read_document
@@ -189,10 +189,12 @@ class _Reader:
                 method=str(about["method"]),
                 pixel_filter=str(about["pixel_filter"]),
                 weights=about.get("weights"),
+                sampler=about.get("sampler"),
+                aim=about.get("aim"),
                 tool_version=str(about.get("version", "")),
                 source_hash=str(about.get("source_hash", "")),
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, UsageError) as error:
             raise InputError(
                 f"{self.made.path} does not say how its textures were made ({error}): bake it again"
             ) from error

@@ -1,10 +1,12 @@
-"""What engines load: a preset chooses target, containers, texels, packing, normals and names. docs/engines says why."""
+"""What engines load: a preset chooses target, sampler, containers, texels, packing, normals and names. Why stands in
+docs/engines."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
 from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS
@@ -42,6 +44,7 @@ class Preset:
         sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
         notes: what the user should do or know, in sentences.
         no_finer: why texels that are more precise than its outputs have are not advised; "": the engine takes some.
+        sampler: that the engine looks textures up with unless it is told otherwise.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Preset:
     sides: str = ""
     notes: tuple[str, ...] = field(default=())
     no_finer: str = ""
+    sampler: BakedSampler = DEFAULT_SAMPLER
 
     @property
     def target(self) -> str:
@@ -90,6 +94,7 @@ _ALL = (
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
         no_finer="Babylon.js before August 2026 takes no other texels",
+        sampler="anisotropic",
     ),
     Preset(
         "filament",
@@ -107,6 +112,7 @@ _ALL = (
         sides="powers of two",
         notes=("keep Mip Gen Settings at Leave Existing Mips and Composite Texture Mode off",),
         no_finer="Unreal Engine is not known to take other texels",
+        sampler="anisotropic",
     ),
     Preset(
         "unity",
@@ -115,6 +121,7 @@ _ALL = (
         sides="multiples of 4",
         notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
         no_finer="Unity is not known to take other texels",
+        sampler="anisotropic",
     ),
     Preset(
         "godot",
@@ -128,18 +135,21 @@ _ALL = (
         "Arnold",
         (Output("tx:half", SEPARATE, OPENGL, _SET_FILE),),
         notes=("switch auto-tx off; colours are linear Rec.709, convert them first where the scene is ACEScg",),
+        sampler="anisotropic",
     ),
     Preset(
         "renderman",
         "RenderMan",
         (Output("exr:half", SEPARATE, OPENGL, _SET_FILE), Output("png:16", SEPARATE, OPENGL, _SET_FILE)),
         notes=("levels that txmake takes lie beside the EXR files as PNG files",),
+        sampler="anisotropic",
     ),
     Preset(
         "blender",
         "Blender (Cycles)",
         (Output("exr:half", SEPARATE, OPENGL, _SET_FILE),),
         notes=("switch the texture cache on (5.2 and newer); older versions and EEVEE show level 0 alone",),
+        sampler="anisotropic",
     ),
 )
 

@@ -124,13 +124,14 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         "--light",
         str(tmp_path / "sky.exr"),
         "--methods",
-        "linear (box)",
+        "linear (box),neural",
         "--sampler",
         "anisotropic",
     ]
     assert run(folder, tmp_path / "report", *given) == 0
     results = json.loads((tmp_path / "report" / "results.json").read_text())
     assert [scene["view"] for scene in results["scenes"]] == ["mesh"] * 3
+    assert [method["sampler"] for method in results["methods"]] == [None, "anisotropic"]
     assert results["settings"]["sampler"] == "anisotropic" and "sky.exr" in results["settings"]["lighting"]
 
 

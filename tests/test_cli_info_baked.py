@@ -46,6 +46,17 @@ def test_info_on_every_file(tmp_path, capsys) -> None:
     capsys.readouterr()
 
 
+def test_info_says_what_a_stack_was_made_for(tmp_path) -> None:
+    folder = write_set(tmp_path / "metal")
+    given = ("--method", "refine", "--budget", "0.01s", "--sampler", "anisotropic", "--aim", "0")
+    code, said = run("bake", folder, "-o", tmp_path / "out", *given)
+    assert code == 0 and "pixel filter gaussian, sampler anisotropic, aim 0, " in said
+    place = tmp_path / "out" / "metal"
+    assert "pixel filter gaussian, sampler anisotropic, aim 0\n" in run("info", place)[1]
+    assert "sampler anisotropic, aim 0" in run("info", place / "normal.exr")[1]
+    assert json.loads(run("info", place, "--json")[1])["stack"]["provenance"]["aim"] == 0
+
+
 def test_info_on_a_stack_that_is_a_glb_only(tmp_path) -> None:
     assert bake(write_set(tmp_path / "metal"), "-o", tmp_path / "out", "--format", "glb")[0] == 0
     code, said = run("info", tmp_path / "out" / "metal")

@@ -9,10 +9,22 @@ import pytest
 
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
-from mipbake.compare.candidates import BAKED, bake_all, chosen, closed_forms, default_names, label, mismatch, opened
-from mipbake.compare.cautions import limits
+from mipbake.compare.candidates import (
+    BAKED,
+    bake_all,
+    check_aim,
+    chosen,
+    closed_forms,
+    default_names,
+    label,
+    mismatch,
+    opened,
+)
+from mipbake.compare.cautions import limits, made_for_others
+from mipbake.compare.result import Method
 from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.prefilter import METHODS
+from mipbake.render.samplers import sampler_named
 
 
 def noisy(height: int = 32, width: int = 32, seed: int = 0) -> TextureSet:
@@ -81,6 +93,35 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
     assert max(reported) == 1.0
     assert reported.count(1.0) == 2
+
+
+def test_stacks_are_made_for_a_sampler_by_methods_that_take_one() -> None:
+    names = ["neural", "linear (box)"]
+    with bake_all(noisy(), "gltf", "gaussian", names, sampler="anisotropic") as candidates:
+        assert [each.method.sampler for each in candidates] == ["anisotropic", None]
+
+
+def test_an_aim_that_nothing_takes_is_refused() -> None:
+    check_aim(["linear", "auto"], 1.0)
+    check_aim(["linear"], None)
+    with pytest.raises(UsageError, match=r"no method that is baked takes an aim: .* one of auto, refine"):
+        check_aim(["linear", "neural"], 1.0)
+    with pytest.raises(UsageError, match="expected a number from 0"):
+        check_aim(["auto"], -1.0)
+
+
+def test_stacks_for_another_sampler_are_named() -> None:
+    methods = [
+        Method("baked", "auto", "gaussian", "gltf", sampler="anisotropic"),
+        Method("neural", "neural", "gaussian", "gltf", sampler="trilinear"),
+        Method("linear (box)", "linear", "box", "gltf"),
+    ]
+    for sampler in ("trilinear", "stochastic"):
+        (said,) = made_for_others(methods, sampler_named(sampler))
+        assert said.startswith("baked was made for anisotropic lookups, and renders and films look stacks up with")
+        assert f"the sampler {sampler}: with --sampler anisotropic" in said
+    (said,) = made_for_others(methods, "anisotropic")
+    assert said.startswith("neural was made for trilinear lookups")
 
 
 def test_temporary_files_are_removed_when_a_comparison_fails(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What can be chosen for a method beside its name: trained weights, and the time it may take."""
+"""What can be chosen for a method beside its name: weights, the time it may take, a sampler and an aim."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mipbake.errors import UsageError
+from mipbake.judging.probes import ProbeEffort
 from mipbake.material import MODELS, convert
 from mipbake.models import list_weights
 from mipbake.pixel_filter import FILTERS
@@ -32,13 +33,49 @@ def test_other_budgets_say_what_is_expected(text: str) -> None:
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_methods_without_an_option_refuse_it(option: str) -> None:
-    value = list_weights()[0].name if option == "weights" else "1s"
+    value = {"weights": list_weights()[0].name, "budget": "1s", "sampler": "anisotropic", "aim": 1.0}[option]
     for name in METHODS:
         if name in OPTIONS[option]:
             assert method_named(name, **{option: value}).name == name
         else:
             with pytest.raises(UsageError, match=rf"method {name} takes no {option}: .*{'.*'.join(OPTIONS[option])}"):
                 method_named(name, **{option: value})
+
+
+def test_several_options_are_taken_at_once() -> None:
+    found = method_named("auto", budget="2s", sampler="anisotropic", aim=0.0)
+    assert isinstance(found, Auto) and (found.seconds, found.sampler, found.aim) == (2, "anisotropic", 0)
+    with pytest.raises(UsageError, match=r"method optimum takes no aim: leave it out, or choose one of auto, refine"):
+        method_named("optimum", budget="2s", aim=0.0)
+
+
+def test_samplers_and_aims_that_no_stack_is_made_for_are_refused() -> None:
+    for name in OPTIONS["sampler"]:
+        with pytest.raises(UsageError, match=r"sampler 'stochastic': expected trilinear or anisotropic"):
+            method_named(name, sampler="stochastic")
+    for aim in (-0.1, 1.5, float("nan")):
+        with pytest.raises(UsageError, match=r"expected a number from 0 .* to 1"):
+            method_named("refine", aim=aim)
+
+
+def test_results_say_what_they_were_made_for() -> None:
+    stored = np.full((4, 4, 8), [0.5, 0.4, 0.3, 1, 0.4, 0, 0, 1], np.float32)
+    effort = ProbeEffort(groups=4, points=8, samples=2, lit_points=64, doublings=0)
+    made = {
+        each.name: each(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap"), lambda _: None)
+        for each in (
+            Auto(effort=effort, descent=DescentEffort(rounds=1, looks=effort), sampler="anisotropic", aim=0.25),
+            Neural(sampler="anisotropic"),
+            Optimum(effort=effort, descent=DescentEffort(rounds=1, looks=effort)),
+            METHODS["lean"],
+        )
+    }
+    assert {name: (each.sampler, each.aim) for name, each in made.items()} == {
+        "auto": ("anisotropic", 0.25),
+        "neural": ("anisotropic", None),
+        "optimum": (None, None),
+        "lean": (None, None),
+    }
 
 
 def test_weights_are_found_before_anything_is_baked() -> None:

@@ -331,6 +331,20 @@ def test_presets_prints_every_row() -> None:
     assert json.loads(said)["presets"]["unity"]["outputs"][0]["format"] == "dds:bc"
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, None),
+        ({"preset": "unreal"}, "anisotropic"),
+        ({"preset": "three"}, "trilinear"),
+        ({"preset": "unreal", "sampler": "trilinear"}, "trilinear"),
+        ({"preset": "unreal", "method": "linear"}, None),
+    ],
+)
+def test_presets_choose_a_sampler_for_methods_that_take_one(options: dict[str, str], expected: str | None) -> None:
+    assert mipbake.BakeOptions(**options).asked().options.sampler == expected
+
+
 def test_formats_and_packings_of_presets_exist() -> None:
     for each in PRESETS.values():
         for output in each.outputs:
@@ -367,8 +381,9 @@ SPOKEN_PACKING = {
 def test_the_table_of_engines_agrees() -> None:
     rows = table_of_engines()
     assert list(rows) == list(PRESETS)
-    for name, (files, colour, normal, packing, *_) in rows.items():
+    for name, (files, colour, normal, packing, sampler, *_) in rows.items():
         each = PRESETS[name]
+        assert sampler == each.sampler
         formats = [output.format for output in each.outputs]
         assert [SPOKEN_FILES[part] for part in files.split(", ") if part in SPOKEN_FILES] == formats
         convention, channels = normal.replace("*", "").split(", ")
@@ -383,6 +398,7 @@ def test_the_table_of_engines_agrees() -> None:
 def test_pages_of_engines_name_the_files(name: str) -> None:
     page = (ENGINES / f"{name}.md").read_text()
     assert f"--preset {name}" in page
+    assert f"| sampler | `{PRESETS[name].sampler}`" in page
     for file, (channels, _) in EXPECTED[name].items():
         if channels[0].startswith(("base_color", "normal", "roughness")):
             spoken = file.replace("wood", "SET")

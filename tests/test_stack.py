@@ -267,6 +267,26 @@ def test_broken_stacks_are_input_errors(tmp_path, fmt):
         open_stack(tmp_path / "good")
 
 
+def test_what_a_stack_was_made_for_is_kept_and_missing_in_older_files(tmp_path):
+    stack = make_stack()
+    made_for = replace(stack.provenance, sampler="anisotropic", aim=0.0)
+    replace(stack, provenance=made_for).save(tmp_path / "s")
+    assert open_stack(tmp_path / "s").provenance == made_for
+    told = json.loads((tmp_path / "s" / MANIFEST).read_text())["provenance"]
+
+    def write(provenance):
+        content = json.loads((tmp_path / "s" / MANIFEST).read_text())
+        (tmp_path / "s" / MANIFEST).write_text(json.dumps({**content, "provenance": provenance}))
+
+    for odd in ({"sampler": "stochastic"}, {"aim": 2}, {"aim": "much"}):
+        write({**told, **odd})
+        with pytest.raises(InputError, match="does not describe a stack"):
+            open_stack(tmp_path / "s")
+    write({key: value for key, value in told.items() if key not in ("sampler", "aim")})
+    found = open_stack(tmp_path / "s").provenance
+    assert (found.sampler, found.aim) == (None, None)
+
+
 def test_importing_the_stack_imports_no_image_library():
     code = (
         "import sys, mipbake.stack; print([m for m in ('torch', 'OpenImageIO', 'colour', 'rich') if m in sys.modules])"

@@ -13,7 +13,7 @@ from mipbake.jobs import Failure, Job
 from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
 from mipbake.pixel_filter import filter_named
-from mipbake.prefilter import method_named
+from mipbake.prefilter import OPTIONS, method_named
 from mipbake.presets import Preset, preset_named, wanted_outputs
 from mipbake.texture_set import source_model
 
@@ -23,8 +23,9 @@ class BakeOptions:
     """How sources are baked and written, the same for all, as `mipbake bake` takes it.
 
     Args:
-        method, pixel_filter, weights, budget: as `mipbake.bake` takes them.
+        method, pixel_filter, weights, budget, aim: as `mipbake.bake` takes them.
         target: a material model, or "auto"; None: what the preset chooses, else "auto".
+        sampler: as `mipbake.bake` takes it; None: what the preset chooses, for methods that take one.
         preset: a name in `mipbake.presets.PRESETS`: an engine, which chooses what is None here.
         format: formats separated by commas, each with texels where they are not the default: "exr,ktx2:uastc,glb".
             None: a GLB for glTF sources, "exr" for others. `ktx2` and `dds` without texels get the smallest that cost
@@ -47,12 +48,17 @@ class BakeOptions:
     min_roughness: float = 0.0
     weights: str | None = None
     budget: str | None = None
+    sampler: str | None = None
+    aim: float | None = None
 
     def asked(self) -> Asked:
         """What that means for every source. UsageError for what no source can be baked with."""
-        method_named(self.method, self.weights, self.budget)
+        method_named(self.method, self.weights, self.budget, self.sampler, self.aim)
         filter_named(self.pixel_filter)
         preset = preset_named(self.preset) if self.preset else None
+        sampler = self.sampler
+        if sampler is None and preset and self.method in OPTIONS["sampler"]:
+            sampler = preset.sampler  # methods that take none are not asked for what nobody asked for
         target = self.target
         if target is None:
             target = preset.target if preset else AUTO_TARGET
@@ -72,7 +78,9 @@ class BakeOptions:
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
         if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
             check_encoder()
-        return Asked(replace(self, target=target), target, preset, outputs, glb, documents, adjustments, finer)
+        return Asked(
+            replace(self, target=target, sampler=sampler), target, preset, outputs, glb, documents, adjustments, finer
+        )
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,8 @@ class Asked:
     """What is to be baked and written, the same for every set.
 
     Args:
-        options: what it comes from. target, preset, outputs, adjustments: what they mean.
+        options: what it comes from, with the target and the sampler that they mean. target, preset, outputs,
+            adjustments: what they mean.
         glb: whether a GLB is written. documents: whether glTF sources become a GLB, and get no files of maps.
         finer: texels that the textures of a GLB may have in place of blocks.
     """

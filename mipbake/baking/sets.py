@@ -72,7 +72,17 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     options = asked.options
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
-        baked = bake(whole, options.method, model, options.pixel_filter, baking, options.weights, options.budget)
+        baked = bake(
+            whole,
+            options.method,
+            model,
+            options.pixel_filter,
+            baking,
+            options.weights,
+            options.budget,
+            options.sampler,
+            options.aim,
+        )
         baked = adjusted(baked, whole, asked.adjustments)
         return [
             _write(run, job, texture_set, stack, place / texture_set.name, baking)

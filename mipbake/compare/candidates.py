@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import BakedSampler, checked_aim
 from mipbake.bake import DEFAULT_METHOD
 from mipbake.compare.result import Method
 from mipbake.errors import OutputError, UsageError
@@ -18,7 +19,7 @@ from mipbake.io.map_files import Levels
 from mipbake.io.publish import reason, temporary_folder
 from mipbake.material import model_named
 from mipbake.pixel_filter import FILTERS, level_sizes
-from mipbake.prefilter import METHODS
+from mipbake.prefilter import METHODS, OPTIONS, Prefilter, method_named
 from mipbake.prefilter.neural import Neural
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -130,6 +131,8 @@ def bake_all(
     progress: PhaseProgress = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
+    sampler: BakedSampler | None = None,
+    aim: float | None = None,
 ) -> Iterator[list[Candidate]]:
     """The stacks of many methods, each with how long its bake took: `with bake_all(...) as candidates`.
 
@@ -144,6 +147,7 @@ def bake_all(
         progress: told "bake" and the finished share.
         memory_limit: in bytes.
         folder: where the temporary files go; None for the system's folder of such.
+        sampler, aim: what the stacks are made for, by methods that take them; None for the defaults.
 
     Raises:
         UsageError: an unknown name, model or pixel filter, or a method that does not have them.
@@ -163,12 +167,33 @@ def bake_all(
                     progress("bake", (done + share) / len(wanted))
 
             start = time.perf_counter()
-            levels = METHODS[method](stored, source, model, kernel, texture_set.wrap, tell).levels
-            made = Method(name, method, kernel, model, time.perf_counter() - start)
-            candidates.append(Candidate(made, keep(levels)))
-            del levels
+            result = _conditioned(method, sampler, aim)(stored, source, model, kernel, texture_set.wrap, tell)
+            seconds = time.perf_counter() - start
+            made = Method(name, method, kernel, model, seconds, sampler=result.sampler, aim=result.aim)
+            candidates.append(Candidate(made, keep(result.levels)))
+            del result
         progress("bake", 1.0)
         yield candidates
+
+
+def check_aim(methods: Iterable[str], aim: float | None) -> None:
+    """UsageError where an aim was asked for that is none, or that none of the methods takes."""
+    if aim is None:
+        return
+    checked_aim(aim)
+    if not set(methods) & set(OPTIONS["aim"]):
+        raise UsageError(
+            f"no method that is baked takes an aim: leave it out, or name one of {', '.join(OPTIONS['aim'])}"
+        )
+
+
+def _conditioned(method: str, sampler: BakedSampler | None, aim: float | None) -> Prefilter:
+    """The method with what it takes of a sampler and an aim."""
+    return method_named(
+        method,
+        sampler=sampler if method in OPTIONS["sampler"] else None,
+        aim=aim if method in OPTIONS["aim"] else None,
+    )
 
 
 def _as_they_are(levels: Levels) -> Levels:
@@ -205,7 +230,8 @@ def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
 def opened(stack: MipStack, path: Path | None = None) -> Candidate:
     """An existing stack as the candidate `baked`; the path is the folder that it was opened from."""
     made = stack.provenance
-    return Candidate(Method(BAKED, made.method, made.pixel_filter, stack.model, path=path), stack.levels)
+    method = Method(BAKED, made.method, made.pixel_filter, stack.model, path=path, sampler=made.sampler, aim=made.aim)
+    return Candidate(method, stack.levels)
 
 
 def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:

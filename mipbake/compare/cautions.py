@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from mipbake.compare.candidates import BAKED
 from mipbake.compare.film_figures import missing_judge
 from mipbake.compare.filming import RESOLVED_SHARE
-from mipbake.compare.result import Filmed, FilmedScene, Scene
+from mipbake.compare.result import Filmed, FilmedScene, Method, Scene
 from mipbake.material import losses, model_named
+from mipbake.render.samplers import Sampler, baked_for
 
 
 def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
@@ -41,6 +42,16 @@ def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
             f"stacks of {target} are isotropic and the source is not: this difference is in the error of every method."
         )
     return tuple(said)
+
+
+def made_for_others(methods: Sequence[Method], sampler: Sampler) -> tuple[str, ...]:
+    """A sentence for every stack that was made for another sampler than renders and films looked stacks up with."""
+    return tuple(
+        f"{each.name} was made for {each.sampler} lookups, and renders and films look stacks up with the sampler "
+        f"{sampler}: with --sampler {each.sampler} they show {each.name} as it was meant."
+        for each in methods
+        if each.sampler not in (None, baked_for(sampler))
+    )
 
 
 def unjudged(films: Sequence[Filmed]) -> tuple[str, ...]:

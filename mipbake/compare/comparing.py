@@ -15,8 +15,8 @@ import numpy as np
 
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
-from mipbake.compare.candidates import Candidate, bake_all, chosen, default_names, mismatch, opened
-from mipbake.compare.cautions import limits, not_converged, unjudged
+from mipbake.compare.candidates import Candidate, bake_all, check_aim, chosen, default_names, mismatch, opened
+from mipbake.compare.cautions import limits, made_for_others, not_converged, unjudged
 from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
 from mipbake.compare.film_figures import film_measures
 from mipbake.compare.filming import FilmSettings, film, film_view, films_of
@@ -45,7 +45,7 @@ from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.render_file import write_render
-from mipbake.render.samplers import Sampler
+from mipbake.render.samplers import Sampler, baked_for
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings
@@ -132,7 +132,8 @@ class Subjects:
             `pixel_filter`. path: the folder it came from, for readers.
         methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
             stack; None for auto (where there is no stack), neural and all closed forms.
-        target, pixel_filter: as in `mipbake.bake`.
+        target, pixel_filter, aim: as in `mipbake.bake`. Methods that take a sampler make their stacks for the sampler
+            of `Settings`; what a stack that is there was made for stays as it is.
     """
 
     stack: MipStack | None = None
@@ -140,6 +141,7 @@ class Subjects:
     methods: Sequence[str] | None = None
     target: str = AUTO_TARGET
     pixel_filter: str = DEFAULT_FILTER
+    aim: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +190,7 @@ def compare(
         else (tuple(asked.methods), ())
     )
     wanted = chosen(names, kernel)
+    check_aim([method for method, _ in wanted.values()], asked.aim)
     labels = tuple(wanted)
     views, films = _views(texture_set, settings), _films(texture_set, settings)
     rivals = [opened(stack, path).method] if stack else []
@@ -200,7 +203,8 @@ def compare(
         condition.check(planned)
     foreign = mismatch(stack, texture_set) if stack else None
     warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
-    with bake_all(texture_set, model, kernel, labels, clock) as baked:
+    made_for = baked_for(settings.sampler)
+    with bake_all(texture_set, model, kernel, labels, clock, sampler=made_for, aim=asked.aim) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
         comparison = _compared(texture_set, candidates, kernel, settings, views, films, renders, clock)
         shown = (comparison.subject, best_closed_form(comparison), "linear (box)")
@@ -211,7 +215,12 @@ def compare(
         }
     told = dataclasses.replace(
         comparison,
-        notes=(*notes, *limits(texture_set.source_model, model, stack is not None), *comparison.notes),
+        notes=(
+            *notes,
+            *limits(texture_set.source_model, model, stack is not None),
+            *made_for_others(comparison.methods, settings.sampler),
+            *comparison.notes,
+        ),
         warnings=(*warnings, *comparison.warnings),
         foreign=foreign is not None,
         seconds=clock.seconds,
@@ -370,5 +379,7 @@ def _stack(texture_set: TextureSet, candidate: Candidate) -> MipStack:
         levels=[np.array(level, np.float32) for level in candidate.levels],
         extra={},
         wrap=texture_set.wrap,
-        provenance=Provenance(made.method, made.kernel, source_hash=texture_set.source_hash),
+        provenance=Provenance(
+            made.method, made.kernel, sampler=made.sampler, aim=made.aim, source_hash=texture_set.source_hash
+        ),
     )

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import BakedSampler
+
 Image = NDArray[np.float32]
 """(H, W, 3) linear radiance, rows from the top."""
 
@@ -39,6 +41,7 @@ class Method:
         model: material model of its channels.
         seconds: that baking took; None for a stack that was opened.
         path: the folder of a stack that was opened.
+        sampler, aim: what it was made for, as its provenance has them; None for methods that take none.
     """
 
     name: str
@@ -47,6 +50,8 @@ class Method:
     model: str
     seconds: float | None = None
     path: Path | None = None
+    sampler: BakedSampler | None = None
+    aim: float | None = None
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,8 @@ class StackInfo:
         width, height: of level 0, in texels.
         levels: the most that an output has; 0 where no output tells.
         wrap: addressing along u and v.
-        method, version, weights, pixel_filter: how it was baked, as its provenance has it.
+        method, version, weights, pixel_filter, sampler, aim: how it was baked, as its provenance has it; empty where it
+            does not say.
         conventions: format and normal convention of every output that tells one.
         files: all that are listed, in the folder itself.
         channels: file to what each of its channels holds, where that is told.
@@ -48,6 +49,8 @@ class StackInfo:
     version: str
     weights: str
     pixel_filter: str
+    sampler: str
+    aim: str
     conventions: tuple[tuple[str, str], ...]
     files: tuple[Path, ...]
     channels: Mapping[Path, str]
@@ -78,6 +81,8 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
             str(made["tool_version"]),
             str(made.get("weights") or ""),
             str(made["pixel_filter"]),
+            str(made.get("sampler") or ""),
+            "" if made.get("aim") is None else f"{made['aim']:g}",
             tuple((str(o["format"]), str(o["normal_convention"])) for o in outputs if "normal_convention" in o),
             tuple(_within(file, name) for name in dict.fromkeys(listed)),
             {_within(file, name): _holds(entry) for entry in entries for name in entry.get("files", ())},

@@ -7,6 +7,7 @@ One interface (`Prefilter`): closed forms in `rules`, one a file; the network; m
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
@@ -16,16 +17,26 @@ from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
 METHODS: Mapping[str, Prefilter] = {m.name: m for m in (Auto(), Neural(), Refine(), Optimum())} | dict(RULES)
 
-OPTIONS: Mapping[str, Mapping[str, Callable[..., Prefilter]]] = {
-    "weights": {Auto.name: Auto, Neural.name: Neural, Refine.name: Refine},
-    "budget": {Auto.name: Auto, Refine.name: Refine, Optimum.name: Optimum},
+OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "weights": (Auto.name, Neural.name, Refine.name),
+    "budget": (Auto.name, Refine.name, Optimum.name),
+    "sampler": (Auto.name, Neural.name, Refine.name),
+    "aim": (Auto.name, Refine.name),
 }
-"""Option to the methods that have it, and what makes one with it from the option's keyword."""
+"""Option to the methods that take it, as a keyword of what makes them."""
+
+_MAKERS: Mapping[str, Callable[..., Prefilter]] = {each.name: each for each in (Auto, Neural, Refine, Optimum)}
 
 __all__ = ["METHODS", "OPTIONS", "Prefilter", "PrefilterResult", "method_named"]
 
 
-def method_named(name: str, weights: str | None = None, budget: str | None = None) -> Prefilter:
+def method_named(
+    name: str,
+    weights: str | None = None,
+    budget: str | None = None,
+    sampler: str | None = None,
+    aim: float | None = None,
+) -> Prefilter:
     """The method of that name, with what was chosen for it.
 
     Args:
@@ -33,17 +44,21 @@ def method_named(name: str, weights: str | None = None, budget: str | None = Non
         weights: trained weights by name, for methods that use some; None for the weights released as the default.
         budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds or minutes, or `best`,
             until nothing improves any more; None for the default of the method.
+        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
+            for the default one.
+        aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
 
     Raises:
-        UsageError: an unknown name, with the list of names; an option that the method does not have; unknown weights; a
-            budget that cannot be read.
+        UsageError: an unknown name, with the list of names; an option that the method does not take; unknown weights or
+            an unknown sampler; a budget that cannot be read; an aim that is no number from 0 to 1.
     """
     if name not in METHODS:
         raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
-    given = {option: value for option, value in (("weights", weights), ("budget", budget)) if value is not None}
+    asked: dict[str, Any] = {"weights": weights, "budget": budget, "sampler": sampler, "aim": aim}
+    given = {option: value for option, value in asked.items() if value is not None}
     for option in given:
         if name not in OPTIONS[option]:
             raise UsageError(
                 f"method {name} takes no {option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
             )
-    return OPTIONS[next(iter(given))][name](**given) if given else METHODS[name]
+    return _MAKERS[name](**given) if given else METHODS[name]

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import BakedSampler
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.promise import Promise
 
@@ -32,19 +33,23 @@ def say(progress: object, text: str) -> None:
 
 @dataclass(frozen=True)
 class PrefilterResult:
-    """Every level of a stack, and which trained weights made it.
+    """Every level of a stack, and what the method took to make it.
 
     Args:
         levels: (H_L, W_L, C) float32 stored channels of the target model, level 0 to 1 x 1.
         weights: name of the trained weights; None for closed forms.
         weights_sha256: hash of the weights; None for closed forms.
         promise: what was measured while it was made; None for methods that measure nothing.
+        sampler: that the levels are made for. aim: from 0, SNR under single lights, to 1, what people see. None for
+            methods that take none.
     """
 
     levels: list[NDArray[np.float32]]
     weights: str | None = None
     weights_sha256: str | None = None
     promise: Promise | None = None
+    sampler: BakedSampler | None = None
+    aim: float | None = None
 
 
 class Prefilter(Protocol):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER, baked_sampler
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.base import PrefilterResult, Progress
@@ -20,17 +21,19 @@ class Neural:
 
     Args:
         weights: name of the weights; None for the weights released as the default of the target and the pixel filter.
+        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
 
     Raises:
-        UsageError: no weights of that name.
+        UsageError: no weights or no sampler of that name.
     """
 
     name = "neural"
     summary = "a trained network (pixel-filter-aware MIP maps)"
     averages = False
 
-    def __init__(self, weights: str | None = None) -> None:
+    def __init__(self, weights: str | None = None, sampler: str = DEFAULT_SAMPLER) -> None:
         self._chosen: WeightsInfo | None = None
+        self.sampler = baked_sampler(sampler)
         if weights is not None:
             from mipbake.models.registry import find_weights
 
@@ -63,5 +66,5 @@ class Neural:
         from mipbake.models.registry import load_network
 
         info = self.weights(target, pixel_filter, source)
-        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress)
-        return PrefilterResult(levels, info.name, info.sha256)
+        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
+        return PrefilterResult(levels, info.name, info.sha256, sampler=self.sampler)

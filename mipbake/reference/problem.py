@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
 from mipbake.pixel_filter import Wrap, level_sizes
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
@@ -24,6 +25,7 @@ class Problem:
     Args:
         stored: (H, W, C) stored channels of level 0 of the source, model `source`.
         target: material model of the stack.
+        sampler: that will look the stack up.
     """
 
     stored: Image
@@ -31,6 +33,7 @@ class Problem:
     target: str
     pixel_filter: str
     wrap: Wrap
+    sampler: BakedSampler = DEFAULT_SAMPLER
 
     @property
     def filtered(self) -> FilteredSource:

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
+from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 
 Array = NDArray[np.float32]
 
-Sampler = Literal["trilinear", "anisotropic", "stochastic"]
+Sampler = Literal[BakedSampler, "stochastic"]
 """`trilinear`: one lookup at the level of detail log2 a, between texels and between levels: what three.js does unless
 it is told otherwise.
 `anisotropic`: the mean of n = min(ceil(a / b), 16) trilinear lookups, evenly spaced along the longer side, at
@@ -39,12 +40,17 @@ def sampler_named(name: str) -> Sampler:
     raise UsageError(f"no sampler is called {name!r}: expected {', '.join(SAMPLERS)}")
 
 
+def baked_for(sampler: Sampler) -> BakedSampler:
+    """The sampler that stacks are made for which one looks up so: `stochastic` draws what `trilinear` averages."""
+    return "trilinear" if sampler == "stochastic" else sampler
+
+
 def look_up(
     levels: Sequence[Array],
     uv: NDArray[np.float64],
     uv_da: NDArray[np.float64],
     wrap: Wrap,
-    sampler: Sampler = "trilinear",
+    sampler: Sampler = DEFAULT_SAMPLER,
     rng: np.random.Generator | None = None,
 ) -> Array:
     """(P, C) float32 stored channels that a stack shows at P points.

@@ -18,9 +18,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, baked_sampler, checked_aim
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.weights import SINGLE_LIGHTS, WEIGHTS, Weights
+from mipbake.judging.weights import SINGLE_LIGHTS, Weights, weights_for
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
@@ -64,7 +65,9 @@ class Searching:
             results reproducible.
         seed: seed of all that is drawn.
         effort: of the renders that judge. descent: effort on the levels; None for what is usual.
-        judged_by: what errors count; None for what is usual.
+        judged_by: what errors count; None for what the aim says.
+        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
+        aim: from 0, SNR under single lights, to 1, what people see in moving pictures.
     """
 
     name: str
@@ -73,7 +76,8 @@ class Searching:
     learned = True
     """Whether a network is among the ingredients."""
     usual_seconds: float | None = None
-    usual_weights = WEIGHTS
+    aims = True
+    """Whether an aim says what errors count, and stacks are made for a sampler that is chosen."""
 
     def __init__(
         self,
@@ -83,11 +87,14 @@ class Searching:
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
         judged_by: Weights | None = None,
+        sampler: str = DEFAULT_SAMPLER,
+        aim: float = DEFAULT_AIM,
     ) -> None:
-        self._neural, self._named = Neural(weights), weights is not None
+        self.sampler, self.aim = baked_sampler(sampler), checked_aim(aim)
+        self._neural, self._named = Neural(weights, sampler), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
-        self._seed, self._effort, self._judged_by = seed, effort, judged_by or self.usual_weights
+        self._seed, self._effort, self._judged_by = seed, effort, judged_by or weights_for(self.aim)
         self._descent = descent
 
     @property
@@ -103,7 +110,7 @@ class Searching:
         from mipbake.models.workers import one_torch_thread
 
         filter_named(pixel_filter)
-        problem = Problem(stored, source, target, pixel_filter, wrap)
+        problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
         search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
         done = 0.0
@@ -116,7 +123,10 @@ class Searching:
         progress(1.0)
         taken = any(self._neural.name in sources for sources in search.blend.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None
-        return PrefilterResult(search.levels, info.name if info else None, info.sha256 if info else None, promise)
+        made_for = (self.sampler, self.aim) if self.aims else (None, None)
+        return PrefilterResult(
+            search.levels, info.name if info else None, info.sha256 if info else None, promise, *made_for
+        )
 
     def _learned(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""
@@ -180,7 +190,17 @@ class Optimum(Searching):
     name = "optimum"
     summary = "every texel optimised against the reference (slow; the limit of one lobe a texel)"
     learned = False
-    usual_weights = SINGLE_LIGHTS
+    aims = False
+
+    def __init__(
+        self,
+        budget: str | None = None,
+        seed: int = 0,
+        effort: ProbeEffort = EFFORT,
+        descent: DescentEffort | None = None,
+        judged_by: Weights | None = None,
+    ) -> None:
+        super().__init__(None, budget, seed, effort, descent, judged_by or SINGLE_LIGHTS)
 
     @property
     def steps(self) -> Sequence[Step]:

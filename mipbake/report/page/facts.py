@@ -64,12 +64,16 @@ def methods(comparison: Comparison) -> Html:
             each.method,
             each.kernel,
             each.model,
+            each.sampler or DASH,
+            _value(each.aim),
             f"{each.seconds:.1f} s" if each.seconds is not None else f"opened from {each.path}" if each.path else DASH,
         ]
         for each in comparison.methods
     ]
     return plain_table(
-        ("Name", "Method", "Kernel", "Material model", "Baking took"), rows, "Methods that were compared"
+        ("Name", "Method", "Kernel", "Material model", "Made for sampler", "Aim", "Baking took"),
+        rows,
+        "Methods that were compared",
     )
 
 
