@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.judging.scores import Score, certainty
-from mipbake.judging.weights import TERMS, WEIGHTS, Weights
+from mipbake.judging.weights import SEEN, TERMS, Weights
 
 Array = NDArray[np.float64]
 
@@ -26,25 +26,25 @@ class Asked:
     """What is asked for at a level of detail: what a stack must not be behind.
 
     Args:
-        log_errors, pooled, lit: as a Score has them, measured by the same probe; each row is the best one there.
+        log_errors, pooled, seen: as a Score has them, measured by the same probe; each row is the best one there.
         plain: (S, G) least log_errors of the rules of engines and tools in every group; None where groups are not
             looked at one by one.
     """
 
     log_errors: Array
     pooled: Array
-    lit: float
+    seen: Array
     plain: Array | None = None
 
     @property
     def sure(self) -> Array:
         """(T,) what each term counts of its weight: 1, and less for bright pairs on which chance decides."""
-        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), [1.0]])
+        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), np.ones(len(SEEN))])
 
     @classmethod
     def of(cls, score: Score) -> Asked:
         """That nothing becomes worse than it is."""
-        return cls(score.log_errors, score.pooled, score.lit)
+        return cls(score.log_errors, score.pooled, score.seen)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Judge:
         asked: at every level of detail of the Scores whose scores it is given.
     """
 
-    def __init__(self, asked: Sequence[Asked], weights: Weights = WEIGHTS) -> None:
+    def __init__(self, asked: Sequence[Asked], weights: Weights) -> None:
         self.asked, self.weights = asked, weights
         self._sure = [each.sure for each in asked]
 
@@ -106,7 +106,7 @@ class Judge:
         asked, weights = self.asked[index], self.weights
         lost = score.log_errors - asked.log_errors, score.pooled - asked.pooled
         rows = [each.mean(-1) - weights.chance * standard_error(each) - weights.tie for each in lost]
-        return np.concatenate([*rows, [score.lit - asked.lit - weights.lit_tie]])
+        return np.concatenate([*rows, score.seen - asked.seen - weights.seen_tie])
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""

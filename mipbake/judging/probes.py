@@ -1,4 +1,4 @@
-"""Renders of the reference that stacks are judged by: at many points, under many pairs, and under a studio's lights.
+"""Renders of the reference that stacks are judged by: at many points, under many pairs, and as small pictures.
 
 The SNR of a set of pairs varies by decibels from set to set, and on glossy sets from points to points. So each level of
 detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
@@ -7,9 +7,9 @@ Means over groups average both kinds of chance, and their scatter says what is l
 A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
 those. So further groups hold such pairs alone (pairs.py).
 
-SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped: dim
-renders and casts of colour count there. So every level of detail is also measured under a studio's lights, on surfaces
-turned every way to the viewer, as a display shows them (lit_renders.py).
+SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped, and eyes
+see some of it better than the rest. So every level of detail is also measured on small pictures, of surfaces that face
+the viewer and of slanted ones, looked up by the sampler that the stack is made for (shown.py).
 """
 
 from __future__ import annotations
@@ -21,14 +21,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.lit_renders import displayed_float32, lit_reference, placed, room
 from mipbake.judging.pairs import KINDS, SET_SIZE, draw_pairs, draw_pool
+from mipbake.judging.shown import Shown, draw_shown
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.problem import Image, Problem, Region, region_points
 from mipbake.reference.samples import Pixels
-from mipbake.render.environment import Lighting
 
 Array = NDArray[np.float64]
 
@@ -48,7 +47,7 @@ class ProbeEffort:
         groups: of pairs, and a part as many of bright pairs; levels of few texels have more.
         points: in each, at most.
         samples: of the reference at each point, twice; more where there are fewer points.
-        lit_points, lit_samples: under the studio's lights.
+        pictures: small ones, half of them slanted. picture_samples: of the reference at each of their pixels, twice.
         doublings: how often samples are doubled, at most, where the reference stays noisy.
 
     The numbers are guesses.
@@ -57,8 +56,8 @@ class ProbeEffort:
     groups: int = 32
     points: int = 64
     samples: int = 8
-    lit_points: int = 1024
-    lit_samples: int = 16
+    pictures: int = 32
+    picture_samples: int = 8
     doublings: int = 3
 
 
@@ -73,8 +72,7 @@ class Probe:
         weights: (S, G, 64) of the pairs of a group, one pair set after the other, in the mean over the pair set.
         mean: (G, K, P, 3) mean of two estimates of the reference. noise: (G, K) what their difference says of it.
         signal: (G, K) mean square of what is right.
-        lit_uv, frame, lit_view: (Q, 2), (Q, 3, 3) and (Q, 3) of pixels under the studio's lights. displayed: (Q, 3)
-            what is right there, and lit_noise: the mean square of its noise.
+        shown: small pictures.
     """
 
     lod: float
@@ -86,11 +84,7 @@ class Probe:
     mean: Image
     noise: Array
     signal: Array
-    lit_uv: Array
-    frame: Image
-    lit_view: Image
-    displayed: Image
-    lit_noise: float
+    shown: Shown
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -103,11 +97,6 @@ class Probe:
         return weighed(squares, self.weights)
 
     @cached_property
-    def lit_cosine(self) -> Array:
-        """(Q,) cosines of the angles at which pixels under the studio's lights are seen."""
-        return np.asarray(np.einsum("nj,nj->n", self.frame[:, 2], self.lit_view))
-
-    @cached_property
     def noise_energies(self) -> Array:
         """(S, G) of `noise`."""
         return self.energies(self.noise)
@@ -118,9 +107,7 @@ class Probe:
         return self.energies(self.signal)
 
 
-def probe(
-    problem: Problem, region: Region, lod: float, effort: ProbeEffort, lighting: Lighting, rng: np.random.Generator
-) -> Probe:
+def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng: np.random.Generator) -> Probe:
     """Renders of a level of detail, in a region."""
     groups = effort.groups
     height, width = problem.sizes[int(lod)]
@@ -147,18 +134,11 @@ def probe(
         # Two means of as many samples: errors that know nothing of each other.
         noise = (noise + of_again) / 4
         samples *= 2
-    lit = min(effort.lit_points, max(16 * height * width, 64))
-    lit_uv = np.resize(region_points(problem, region, lit, rng), (lit, 2))
-    frame, lit_view = placed(rng, lit)
-    many = max(1, effort.lit_samples // 2) * max(1, effort.lit_points // lit)
-    # Pixels that are smaller than the texels of level 0 look level 0 up as well.
-    seen = lod - _MAGNIFIED * rng.random(lit) if lod == 0 else lod
-    where = room(lighting, frame, lit_view)
-    first, second = (lit_reference(problem, where, lit_uv, seen, many, rng) for _ in range(2))
-    shown = displayed_float32((first + second) / np.float32(2))
-    lit_noise = float(np.square(displayed_float32(first) - displayed_float32(second)).mean()) / 4
     signal = mean_squares(mean) - noise
-    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, lit_uv, frame, lit_view, shown, lit_noise)
+    # Pixels that are smaller than the texels of level 0 look level 0 up as well.
+    nearer = _MAGNIFIED if lod == 0 else 0.0
+    shown = draw_shown(problem, region, lod, nearer, effort.pictures, effort.picture_samples, rng)
+    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, shown)
 
 
 def weighed(squares: Array, weights: Array) -> Array:

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.judging.lit_renders import LitError, displayed_float32, lit_error, lit_radiance
 from mipbake.judging.pairs import KINDS
 from mipbake.judging.probes import Probe, ProbeEffort, mean_squares, probe
 from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.metrics.visible import VisibleError
 from mipbake.reference.estimate import bilinear
 from mipbake.reference.problem import Image, Problem, Region, whole
-from mipbake.render.environment import studio
+from mipbake.render.small_pictures import PIXELS
 from mipbake.shading import shade
 
 Array = NDArray[np.float64]
@@ -43,12 +43,12 @@ class Score:
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
             signal; values whose mean is its logarithm, and whose scatter says how sure (Tukey's pseudo-values, the
             jackknife over groups, moved to that mean).
-        lit: LitError.logarithm of the tonemapped error under the studio's lights, half of it brightness by angle.
+        seen: (V,) logarithms of the visible error of each kind of small pictures (VisibleError).
     """
 
     log_errors: Array
     pooled: Array
-    lit: float
+    seen: Array
 
     @property
     def rows(self) -> list[Array]:
@@ -57,8 +57,8 @@ class Score:
 
     @property
     def terms(self) -> Array:
-        """(T,) the terms of weights.TERMS: means of the rows, and lit."""
-        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), [self.lit]])
+        """(T,) the terms of weights.TERMS: means of the rows, and seen."""
+        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), self.seen])
 
     @property
     def decibels(self) -> Array:
@@ -73,18 +73,18 @@ class Errors:
     Args:
         probe: where.
         squares: (G, K) mean square error of every pair over points and colours, without the noise of the reference.
-        lit: under the studio's lights.
+        seen: of small pictures.
     """
 
     probe: Probe
     squares: Array
-    lit: LitError
+    seen: VisibleError
 
     @property
     def score(self) -> Score:
         """Logarithms of the errors, group by group."""
         probe, energies = self.probe, self.probe.energies(self.squares)
-        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.lit.logarithm)
+        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.seen.logarithms)
 
     def slopes(self, by_log: Array, by_pooled: Array) -> Array:
         """(S, G) derivatives by the energies of groups of what hangs on the score.
@@ -124,36 +124,38 @@ class Scores:
     ) -> None:
         self.problem, self.effort = problem, effort
         self.lods = [lod / 2 for lod in range(2 * problem.last + 1)] if lods is None else list(lods)
-        self.lighting = studio()
         where = whole(problem) if region is None else region
         seeds = [seed] if isinstance(seed, int) else seed
         self.probes = [
-            probe(problem, where, lod, effort, self.lighting, np.random.default_rng([_STREAM, *seeds, round(2 * lod)]))
+            probe(problem, where, lod, effort, np.random.default_rng([_STREAM, *seeds, round(2 * lod)]))
             for lod in self.lods
         ]
 
     def looked_up(self, level: Image, index: int) -> Image:
-        """(G * P + Q, C): a level at all points of a probe, bilinearly, those under the studio's lights last."""
+        """(G * P + Q, C): a level at all points of a probe, bilinearly, and last the means of the lookups of each of Q
+        pixels of its small pictures."""
         probe = self.probes[index]
-        where = np.concatenate([probe.uv.reshape(-1, 2), probe.lit_uv])
-        return bilinear(level, where, self.problem.wrap)
+        single = bilinear(level, probe.uv.reshape(-1, 2), self.problem.wrap)
+        pixels = np.empty((len(probe.shown.pictures.uv), PIXELS, level.shape[-1]), np.float32)
+        for count in np.unique(probe.shown.pictures.lookups).tolist():
+            some = np.flatnonzero(probe.shown.pictures.lookups == count)
+            where = probe.shown.pictures.looked_up_at(some, count)
+            pixels[some] = bilinear(level, where, self.problem.wrap).mean(2)
+        return np.concatenate([single, pixels.reshape(-1, level.shape[-1])])
 
     def errors(self, texels: Image, index: int) -> Errors:
         """What (G * P + Q, C) stored channels of the target are off by at a probe, as `looked_up` has them."""
         probe, model = self.probes[index], self.problem.target
         groups, points = probe.uv.shape[:2]
-        single, lit_texels = texels[: groups * points].reshape(groups, points, -1), texels[groups * points :]
+        single = texels[: groups * points].reshape(groups, points, -1)
         squares = np.empty(probe.noise.shape)
         for some in blocks(probe):
             off = shade(model, single[some], probe.light[some], probe.view[some])
             off -= probe.mean[some]
             squares[some] = mean_squares(off)
-        apart = (
-            displayed_float32(lit_radiance(model, lit_texels, probe.frame, probe.lit_view, self.lighting))
-            - probe.displayed
-        )
-        lit = lit_error(apart, probe.displayed, probe.lit_cosine, probe.lit_noise)
-        return Errors(probe, squares - probe.noise, lit)
+        shown = probe.shown
+        radiance = shown.pictures.radiance(model, texels[groups * points :].reshape(-1, PIXELS, texels.shape[-1]))
+        return Errors(probe, squares - probe.noise, shown.error(radiance))
 
     def of(self, texels: Image, index: int) -> Score:
         """The score of looked-up texels, as `errors` takes them."""

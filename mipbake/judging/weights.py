@@ -21,10 +21,11 @@ BRIGHT = ("grazing", "highlights")
 """Kinds of groups of bright pairs (pairs.py). Near the mirror, views graze in the first kind, and not in the
 second; over the hemisphere both kinds are drawn alike."""
 
-LIT = "lit"
-"""The term of surfaces under a studio's lights, as a display shows them (lit_renders.py)."""
+SEEN = "seen, facing", "seen, slanted"
+"""The terms of what people see: the visible error of small pictures that face the viewer, and of slanted ones
+(mipbake.render.small_pictures)."""
 
-TERMS = (*PAIR_SETS, *(f"{kind}, {name}" for kind in BRIGHT for name in PAIR_SETS), LIT)
+TERMS = (*PAIR_SETS, *(f"{kind}, {name}" for kind in BRIGHT for name in PAIR_SETS), *SEEN)
 """Names of the terms, in the order that scores have them."""
 
 
@@ -49,7 +50,7 @@ class Weights:
         group_behind: what a neper counts by which a group of pairs is behind the best rule of engines and tools in that
             very group, in the mean over groups: another rule may be the best there than in the mean over groups.
         chance: standard errors by which a row of errors may be behind; a guess.
-        tie: nepers below which two errors measure the same. lit_tie: the same, of the error under the studio's lights.
+        tie: nepers below which two errors measure the same. seen_tie: the same, of what is seen.
         group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
 
     The ties are guesses, too.
@@ -59,7 +60,7 @@ class Weights:
     group_behind: float
     chance: float = 0.5
     tie: float = 0.01
-    lit_tie: float = 0.1
+    seen_tie: float = 0.04
     group_tie: float = 0.02
 
     def __post_init__(self) -> None:
@@ -77,21 +78,38 @@ class Weights:
         return np.array([each.behind for each in self.terms.values()])
 
 
-WEIGHTS = Weights(
-    {
-        "near-mirror": Weight(1.0, 3.0),
-        "hemisphere": Weight(1.0, 3.0),
-        "grazing, near-mirror": Weight(1.0, 10.0),
-        "grazing, hemisphere": Weight(1.0, 3.0),
-        "highlights, near-mirror": Weight(1.0, 10.0),
-        "highlights, hemisphere": Weight(1.0, 3.0),
-        LIT: Weight(0.8, 8.0),
-    },
-    group_behind=6.0,
-)
-"""What everybody counts who asks which of two stacks is better. Terms of pairs count alike, and what falls behind where
-one bright pair rules a set of pairs counts most. All of them are guesses. benchmarks/RESULTS-weights.md shows what each
-does: what `auto` gains and loses where it is halved and where it is doubled."""
+_BEHIND = {
+    "near-mirror": 10.0,
+    "hemisphere": 10.0,
+    "grazing, near-mirror": 10.0,
+    "grazing, hemisphere": 3.0,
+    "highlights, near-mirror": 10.0,
+    "highlights, hemisphere": 3.0,
+}
+"""What a neper counts, in addition, by which a term of pairs is behind the best closed form. What falls behind where one
+bright pair rules a set of pairs counts most. Guesses."""
+
+_PAIRS = 0.04  # what a term of pairs counts at an aim of 1, where it is 1 at an aim of 0; a guess
+_SEEN = 0.4, 2.2  # what a term of what is seen counts at an aim of 0, and more at an aim of 1; guesses
+_SEEN_BEHIND = 20.0  # a guess
+_EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind; a guess
+_LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1; a guess
+
+
+def weights_for(aim: float) -> Weights:
+    """What everybody counts who asks which of two stacks is better.
+
+    Up to an aim of 1/2 no term of pairs may be behind the best closed form; from there on they give way.
+
+    Args:
+        aim: from 0, single lights, to 1, what people see.
+    """
+    counts = _PAIRS**aim
+    eased = min(1.0, max(_LEAST_BEHIND, _EASED - _EASED * aim))
+    pairs = {name: Weight(counts, eased * behind) for name, behind in _BEHIND.items()}
+    seen = {name: Weight(_SEEN[0] + _SEEN[1] * aim, _SEEN_BEHIND) for name in SEEN}
+    return Weights(pairs | seen, group_behind=6.0 * eased)
+
 
 SINGLE_LIGHTS = Weights(
     {
@@ -101,7 +119,8 @@ SINGLE_LIGHTS = Weights(
         "grazing, hemisphere": Weight(0.5, 0.0),
         "highlights, near-mirror": Weight(0.5, 0.0),
         "highlights, hemisphere": Weight(0.5, 0.0),
-        LIT: Weight(0.0, 0.0),
+        SEEN[0]: Weight(0.0, 0.0),
+        SEEN[1]: Weight(0.0, 0.0),
     },
     group_behind=0.0,
 )

@@ -60,6 +60,11 @@ class SmallPictures:
     view: Image
     power: Image
 
+    def part(self, some: NDArray[np.intp]) -> SmallPictures:
+        """Some of the pictures, by their indices."""
+        each = (self.lod, self.longer, self.uv, self.axes, self.lookups, self.light, self.view)
+        return SmallPictures(self.size, *(values[some] for values in each), self.power)
+
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
         """(N, PIXELS, 3) linear radiance, an unbiased estimate."""
         pixels = Pixels(self.uv, self.longer[:, None], self.axes[:, None])

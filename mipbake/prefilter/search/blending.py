@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mipbake.judging.judge import Judge
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
-from mipbake.judging.weights import WEIGHTS, Weights
+from mipbake.judging.weights import Weights
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.search.ingredients import Bench, Ingredient, Rival
@@ -83,9 +83,9 @@ def gathered(
     ingredients: Sequence[Ingredient],
     effort: ProbeEffort,
     seed: int = 0,
+    judged_by: Weights,
     progress: Progress = lambda _: None,
     deadline: float = math.inf,
-    judged_by: Weights = WEIGHTS,
 ) -> Gathered:
     """Bakes ingredients and looks them up in three sets of renders.
 
@@ -101,9 +101,9 @@ def gathered(
         effort,
         groups=max(1, 2 * effort.groups // 3),
         points=max(1, 3 * effort.points // 4),
-        lit_points=max(1, effort.lit_points // 2),
+        pictures=max(1, effort.pictures // 2),
     )
-    third = replace(effort, groups=max(2, effort.groups // 2), lit_points=1)
+    third = replace(effort, groups=max(2, effort.groups // 2), pictures=1)
     with ThreadPoolExecutor(2) as pool:
         drawn = [
             pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate((fewer, effort, third))

@@ -223,8 +223,11 @@ class Bench:
         forms = self._forms(which, index)
         rows = [each.log_errors for each in self.rivals(which, index)]
         plain = np.min([forms[name].log_errors for name in self._plain], 0)
-        sets, lit = len(PAIR_SETS), min(each.lit for each in forms.values())
-        return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), lit, plain)
+        sets = len(PAIR_SETS)
+        # Of what is seen no ingredient may be ahead, the network's included: what it wins is not given away again.
+        every = list(forms.values()) + [s[index] for (_, at), s in self._seen_scores.items() if at == which]
+        seen = np.min([each.seen for each in every], 0)
+        return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), seen, plain)
 
     def _forms(self, which: int, index: int) -> dict[str, Score]:
         """Scores of closed forms: all as fitted to, and those that are not far behind as the judge sees them."""

@@ -10,7 +10,7 @@ What is minimised is what a judge says of the level, and of the half level that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,20 +19,22 @@ from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.judging.judge import Judge
-from mipbake.judging.lit_renders import display_slope_float32, displayed_float32, lit_error, lit_radiance
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import mean_squares
 from mipbake.judging.scores import Array, Errors, Scores, blocks
 from mipbake.material import MODELS
+from mipbake.judging.weights import SEEN
 from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.metrics.visible import bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs
-from mipbake.prefilter.search.lit_samples import LitPixels
 from mipbake.reference.problem import Image
+from mipbake.render.small_pictures import PIXELS
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
 _ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on; guesses
 _STRIDE = 8  # one in so many pairs takes part in curvature; a guess
+_COMBINATIONS = 2  # of the bands of a picture in curvature; a guess
 _DAMPING = 1e-3  # in units of a block's own curvature; a guess
 _RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree; guesses
 
@@ -104,7 +106,6 @@ class _Error:
         self._groups, self._points = self._probe.uv.shape[:2]
         self._single = self._groups * self._points
         self._columns = np.ascontiguousarray(np.moveaxis(seen.columns, 0, -1))  # (N, C, J)
-        self._lit = LitPixels.of(scores.lighting, self._probe.frame, self._probe.lit_view)
 
     def value(self, theta: Array) -> float:
         """What is minimised, in nepers."""
@@ -113,30 +114,29 @@ class _Error:
     def equations(self, theta: Array, rng: np.random.Generator, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the shares, and (J, J) its Gauss-Newton curvature."""
         texels, probe = self._texels(theta), self._probe
-        single, lit = texels[: self._single].reshape(self._groups, self._points, -1), texels[self._single :]
-        radiance = lit_radiance(self._model, lit, probe.frame, probe.lit_view, self._scores.lighting)
-        by_radiance, lit_off = display_slope_float32(radiance), displayed_float32(radiance) - probe.displayed
-        error = lit_error(lit_off, probe.displayed, probe.lit_cosine, probe.lit_noise)
+        single = texels[: self._single].reshape(self._groups, self._points, -1)
+        pixels = texels[self._single :].reshape(-1, PIXELS, texels.shape[-1])
+        radiance = probe.shown.pictures.radiance(self._model, pixels)
+        by_radiance, error = probe.shown.slope(radiance), probe.shown.error(radiance)
         squares, by_set = self._off(single)
         errors = Errors(probe, squares - probe.noise, error)
         slopes = self._judge.slopes(errors.score, self._seen.index)
         sets = len(PAIR_SETS)
         by_log = slopes.terms[:sets, None] / probe.groups + slopes.groups
-        by_render = errors.slopes(by_log, slopes.terms[sets:-1]) / (3 * self._points)  # (S, G)
-        lit_counts = slopes.terms[-1]
+        by_pooled, by_seen = slopes.terms[sets : -len(SEEN)], slopes.terms[-len(SEEN) :]
+        by_render = errors.slopes(by_log, by_pooled) / (3 * self._points)  # (S, G)
 
         gradient = np.empty_like(texels)
         by_texel = (2 * by_set * by_render.astype(np.float32)[..., None, None]).sum(0)
         gradient[: self._single] = by_texel.reshape(self._single, -1)
-        gradient[self._single :] = self._adjoint(lit, np.float32(lit_counts) * error.slopes(lit_off) * by_radiance)
+        by_shown = error.slopes(by_seen).reshape(by_radiance.shape)
+        gradient[self._single :] = self._adjoint(pixels, by_shown * by_radiance).reshape(-1, texels.shape[-1])
         share = self._seen.share
         slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
 
         rows = self._rows(single, 2 * np.concatenate(list(by_render[..., None] * probe.weights), 1), rng, turn)
-        some = signs(by_radiance.shape, rng) * by_radiance
-        some *= np.float32(np.sqrt(lit_counts * error.pixel_weight / by_radiance.size))
-        along = np.concatenate([rows, self._lit_rows(lit, some)])
-        curvature = along.T @ along + lit_counts * error.curvature(self._lit_rows(lit, by_radiance))
+        along = np.concatenate([rows, *self._shown_rows(pixels, by_radiance, error.weights(by_seen), rng)])
+        curvature = along.T @ along
         return slope.astype(np.float64), (share * share * curvature).astype(np.float64)
 
     def _texels(self, theta: Array) -> Image:
@@ -164,13 +164,23 @@ class _Error:
                 by_set[kind, some] = shade_adjoint(self._model, single[some], *directions, off[:, part] * weight)
         return squares, by_set
 
-    def _adjoint(self, lit: Image, gradient: Image) -> Image:
-        """(Q, C) gradients by texels, from (Q, 3) ones by their radiance under all lights."""
-        return self._lit.adjoint(lit, self._model, gradient)
+    def _adjoint(self, pixels: Image, gradient: Image) -> Image:
+        """(N, PIXELS, C) gradients by what pixels of pictures see, from (N, PIXELS, 3) ones by their radiance."""
+        return self._probe.shown.pictures.adjoint(self._model, pixels, gradient)
 
-    def _lit_rows(self, lit: Image, gradient: Image) -> Image:
-        """(Q, J) derivatives by the shares, from (Q, 3) ones by the radiance under all lights."""
-        return np.asarray(np.matmul(self._adjoint(lit, gradient)[:, None], self._columns[self._single :])[:, 0])
+    def _shown_rows(
+        self, pixels: Image, by_radiance: Image, weights: Image, rng: np.random.Generator
+    ) -> Iterator[Image]:
+        """(N, J) derivatives by the shares of random combinations of the bands of each picture, several of each.
+
+        Their squares sum to the curvature of all bands, whose squares count `weights`.
+        """
+        columns = self._columns[self._single :].reshape(len(pixels), -1, self._columns.shape[-1])
+        for _ in range(_COMBINATIONS):
+            bands = signs(weights.shape, rng) * np.sqrt(2 * weights / _COMBINATIONS)
+            gradient = bands_adjoint(bands).reshape(by_radiance.shape) * by_radiance
+            by_pixel = self._adjoint(pixels, gradient).reshape(len(pixels), 1, -1)
+            yield np.asarray(np.matmul(by_pixel, columns)[:, 0])
 
     def _rows(self, single: Image, weight: Array, rng: np.random.Generator, turn: int) -> Image:
         """(M, J): derivatives by the shares of every _STRIDE-th render, random combinations of its colours.

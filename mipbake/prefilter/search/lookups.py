@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
-from mipbake.prefilter.search.lit_samples import LitChunk
+from mipbake.prefilter.search.picture_samples import PictureChunk
 from mipbake.prefilter.search.pixel_samples import Chunk
 from mipbake.prefilter.search.texel_coordinates import Crop
 from mipbake.reference.problem import Image
@@ -26,7 +26,7 @@ class Lookups:
         crops: of every level that they look up.
     """
 
-    def __init__(self, crops: Mapping[int, Crop], chunks: Sequence[Chunk | LitChunk]) -> None:
+    def __init__(self, crops: Mapping[int, Crop], chunks: Sequence[Chunk | PictureChunk]) -> None:
         self._crops, self._sizes = crops, [len(chunk.uv) for chunk in chunks]
         self._parts: dict[int, list[tuple[int, NDArray[np.float32] | None]]] = {}
         uv: dict[int, list[Image]] = {}

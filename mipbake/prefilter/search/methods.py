@@ -37,8 +37,8 @@ REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given. A guess."""
 
 EFFORT = ProbeEffort()
-REFINING = DescentEffort(rounds=60, looks=ProbeEffort(groups=8, points=96, lit_points=512))
-COARSE = DescentEffort(rounds=6, pairs=16, samples=4, looks=ProbeEffort(groups=4, points=48, samples=4, lit_points=256))
+REFINING = DescentEffort(rounds=60, looks=ProbeEffort(groups=8, points=96, pictures=16))
+COARSE = DescentEffort(rounds=6, pairs=16, samples=4, looks=ProbeEffort(groups=4, points=48, samples=4, pictures=8))
 """Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more. The numbers of
 REFINING and COARSE are guesses."""
 

@@ -27,7 +27,7 @@ from mipbake.judging.judge import Judge
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import Probe
 from mipbake.judging.scores import Errors, Scores
-from mipbake.judging.weights import BRIGHT, TERMS
+from mipbake.judging.weights import BRIGHT, SEEN, TERMS
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.prefilter.search.pixel_samples import PLAIN, Chunk
 from mipbake.shading import shade
@@ -52,7 +52,7 @@ class PairWeights:
         self._lods = np.array(scores.lods)
         self._common = {int(probe.lod): _Common(probe, self) for probe in scores.probes if probe.lod == int(probe.lod)}
         self._slopes = np.zeros((len(TERMS), len(scores.lods)))
-        self._lit_squares = np.ones(len(scores.lods))
+        self._seen_means = np.ones((len(SEEN), len(scores.lods)))
 
     def pairs(self, level: int) -> LightViewPairs:
         """The common pairs of a level, as many of each pair set, one set after the other."""
@@ -62,16 +62,15 @@ class PairWeights:
         """Takes the errors of a stack, one for every level of detail, for those that count now."""
         slopes = [self._judge.slopes(each.score, index).terms for index, each in enumerate(errors)]
         self._slopes = np.stack(slopes, 1)
-        self._lit_squares = np.array([each.lit.square for each in errors])
+        self._seen_means = np.stack([each.seen.means for each in errors], 1)
         for lod, each in zip(self._lods, errors, strict=True):
             if lod == int(lod):
                 self._common[int(lod)].update(each.squares)
 
-    def lit(self, level: int) -> tuple[float, float]:
-        """What a neper of the error under the studio's lights counts at a level, and the mean square of that error."""
-        of_level = (np.interp(level, self._lods, row) for row in (self._slopes[-1], self._lit_squares))
-        counts, square = (float(each) for each in of_level)
-        return counts, square
+    def seen(self, level: int) -> NDArray[np.float64]:
+        """(V,) what the mean square that is seen of each kind of pictures counts at a level."""
+        rows = self._slopes[-len(SEEN) :] / self._seen_means
+        return np.array([np.interp(level, self._lods, row) for row in rows])
 
     def of(self, chunk: Chunk) -> Tensor:
         """(K, P): what the squared error of each render, summed over colours, counts in the mean over pixels."""

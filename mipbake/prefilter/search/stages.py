@@ -17,7 +17,7 @@ from mipbake import directions
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score
-from mipbake.judging.weights import WEIGHTS, Weights
+from mipbake.judging.weights import Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.blending import Blend, Gathered, gathered
 from mipbake.prefilter.search.descent_effort import DescentEffort
@@ -66,7 +66,7 @@ class Work:
     seed: int
     clock: Clock
     progress: Progress
-    judged_by: Weights = WEIGHTS
+    judged_by: Weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,7 @@ class Keep:
 
         # Nothing becomes worse than the start, which itself was held against every closed form.
         asked = [
-            Asked(score.log_errors, score.pooled, max(before.lit, score.lit), before.plain)
+            Asked(score.log_errors, score.pooled, np.maximum(before.seen, score.seen), before.plain)
             for before, score in zip(start.judge.asked, search.before, strict=True)
         ]
         kept = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))

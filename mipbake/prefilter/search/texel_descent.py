@@ -23,15 +23,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.lit_renders import display_slope_float32, displayed_float32, pixel_slope
 from mipbake.judging.scores import Errors, Scores, spoken_snr
-from mipbake.judging.weights import WEIGHTS, Weights
+from mipbake.judging.weights import SINGLE_LIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.gauss_newton import System, signs
-from mipbake.prefilter.search.lit_samples import LitChunk, lit_pixels
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
+from mipbake.prefilter.search.picture_samples import PictureChunk, picture_chunks, picture_slopes
 from mipbake.prefilter.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.prefilter.search.texel_coordinates import Crop, limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image, Problem, Region
@@ -41,7 +40,7 @@ from mipbake.shading.adjoint import shade_adjoint
 CHECK = 5
 """Rounds between two looks at what the stack is worth. A guess."""
 
-_LIT_PIXELS = 1024  # pixels of a level and round, at least; a guess
+_PICTURES = 16  # of a level and round; a guess
 _CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving; a guess
 _OWN_PAIRS = 3  # levels whose pixels have pairs of their own; a guess
 # Times as many common pairs, at most; where pixels are more than this, fewer; a guess.
@@ -77,7 +76,7 @@ class Descent:
         moving: Sequence[bool],
         effort: DescentEffort,
         trust: float = 0.0,
-        judged_by: Weights = WEIGHTS,
+        judged_by: Weights = SINGLE_LIGHTS,
     ) -> None:
         self.problem, self.moving, self.effort, self.trust = problem, moving, effort, trust
         self.judged_by = judged_by
@@ -118,7 +117,7 @@ def descend(
     least, best = last.sum(), _within(levels, free)
     done, still, began, seed = 0, 0, time.monotonic(), int(rng.integers(1 << 31))
 
-    def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[LitChunk]]:
+    def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
         return _draw(descent, crops, weights, region, turn, np.random.default_rng([seed, turn]))
 
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
@@ -126,13 +125,13 @@ def descend(
         drawn = ahead_of_time.submit(draw, 0) if free and effort.rounds else None
         while drawn is not None:
             started = time.monotonic()
-            renders, lit = drawn.result()
+            renders, pictures = drawn.result()
             more = done + 1 < effort.rounds and started < deadline
             drawn = ahead_of_time.submit(draw, done + 1) if more else None
-            round_ = _Drawn.of(crops, renders, weights, lit)
+            round_ = _Drawn.of(crops, renders, weights, pictures)
             _round(descent, free, states, round_, done, rng)
             del round_
-            del renders, lit
+            del renders, pictures
             done += 1
             finished = time.monotonic()
             # Half a round late is no later on average than half a round early.
@@ -192,11 +191,11 @@ def _draw(
     region: Region,
     turn: int,
     rng: np.random.Generator,
-) -> tuple[list[tuple[Chunk, Image]], list[LitChunk]]:
+) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
     """The chunks of a round, with (K, P, 3) estimates of the reference."""
     problem, effort = descent.problem, descent.effort
     free = {i for i, crop in crops.items() if crop.free}
-    out, lit = list[tuple[Chunk, Image]](), list[LitChunk]()
+    out, pictures = list[tuple[Chunk, Image]](), list[PictureChunk]()
     for level in region.levels:
         uv = crops[level].pixels(_LEAST_PIXELS, rng)
         if level < _OWN_PAIRS:
@@ -207,8 +206,8 @@ def _draw(
         for chunk in chunks:
             if any(index in free for index, _ in chunk.seen):
                 out.append((replace(chunk, pixels=len(uv)), estimates(problem, chunk, effort.samples, rng)))
-        lit += lit_pixels(problem, level, crops[level].pixels(_LIT_PIXELS, rng), effort.samples, rng)
-    return out, [chunk for chunk in lit if any(index in free for index, _ in chunk.seen)]
+        pictures += picture_chunks(problem, region, level, _PICTURES, effort.samples, rng)
+    return out, [chunk for chunk in pictures if any(index in free for index, _ in chunk.seen)]
 
 
 @dataclass(frozen=True)
@@ -217,14 +216,14 @@ class _Drawn:
 
     Args:
         renders: chunks, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        lit: chunks under the studio's lights. lit_counts: by level, what a neper of their error counts, and the mean
-            square of that error.
+        pictures: chunks of small pictures. seen_counts: by level, (V,) what the mean square that is seen of each kind
+            counts.
         lookups: of all pixels, renders first.
     """
 
     renders: list[tuple[Chunk, Image, Image]]
-    lit: list[LitChunk]
-    lit_counts: dict[int, tuple[float, float]]
+    pictures: list[PictureChunk]
+    seen_counts: dict[int, NDArray[np.float64]]
     lookups: Lookups
 
     @classmethod
@@ -233,23 +232,11 @@ class _Drawn:
         crops: dict[int, Crop],
         renders: Sequence[tuple[Chunk, Image]],
         weights: PairWeights,
-        lit: list[LitChunk],
+        pictures: list[PictureChunk],
     ) -> _Drawn:
         weighed = [(chunk, estimate, (weights.of(chunk) / chunk.pixels).numpy()) for chunk, estimate in renders]
-        counts = {chunk.level: weights.lit(chunk.level) for chunk in lit}
-        return cls(weighed, lit, counts, Lookups(crops, [*(chunk for chunk, _ in renders), *lit]))
-
-
-@dataclass(frozen=True)
-class _LitSlopes:
-    """A chunk under the studio's lights: half the slopes of what is minimised, and half of what bounds its curvature.
-
-    Args:
-        by_radiance: (P, 3). bounds: (P, 3) for squares of the radiance.
-    """
-
-    by_radiance: Image
-    bounds: Image
+        counts = {chunk.level: weights.seen(chunk.level) for chunk in pictures}
+        return cls(weighed, pictures, counts, Lookups(crops, [*(chunk for chunk, _ in renders), *pictures]))
 
 
 def _round(
@@ -292,26 +279,12 @@ def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArr
         off -= estimate
         off *= weight[..., None]
         rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
-    lit_texels = texels[len(drawn.renders) :]
-    for lit, seen, slopes in zip(drawn.lit, lit_texels, _lit_slopes(drawn, lit_texels, model), strict=True):
-        rows.append(lit.pixels.adjoint(seen, model, slopes.by_radiance))
+    others = texels[len(drawn.renders) :]
+    found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
+    for chunk, seen, slopes in zip(drawn.pictures, others, found, strict=True):
+        pictures = chunk.shown.pictures.part(chunk.some)
+        rows.append(chunk.by_lookup(pictures.adjoint(model, chunk.pixels(seen), slopes.by_radiance)))
     return rows
-
-
-def _lit_slopes(drawn: _Drawn, texels: Sequence[Image], model: str) -> list[_LitSlopes]:
-    """What each chunk under the studio's lights says of the errors of its pixels. Brightness by angle is left to the
-    judge: a round has too few pixels of an angle."""
-    size = {level: sum(b.estimate.size for b in drawn.lit if b.level == level) for level in drawn.lit_counts}
-    out = []
-    for chunk, seen in zip(drawn.lit, texels, strict=True):
-        radiance = chunk.pixels.radiance(seen, model)
-        # The mean square is the judge's, of many renders; here the noise of the reference would be in it.
-        counts, square = drawn.lit_counts[chunk.level]
-        weight = np.float32(counts * pixel_slope(square) / size[chunk.level])
-        slope = display_slope_float32(radiance)
-        off = displayed_float32(radiance) - chunk.estimate
-        out.append(_LitSlopes(weight * off * slope, weight * np.square(slope)))
-    return out
 
 
 def _curvature(
@@ -337,10 +310,14 @@ def _curvature(
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
         packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
-    lit_texels = texels[len(drawn.renders) :]
-    for lit, seen, slopes in zip(drawn.lit, lit_texels, _lit_slopes(drawn, lit_texels, model), strict=True):
-        by_pixel = lit.pixels.adjoint(seen, model, signs((len(seen), 3), rng) * np.sqrt(slopes.bounds))
-        rows = without_heights(torch.from_numpy(by_pixel), torch.from_numpy(seen), model)
+    others = texels[len(drawn.renders) :]
+    found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
+    for chunk, seen, slopes in zip(drawn.pictures, others, found, strict=True):
+        pictures, turned = chunk.shown.pictures.part(chunk.some), signs(slopes.bounds.shape, rng)
+        by_pixel = pictures.adjoint(model, chunk.pixels(seen), turned * np.sqrt(slopes.bounds))
+        # Lookups of a pixel share what it says: their shares in it sum to 1.
+        by_lookup = np.repeat(by_pixel.reshape(-1, by_pixel.shape[-1]), chunk.lookups, 0) / np.sqrt(chunk.lookups)
+        rows = without_heights(torch.from_numpy(by_lookup.astype(np.float32)), torch.from_numpy(seen), model)
         packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
     for i, crop in free.items():

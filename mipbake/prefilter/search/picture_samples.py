@@ -1,0 +1,115 @@
+"""Small pictures, as people see them: what texels are fitted to beside single lights.
+
+Single lights say most of the brightest pairs. A stack that follows them alone trades the colour and the brightness of
+all that is dim, which is most of what is seen in a room, for its highlights. Here surfaces are turned to a room at
+random and show the sum over all lights, as a display shows it and eyes see it (mipbake.judging.shown).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mipbake.judging.shown import KINDS_SHOWN, Shown, draw_shown
+from mipbake.metrics.visible import OPPONENT, SENSITIVITY, WEIGHT, bands_adjoint
+from mipbake.prefilter.search.pixel_samples import levels_seen, samples_at, share_of
+from mipbake.reference.problem import Image, Problem, Region
+from mipbake.render.small_pictures import PIXELS
+
+_TURNED = float(np.linalg.norm(OPPONENT, 2) ** 2)  # by which turning colours may lengthen a square at most
+
+
+@dataclass(frozen=True, eq=False)
+class PictureChunk:
+    """N pictures that look up the same two levels, the same number of times for each pixel.
+
+    Args:
+        level: that the pictures belong to: their levels of detail are within 1/2 of it.
+        lower: the finer of the two levels that they look up.
+        share: (P,) of the coarser one in each lookup; None where all are 0.
+        uv: (P, 2) of all lookups, the ones of a pixel side by side: P is N PIXELS times `lookups`.
+        lookups: of each pixel.
+        some: (N,) which of the pictures that were drawn these are. shown: all of these. kinds: (N,) of these.
+    """
+
+    level: int
+    lower: int
+    share: Tensor | None
+    uv: NDArray[np.float64]
+    lookups: int
+    some: NDArray[np.intp]
+    shown: Shown
+    kinds: NDArray[np.int64]
+
+    @property
+    def seen(self) -> list[tuple[int, Tensor | None]]:
+        """The levels that are looked up, and (P,) the share of each; None for all of it."""
+        return levels_seen(self.lower, self.share)
+
+    def pixels(self, texels: Image) -> Image:
+        """(N, PIXELS, C) what pixels see, of (P, C) lookups."""
+        return np.asarray(texels.reshape(len(self.some), PIXELS, self.lookups, -1).mean(2))
+
+    def by_lookup(self, gradient: Image) -> Image:
+        """(P, D) derivatives by lookups, from (N, PIXELS, D) derivatives by pixels."""
+        rows = np.repeat(gradient.reshape(-1, gradient.shape[-1]), self.lookups, 0)
+        return np.asarray(rows / np.float32(self.lookups))
+
+
+@dataclass(frozen=True)
+class PictureSlopes:
+    """What pictures say of the errors of their pixels, of half of what is minimised.
+
+    Args:
+        by_radiance: (N, PIXELS, 3) slopes. bounds: (N, PIXELS, 3) of the curvature, for squares of the radiance.
+    """
+
+    by_radiance: Image
+    bounds: Image
+
+
+def picture_chunks(
+    problem: Problem, region: Region, level: int, count: int, samples: int, rng: np.random.Generator
+) -> Iterator[PictureChunk]:
+    """Chunks of pictures of a level, half of them slanted; a pixel of level 0 has `samples` of the reference."""
+    for half in (-0.5, 0.0):
+        lod = min(max(level + half + 0.5 * rng.random(), 0.0), float(problem.last))
+        shown = draw_shown(problem, region, lod, 0.0, count // 2, samples_at(level, samples), rng)
+        lower = int(lod) if lod < problem.last else level
+        kinds = np.repeat(np.arange(KINDS_SHOWN), len(shown.counts) // KINDS_SHOWN)
+        for lookups in np.unique(shown.pictures.lookups).tolist():
+            some = np.flatnonzero(shown.pictures.lookups == lookups)
+            uv = shown.pictures.looked_up_at(some, lookups).reshape(-1, 2)
+            share = share_of(np.full(len(uv), lod), lower)
+            yield PictureChunk(level, lower, share, uv, lookups, some, shown, kinds[some])
+
+
+def picture_slopes(
+    chunks: Sequence[PictureChunk], texels: Sequence[Image], model: str, counts: Mapping[int, NDArray[np.float64]]
+) -> list[PictureSlopes]:
+    """What each chunk says, of (P, C) lookups.
+
+    Args:
+        counts: by level, (V,) what the mean square that is seen of each kind of pictures counts.
+    """
+    many = {level: np.zeros(KINDS_SHOWN) for level in counts}
+    for chunk in chunks:
+        many[chunk.level] += np.bincount(chunk.kinds, minlength=KINDS_SHOWN)
+    out = []
+    for chunk, seen in zip(chunks, texels, strict=True):
+        shown = chunk.shown.part(chunk.some)
+        radiance = shown.pictures.radiance(model, chunk.pixels(seen))
+        slope = shown.slope(radiance)
+        each = counts[chunk.level] / np.maximum(many[chunk.level], 1) / WEIGHT
+        weight = each[chunk.kinds].astype(np.float32)[:, None, None, None] * shown.counts
+        off = shown.error(radiance).off
+        by_shown = bands_adjoint(weight * off).reshape(-1, PIXELS, 3)
+        # No change of all pixels together has more curvature than the band that counts most.
+        most = _TURNED * (weight * np.square(SENSITIVITY)).max((1, 2, 3))
+        out.append(PictureSlopes(by_shown * slope, most[:, None, None] * np.square(slope)))
+    return out
+
