@@ -19,7 +19,12 @@ def _arguments() -> argparse.Namespace:
     train.add_argument("--out", type=Path, metavar="DIR", help="checkpoints and logs (default: runs/<config's name>)")
     train.add_argument("--data", metavar="DIR", help="folder of texture sets, in place of the configuration's")
     train.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
-    train.add_argument("--start", type=Path, metavar="CHECKPOINT", help="weights of another training to start from")
+    train.add_argument(
+        "--start",
+        type=Path,
+        metavar="CHECKPOINT",
+        help="weights to start from: of another training, or released ones (.safetensors)",
+    )
     export = commands.add_parser(
         "export", help="release a checkpoint as weights", description="Writes NAME.safetensors, NAME.json and NAME.md."
     )

@@ -20,8 +20,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.aim import BAKED_SAMPLERS, DEFAULT_SAMPLER
 from mipbake.models.base import Network
 from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
 from mipbake.reference.estimate import estimate
@@ -33,6 +35,7 @@ from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
 from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
+from mipbake.training.picture_loss import SeenPictures, draw_pictures
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB; a guess
 _DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none; guesses
@@ -87,8 +90,10 @@ class BalancedBatch(Batch):
     """Of one step, beside the patches."""
 
     pixel_filter: str
+    sampler: str
     pairs: Pairs
     seen: tuple[Seen, ...]
+    pictures: tuple[SeenPictures, ...]
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,8 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         pixel_filter: filter of the noisy reference. any_filter: share of the steps with a filter drawn from all of
             them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
+        pictures: of each patch in every band, as people see them (picture_loss.py). picture_weight: of their errors.
+        anisotropic: share of the steps whose pictures are looked up anisotropically.
 
     The defaults are guesses; docs/research.md says what some of them brought.
     """
@@ -132,12 +139,17 @@ class BalancedLossConfig(Loss[BalancedBatch]):
     pixel_filter: str = "gaussian"
     any_filter: float = 0.4
     below: float = 0.5
+    pictures: int = 0
+    picture_weight: float = 1.0
+    anisotropic: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "rooms", "room_lights"):
+        for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "room_lights"):
             require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        for name in ("rooms", "pictures", "picture_weight"):
+            require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         require_power_of_two("loss.crop_size", self.crop_size)
-        for name in ("grazing", "any_filter", "below"):
+        for name in ("grazing", "any_filter", "below", "anisotropic"):
             require_share(f"loss.{name}", getattr(self, name))
         require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
         for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"):
@@ -178,11 +190,18 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         pairs = draw_pairs(patches, source, self, rng)
         sources = [FilteredSource(patch.numpy(), source, TORUS, pixel_filter) for patch in patches]
         seen = tuple(_seen(sources, pairs, band, self, rng) for band in BANDS)
-        return BalancedBatch(source, patches, pixel_filter, pairs, seen)
+        pictures, sampler = tuple[SeenPictures, ...](), DEFAULT_SAMPLER
+        if self.pictures:
+            sampler = BAKED_SAMPLERS[int(rng.random() < self.anisotropic)]
+            bands = [band for band in BANDS for _ in range(self.pictures)]
+            pictures = tuple(
+                draw_pictures(sources, _lods(band, (len(sources),), self, rng), sampler, rng) for band in bands
+            )
+        return BalancedBatch(source, patches, pixel_filter, sampler, pairs, seen, pictures)
 
     def value(self, network: Network, batch: BalancedBatch) -> Tensor:
         """See Loss; about 1 for each of its parts."""
-        stacks = network(batch.patches, batch.source, batch.pixel_filter)
+        stacks = network(batch.patches, batch.source, batch.pixel_filter, batch.sampler)
         lods = sum(seen.lods for seen in batch.seen)
         losses = [
             torch.stack(
@@ -190,15 +209,18 @@ class BalancedLossConfig(Loss[BalancedBatch]):
             ).sum()
             for model, levels in stacks.items()
         ]
-        return torch.stack(losses).mean() if len(losses) > 1 else losses[0]
+        total = torch.stack(losses).mean() if len(losses) > 1 else losses[0]
+        if not batch.pictures:
+            return total
+        seen = [each.value(levels, model) for model, levels in stacks.items() for each in batch.pictures]
+        return total + self.picture_weight * torch.stack(seen).mean()
 
 
 def _seen(
     sources: Sequence[FilteredSource], pairs: Pairs, band: Band, config: BalancedLossConfig, rng: np.random.Generator
 ) -> Seen:
     batch, side = len(sources), band.side
-    lod = rng.uniform(band.low, band.high, (batch, band.lods)).clip(None, config.max_lod)
-    lod = np.where(rng.random(lod.shape) < config.below, lod, lod.clip(0)).astype(np.float32)
+    lod = _lods(band, (batch, band.lods), config, rng)
     row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
     where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
@@ -209,6 +231,14 @@ def _seen(
     return Seen(*where, band.lods, noisy_reference, independent)
 
 
+def _lods(
+    band: Band, shape: tuple[int, ...], config: BalancedLossConfig, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Levels of detail of a band; below 0 pixels are smaller than texels."""
+    lod = rng.uniform(band.low, band.high, shape).clip(None, config.max_lod)
+    return np.where(rng.random(shape) < config.below, lod, lod.clip(0)).astype(np.float32)
+
+
 class _Group(NamedTuple):
     """G groups of k pairs: lights and views (B, G, k, 3), and axes of a pixel (B, G, 2, 2); None for square pixels."""
 
@@ -217,15 +247,17 @@ class _Group(NamedTuple):
     axes: Tensor | None = None
 
 
-def seen_groups(pairs: Pairs, band: Band) -> tuple[_Group, _Group]:
-    """Groups of single pairs, and rooms.
+def seen_groups(pairs: Pairs, band: Band) -> Sequence[_Group]:
+    """Groups of single pairs, and rooms, where there are any.
 
     Single pairs are seen by square pixels, as the measure has it. A room is seen as a slanted surface is.
     """
     batch, count = pairs.weights.shape[1:]
     single = (d[:, :count].reshape(batch, band.groups, -1, 3) for d in (pairs.light, pairs.view))
+    if not pairs.rooms:
+        return [_Group(*single)]
     light, view = (d[:, count:].reshape(batch, pairs.rooms, -1, 3) for d in (pairs.light, pairs.view))
-    return _Group(*single), _Group(light, view, torch.from_numpy(slanted_axes(view[:, :, 0].numpy())))
+    return [_Group(*single), _Group(light, view, torch.from_numpy(slanted_axes(view[:, :, 0].numpy())))]
 
 
 def _noisy_reference(
@@ -273,6 +305,8 @@ def _band_loss(
         lights = own[:, single:] + _DARK
         lights = 1 / (lights + _OWN * lights.mean(1, keepdim=True))
     of_sets = (error[:, :single] * counts).sum(1).mean()
+    if not config.rooms:
+        return of_sets
     of_lights = (error[:, single:] * lights).mean()
     total = of_sets + config.light_weight * of_lights
     first, second, noisy = (_rooms(each, single, config) for each in (difference, other, seen.independent))

@@ -128,7 +128,11 @@ def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
 
 
 def start_from(state: TrainingState, path: Path) -> list[str]:
-    """Gives a new training the averaged weights of another one's checkpoint, wherever names and shapes are the same.
+    """Gives a new training the averaged weights of another one's checkpoint, or weights that were released, wherever
+    names and shapes are the same.
+
+    Args:
+        path: a checkpoint, or a file `<name>.safetensors`.
 
     Returns:
         Names of the weights that stay as they were.
@@ -136,12 +140,25 @@ def start_from(state: TrainingState, path: Path) -> list[str]:
     Raises:
         InputError: the checkpoint cannot be read. UsageError: nothing in it fits.
     """
-    own, other = state.network.state_dict(), load_state(path).average.state_dict()
+    own, other = state.network.state_dict(), _released(path) or load_state(path).average.state_dict()
     fitting = {name: value for name, value in other.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise UsageError(f"{path}: no weights of this architecture; start from a training of the same [network]")
     state.network.load_state_dict({**own, **fitting})
     return [name for name in own if name not in fitting]
+
+
+def _released(path: Path) -> dict[str, Tensor]:
+    """The tensors of released weights; none where the file is another one."""
+    if path.suffix != ".safetensors":
+        return {}
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise InputError(f"{path}: no weights can be read there ({error})") from error
 
 
 def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:

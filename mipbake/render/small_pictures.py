@@ -1,0 +1,170 @@
+"""Small pictures of a surface under many lights: what stacks are judged by and trained on, as people see it.
+
+A picture is SIDE x SIDE pixels of a plane that is seen from afar, at a slant, in a room turned at random. All its
+pixels have one view, one footprint and one level of detail, which is the one of a lookup by the sampler that the stack
+is made for. How far a picture is from right is `mipbake.metrics.visible`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.metrics.visible import SIDE
+from mipbake.pixel_filter import slanted_axes
+from mipbake.reference.estimate import estimate
+from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.samples import Pixels
+from mipbake.reference.source import FilteredSource
+from mipbake.render.environment import Lighting
+from mipbake.shading import shade
+from mipbake.shading.adjoint import shade_adjoint
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+SLANTS = (0.5, 1.0), (0.1, 0.5)
+"""Cosines of the angle of view, from and to, of the kinds of pictures: facing the viewer, and slanted. A guess."""
+
+PIXELS = SIDE * SIDE
+"""Pixels of a picture."""
+
+_MOST_LOOKUPS = 16  # of a pixel: what engines offer at most, not tuned
+_HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down; a guess
+_MEDIAN = 0.6  # what the median is exposed to, as in films: not tuned
+_DARK = 1e-6  # radiance below which a picture is black; a guess
+
+
+@dataclass(frozen=True, eq=False)
+class SmallPictures:
+    """N pictures.
+
+    Args:
+        size: (width, height) of level 0.
+        lod: (N,) level of detail of the lookups. longer: (N,) level of detail of the longer side of pixels.
+        uv: (N, PIXELS, 2) centres of pixels, row by row. axes: (N, 2, 2) of a pixel, as `Pixels` takes them.
+        lookups: (N,) of each pixel, side by side along its longer side.
+        light, view: (N, L, 3) unit vectors in the tangent frame of each picture. power: (L, 3) irradiance.
+    """
+
+    size: tuple[int, int]
+    lod: Array
+    longer: Array
+    uv: Array
+    axes: Image
+    lookups: NDArray[np.int64]
+    light: Image
+    view: Image
+    power: Image
+
+    def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
+        """(N, PIXELS, 3) linear radiance, an unbiased estimate."""
+        pixels = Pixels(self.uv, self.longer[:, None], self.axes[:, None])
+        seen = estimate(source, pixels, GroupPairs(self.light, self.view), samples, rng)
+        return self._summed(seen)
+
+    def places(self, count: int) -> NDArray[np.float32]:
+        """(count,) offsets of lookups from the centre of a pixel, in units of its longer side."""
+        return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
+
+    def looked_up_at(self, some: slice | NDArray[np.intp], count: int) -> Array:
+        """(n, PIXELS, count, 2) where `count` lookups of each pixel of n pictures lie."""
+        along = self.axes[some, 0] * np.exp2(self.longer[some])[:, None] / np.array(self.size)
+        offsets = self.places(count)[:, None] * along[:, None, None, :]
+        return np.asarray(self.uv[some][:, :, None] + offsets)
+
+    def radiance(self, model: str, texels: Image) -> Image:
+        """(N, PIXELS, 3) linear radiance of (N, PIXELS, C) looked-up texels."""
+        return self._summed(shade(model, texels, self.light, self.view))
+
+    def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
+        """(N, PIXELS, C) derivatives by texels, from (N, PIXELS, 3) derivatives by `radiance`."""
+        by_light = np.asarray(self.power[:, None] * gradient[:, None], np.float32)
+        return np.asarray(shade_adjoint(model, texels, self.light, self.view, by_light))
+
+    def _summed(self, seen: Image) -> Image:
+        return np.asarray(np.einsum("nlpc,lc->npc", seen, self.power, optimize=True))
+
+
+def draw_small_pictures(
+    rng: np.random.Generator,
+    lod: Array,
+    slant: Array,
+    size: tuple[int, int],
+    sampler: str,
+    lighting: Lighting,
+    centre: Array,
+) -> SmallPictures:
+    """Pictures of planes turned every way in a room.
+
+    Args:
+        lod: (N,) level of detail of the lookups. slant: (N,) cosines of the angle of view.
+        size: (width, height) of level 0. centre: (N, 2) uv of the middle of each picture.
+        sampler: `trilinear` or `anisotropic`, which says how far a pixel reaches that is looked up at a level.
+    """
+    frame, world_view = _placed(rng, slant)
+    local = np.einsum("nij,nj->ni", frame, world_view)
+    axes = slanted_axes(local)
+    lookups = np.ones(len(lod), np.int64)
+    if sampler == "anisotropic":
+        lookups = np.minimum(np.ceil(1 / slant - 1e-9), _MOST_LOOKUPS).astype(np.int64)
+    longer = lod + np.log2(lookups)
+    place = np.arange(SIDE) - (SIDE - 1) / 2
+    rows, columns = np.meshgrid(place, place, indexing="ij")
+    steps = np.stack([rows.reshape(-1), columns.reshape(-1)], -1)  # rows go along the view, columns across
+    texels = np.einsum("pk,nkx->npx", steps, axes) * np.exp2(longer)[:, None, None]
+    light = np.einsum("nij,kj->nki", frame, lighting.direction)
+    view = np.broadcast_to(local[:, None], light.shape)
+    return SmallPictures(
+        size,
+        lod,
+        longer,
+        centre[:, None] + texels / np.array(size),
+        axes.astype(np.float32),
+        lookups,
+        np.ascontiguousarray(light, np.float32),
+        np.ascontiguousarray(view, np.float32),
+        lighting.radiance.astype(np.float32),
+    )
+
+
+def draw_slants(rng: np.random.Generator, count: int) -> Array:
+    """(count,) cosines of the angle of view, the same number for each kind of SLANTS, one kind after the other."""
+    each = count // len(SLANTS)
+    spread = (np.arange(each) + rng.random((len(SLANTS), each))) / each
+    return np.concatenate(
+        [low + rng.permutation(row) * (high - low) for (low, high), row in zip(SLANTS, spread, strict=True)]
+    )
+
+
+def exposures(radiance: Image) -> Image:
+    """(N, 1, 1) exposures of pictures of which (N, PIXELS, 3) is right: their median, halfway to the median of all."""
+    own = np.median(radiance.reshape(len(radiance), -1), -1)
+    every = max(float(np.median(own)), _DARK)
+    return (
+        (_MEDIAN / np.sqrt(np.maximum(own, _DARK) * every))
+        .astype(np.float32)
+        .clip(None, _MEDIAN / _DARK)[:, None, None]
+    )
+
+
+def _placed(rng: np.random.Generator, slant: Array) -> tuple[Array, Array]:
+    """(N, 3, 3) tangent frames in a room, rows tangent, bitangent and normal, and (N, 3) views from it."""
+    count = len(slant)
+    around, turn, roll = (2 * math.pi * rng.random(count) for _ in range(3))
+    height = rng.uniform(*_HEIGHTS, count)
+    flat = np.sqrt(1 - height * height)
+    view = np.stack([flat * np.cos(around), height, flat * np.sin(around)], -1)
+    side = np.stack([-np.sin(around), np.zeros(count), np.cos(around)], -1)
+    up = np.cross(side, view)
+    lean = np.sqrt(1 - slant * slant)[:, None]
+    normal = slant[:, None] * view + lean * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up)
+    axis = np.where(np.abs(normal[:, 1:2]) < 0.9, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    first = np.cross(axis, normal)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(normal, first)
+    tangent = np.cos(roll)[:, None] * first + np.sin(roll)[:, None] * second
+    return np.stack([tangent, np.cross(normal, tangent), normal], 1), view
