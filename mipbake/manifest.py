@@ -28,6 +28,8 @@ from mipbake.output import Output
 
 SCHEMA_VERSION = 2
 
+_FILTER = {None: "trilinearly", "trilinear": "trilinearly", "anisotropic": "trilinearly and anisotropically"}
+
 
 def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
     """Raises OutputError when a stack cannot be saved to the folder `path`; leaves nothing there.
@@ -143,8 +145,9 @@ def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]
         "conventions": {
             **CONVENTIONS,
             "levels": "level L measures max(1, width >> L) x max(1, height >> L)",
-            "sampling": "filter trilinearly in the stored channels (colours decoded to linear first), renormalise "
-            "vectors, shade once per pixel; do not filter or sharpen the levels again, and use no MIP bias",
+            "sampling": f"filter {_FILTER[stack.provenance.sampler]} in the stored channels (colours decoded to linear "
+            "first), renormalise vectors, shade once per pixel; do not filter or sharpen the levels again, and use no "
+            "MIP bias",
         },
         "provenance": {**asdict(stack.provenance), "sources": dict(stack.provenance.sources)},
         "outputs": [

@@ -125,7 +125,8 @@ def validate(
         seed: fixes points, light-view pairs and samples.
         points: random pixels per lod. samples: reference samples per pixel in each estimate.
         progress: told "validate" and the finished share.
-        baselines: methods to bake beside the stack, each with its averaging kernel, or None for the stack's filter.
+        baselines: methods to bake beside the stack, each with its averaging kernel, or None for the stack's filter; for
+            the stack's sampler and with its aim, where they take them.
 
     Raises:
         UsageError: a negative lod, or fewer than one point or sample.
@@ -134,7 +135,8 @@ def validate(
     kernel = stack.provenance.pixel_filter
     names = dict.fromkeys(label(method, averaging or kernel) for method, averaging in baselines)
     wrong = mismatch(stack, texture_set)
-    with bake_all(texture_set, stack.model, kernel, tuple(names)) as baked:
+    made = stack.provenance
+    with bake_all(texture_set, stack.model, kernel, tuple(names), sampler=made.sampler, aim=made.aim) as baked:
         candidates = [opened(stack), *baked]
         effort = MeasureEffort(seed, points, samples)
         measured = measure(

@@ -298,5 +298,8 @@ def test_records_as_plain_types() -> None:
     )
     assert made == {
         "p": "a/b", "n": 0.5, "a": [0, 1], "i": None,
-        "m": {"name": "m", "method": "m", "kernel": "k", "model": "g", "seconds": None, "path": None},
+        "m": {
+            "name": "m", "method": "m", "kernel": "k", "model": "g", "seconds": None, "path": None, "sampler": None,
+            "aim": None,
+        },
     }  # fmt: skip
