@@ -112,7 +112,7 @@ def draw_pictures(
         )
         samples = min(int(_SAMPLES[0] * _SAMPLES[1] ** max(0.0, float(lod[index]))), _MOST_SAMPLES)
         estimates = [picture.reference(source, samples, rng) for _ in range(2)]
-        exposure = exposures((estimates[0] + estimates[1]) / 2)
+        exposure = exposures((estimates[0] + estimates[1]) / np.float32(2))
         count = len(room.direction)
         lights[index, 0, :count], lights[index, 1, :count] = picture.light[0], picture.view[0]
         power[index, :count, 0] = picture.power * exposure[0]
@@ -130,9 +130,11 @@ def draw_pictures(
         torch.from_numpy(uv.reshape(len(sources), -1, 2)),
         torch.from_numpy(np.repeat(np.maximum(lod, 0).astype(np.float32)[:, None], SIDE * SIDE * taps, 1)),
         torch.from_numpy(share),
-        *(torch.from_numpy(np.ascontiguousarray(each)) for each in (lights[:, 0], lights[:, 1])),
+        torch.from_numpy(np.ascontiguousarray(lights[:, 0])),
+        torch.from_numpy(np.ascontiguousarray(lights[:, 1])),
         torch.from_numpy(power),
-        *(torch.from_numpy(bands(each)) for each in (first, second)),
+        torch.from_numpy(bands(first)),
+        torch.from_numpy(bands(second)),
         torch.from_numpy(masked(bands((first + second) / 2))),
         torch.zeros(len(sources)),
     )

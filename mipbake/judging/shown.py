@@ -105,4 +105,4 @@ def draw_shown(
     apart = displayed_pictures(first, exposure) - displayed_pictures(second, exposure)
     right = bands(shown)
     counts = masked(right)
-    return Shown(pictures, exposure, right, counts, mean_squares(bands(apart) / 2, counts, KINDS_SHOWN))
+    return Shown(pictures, exposure, right, counts, mean_squares(bands(apart / np.float32(2)), counts, KINDS_SHOWN))

@@ -86,8 +86,8 @@ _BEHIND = {
     "highlights, near-mirror": 10.0,
     "highlights, hemisphere": 3.0,
 }
-"""What a neper counts, in addition, by which a term of pairs is behind the best closed form. What falls behind where one
-bright pair rules a set of pairs counts most. Guesses."""
+"""What a neper counts, in addition, by which a term of pairs is behind the best closed form. What falls behind where
+one bright pair rules a set of pairs counts most. Guesses."""
 
 _PAIRS = 0.04  # what a term of pairs counts at an aim of 1, where it is 1 at an aim of 0; a guess
 _SEEN = 0.4, 2.2  # what a term of what is seen counts at an aim of 0, and more at an aim of 1; guesses

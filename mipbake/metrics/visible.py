@@ -50,7 +50,7 @@ def _cosines() -> Image:
     frequency, place = np.meshgrid(np.arange(SIDE), np.arange(SIDE) + 0.5, indexing="ij")
     basis = np.cos(math.pi * frequency * place / SIDE) * math.sqrt(2 / SIDE)
     basis[0] /= math.sqrt(2)
-    return basis.astype(np.float32)
+    return np.asarray(basis, np.float32)
 
 
 def _sensitivity() -> Image:
@@ -75,7 +75,7 @@ WEIGHT = float(np.square(SENSITIVITY).sum())
 def bands(pictures: Image) -> Image:
     """(N, SIDE, SIDE, 3) displayed colours, or differences of them, to (N, 3, SIDE, SIDE) weighted bands; linear."""
     opponent = OPPONENT @ pictures.reshape(len(pictures), -1, 3).transpose(0, 2, 1)
-    return SENSITIVITY * (COSINES @ opponent.reshape(-1, 3, SIDE, SIDE) @ COSINES.T)
+    return np.asarray(SENSITIVITY * (COSINES @ opponent.reshape(-1, 3, SIDE, SIDE) @ COSINES.T))
 
 
 def bands_adjoint(gradient: Image) -> Image:
@@ -154,7 +154,7 @@ def tiles(pictures: NDArray[np.floating]) -> Image:
     height, width = (side // SIDE * SIDE for side in pictures.shape[-3:-1])
     cut = np.asarray(pictures[..., :height, :width, :], np.float32)
     rows = cut.reshape(-1, height // SIDE, SIDE, width // SIDE, SIDE, 3)
-    return rows.swapaxes(2, 3).reshape(-1, SIDE, SIDE, 3)
+    return np.asarray(rows.swapaxes(2, 3).reshape(-1, SIDE, SIDE, 3))
 
 
 def visible_error(candidate: NDArray[np.floating], reference: NDArray[np.floating]) -> float:

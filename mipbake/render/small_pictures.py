@@ -8,7 +8,7 @@ is made for. How far a picture is from right is `mipbake.metrics.visible`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,16 @@ class SmallPictures:
 
     def part(self, some: NDArray[np.intp]) -> SmallPictures:
         """Some of the pictures, by their indices."""
-        each = (self.lod, self.longer, self.uv, self.axes, self.lookups, self.light, self.view)
-        return SmallPictures(self.size, *(values[some] for values in each), self.power)
+        return replace(
+            self,
+            lod=self.lod[some],
+            longer=self.longer[some],
+            uv=self.uv[some],
+            axes=self.axes[some],
+            lookups=self.lookups[some],
+            light=self.light[some],
+            view=self.view[some],
+        )
 
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
         """(N, PIXELS, 3) linear radiance, an unbiased estimate."""

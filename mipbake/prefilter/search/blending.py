@@ -82,8 +82,8 @@ def gathered(
     problem: Problem,
     ingredients: Sequence[Ingredient],
     effort: ProbeEffort,
-    seed: int = 0,
     judged_by: Weights,
+    seed: int = 0,
     progress: Progress = lambda _: None,
     deadline: float = math.inf,
 ) -> Gathered:

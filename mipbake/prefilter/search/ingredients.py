@@ -219,14 +219,15 @@ class Bench:
         return out
 
     def asked(self, which: int, index: int) -> Asked:
-        """That no closed form is ahead at a level of detail, and none of PLAIN in a group of pairs."""
+        """That no closed form is ahead at a level of detail, none of PLAIN in a group of pairs, and no ingredient in
+        what is seen."""
         forms = self._forms(which, index)
         rows = [each.log_errors for each in self.rivals(which, index)]
         plain = np.min([forms[name].log_errors for name in self._plain], 0)
         sets = len(PAIR_SETS)
-        # Of what is seen no ingredient may be ahead, the network's included: what it wins is not given away again.
-        every = list(forms.values()) + [s[index] for (_, at), s in self._seen_scores.items() if at == which]
-        seen = np.min([each.seen for each in every], 0)
+        # Of what is seen no ingredient may be ahead, networks included: what they win is not given away again.
+        learned = [self._score(name, which, index) for name in self._learned]
+        seen = np.min([each.seen for each in (*forms.values(), *learned)], 0)
         return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), seen, plain)
 
     def _forms(self, which: int, index: int) -> dict[str, Score]:
@@ -234,6 +235,10 @@ class Bench:
         if which:
             return self.judged[index]
         return {name: self._found[name, 0][index] for name, each in self._ingredients.items() if each.closed_form}
+
+    @property
+    def _learned(self) -> list[str]:
+        return [name for name, each in self._ingredients.items() if not each.closed_form]
 
     @property
     def _plain(self) -> list[str]:

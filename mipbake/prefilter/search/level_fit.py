@@ -22,8 +22,8 @@ from mipbake.judging.judge import Judge
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import mean_squares
 from mipbake.judging.scores import Array, Errors, Scores, blocks
-from mipbake.material import MODELS
 from mipbake.judging.weights import SEEN
+from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.metrics.visible import bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs

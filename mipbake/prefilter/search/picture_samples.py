@@ -54,10 +54,11 @@ class PictureChunk:
         """(N, PIXELS, C) what pixels see, of (P, C) lookups."""
         return np.asarray(texels.reshape(len(self.some), PIXELS, self.lookups, -1).mean(2))
 
-    def by_lookup(self, gradient: Image) -> Image:
-        """(P, D) derivatives by lookups, from (N, PIXELS, D) derivatives by pixels."""
-        rows = np.repeat(gradient.reshape(-1, gradient.shape[-1]), self.lookups, 0)
-        return np.asarray(rows / np.float32(self.lookups))
+    def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
+        """(P, C) derivatives by (P, C) lookups, from (N, PIXELS, 3) derivatives by the radiance of pixels."""
+        pictures = self.shown.pictures.part(self.some)
+        by_pixel = pictures.adjoint(model, self.pixels(texels), gradient / np.float32(self.lookups))
+        return np.repeat(by_pixel.reshape(-1, by_pixel.shape[-1]), self.lookups, 0)
 
 
 @dataclass(frozen=True)
@@ -112,4 +113,3 @@ def picture_slopes(
         most = _TURNED * (weight * np.square(SENSITIVITY)).max((1, 2, 3))
         out.append(PictureSlopes(by_shown * slope, most[:, None, None] * np.square(slope)))
     return out
-

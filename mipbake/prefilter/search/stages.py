@@ -114,9 +114,7 @@ class Gather:
         """See Stage."""
         work = search.work
         deadline = work.clock.until(_BAKING)
-        found = gathered(
-            work.problem, work.ingredients, self.effort, work.seed, progress, deadline, judged_by=work.judged_by
-        )
+        found = gathered(work.problem, work.ingredients, self.effort, work.judged_by, work.seed, progress, deadline)
         return replace(search, gathered=found)
 
 

@@ -281,9 +281,8 @@ def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArr
         rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
-    for chunk, seen, slopes in zip(drawn.pictures, others, found, strict=True):
-        pictures = chunk.shown.pictures.part(chunk.some)
-        rows.append(chunk.by_lookup(pictures.adjoint(model, chunk.pixels(seen), slopes.by_radiance)))
+    for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
+        rows.append(picture.adjoint(model, seen, slopes.by_radiance))
     return rows
 
 
@@ -312,12 +311,11 @@ def _curvature(
         packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
-    for chunk, seen, slopes in zip(drawn.pictures, others, found, strict=True):
-        pictures, turned = chunk.shown.pictures.part(chunk.some), signs(slopes.bounds.shape, rng)
-        by_pixel = pictures.adjoint(model, chunk.pixels(seen), turned * np.sqrt(slopes.bounds))
-        # Lookups of a pixel share what it says: their shares in it sum to 1.
-        by_lookup = np.repeat(by_pixel.reshape(-1, by_pixel.shape[-1]), chunk.lookups, 0) / np.sqrt(chunk.lookups)
-        rows = without_heights(torch.from_numpy(by_lookup.astype(np.float32)), torch.from_numpy(seen), model)
+    for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
+        turned = signs(slopes.bounds.shape, rng) * np.sqrt(slopes.bounds)
+        # The lookups of a pixel have equal shares in it, which sum to 1.
+        by_lookup = picture.adjoint(model, seen, turned) * np.float32(np.sqrt(picture.lookups))
+        rows = without_heights(torch.from_numpy(by_lookup), torch.from_numpy(seen), model)
         packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
     for i, crop in free.items():
