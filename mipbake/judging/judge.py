@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.judging.scores import Score, certainty
-from mipbake.judging.weights import SEEN, TERMS, Weights
+from mipbake.judging.weights import TERMS, Weights
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Asked:
     @property
     def sure(self) -> Array:
         """(T,) what each term counts of its weight: 1, and less for bright pairs on which chance decides."""
-        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), np.ones(len(SEEN))])
+        return np.concatenate([np.ones(len(self.log_errors)), certainty(self.pooled), certainty(self.seen)])
 
     @classmethod
     def of(cls, score: Score) -> Asked:
@@ -104,9 +104,12 @@ class Judge:
     def behind(self, score: Score, index: int) -> Array:
         """(T,) by how much each term is behind what is asked for, beyond chance; below 0 where it is ahead."""
         asked, weights = self.asked[index], self.weights
-        lost = score.log_errors - asked.log_errors, score.pooled - asked.pooled
-        rows = [each.mean(-1) - weights.chance * standard_error(each) - weights.tie for each in lost]
-        return np.concatenate([*rows, score.seen - asked.seen - weights.seen_tie])
+        lost = score.log_errors - asked.log_errors, score.pooled - asked.pooled, score.seen - asked.seen
+        ties = weights.tie, weights.tie, weights.seen_tie
+        rows = [
+            each.mean(-1) - weights.chance * standard_error(each) - tie for each, tie in zip(lost, ties, strict=True)
+        ]
+        return np.concatenate(rows)
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""

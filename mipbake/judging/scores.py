@@ -43,7 +43,7 @@ class Score:
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
             signal; values whose mean is its logarithm, and whose scatter says how sure (Tukey's pseudo-values, the
             jackknife over groups, moved to that mean).
-        seen: (V,) logarithms of the visible error of each kind of small pictures (VisibleError).
+        seen: (V, N) VisibleError.pseudo_values of each kind of small pictures: their mean is the logarithm of the error.
     """
 
     log_errors: Array
@@ -58,7 +58,7 @@ class Score:
     @property
     def terms(self) -> Array:
         """(T,) the terms of weights.TERMS: means of the rows, and seen."""
-        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), self.seen])
+        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), self.seen.mean(-1)])
 
     @property
     def decibels(self) -> Array:
@@ -84,7 +84,7 @@ class Errors:
     def score(self) -> Score:
         """Logarithms of the errors, group by group."""
         probe, energies = self.probe, self.probe.energies(self.squares)
-        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.seen.logarithms)
+        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.seen.pseudo_values)
 
     def slopes(self, by_log: Array, by_pooled: Array) -> Array:
         """(S, G) derivatives by the energies of groups of what hangs on the score.

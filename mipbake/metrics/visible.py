@@ -117,16 +117,38 @@ class VisibleError:
         return len(self.noise)
 
     @cached_property
+    def squares(self) -> Array:
+        """(V, N / V) mean square of what is off in each picture, noise included."""
+        each = np.einsum(
+            "nx,nx->n", self.off.reshape(len(self.off), -1), (self.off * self.counts).reshape(len(self.off), -1)
+        )
+        return np.asarray(each.reshape(self.kinds, -1), np.float64) / WEIGHT
+
+    @property
     def means(self) -> Array:
         """(V,) mean squares of what is off, without the noise."""
-        return np.maximum(
-            np.maximum(mean_squares(self.off, self.counts, self.kinds) - self.noise, _floor(self.noise)), 0
-        )
+        return self._without_noise(self.squares.mean(1))
 
     @property
     def logarithms(self) -> Array:
         """(V,) natural logarithms of `means`."""
         return np.log(self.means)
+
+    @property
+    def pseudo_values(self) -> Array:
+        """(V, N / V) values whose mean is `logarithms`, and whose scatter says how sure it is (Tukey's pseudo-values, the
+        jackknife over pictures, moved to that mean)."""
+        count = self.squares.shape[1]
+        if count < 2:
+            return self.logarithms[:, None]
+        total = self.squares.sum(1, keepdims=True)
+        others = np.log(self._without_noise(((total - self.squares) / (count - 1)).T).T)
+        values = count * self.logarithms[:, None] - (count - 1) * others
+        return np.asarray(values - values.mean(1, keepdims=True) + self.logarithms[:, None])
+
+    def _without_noise(self, squares: Array) -> Array:
+        """(..., V) mean squares without their noise, at least what counts as some."""
+        return np.maximum(squares - self.noise, np.maximum(_RESOLVED * self.noise, _LEAST))
 
     def weights(self, by: Array) -> Image:
         """(N, 3, SIDE, SIDE) derivatives by the squares of `off` of what has the derivatives (V,) by `logarithms`."""
@@ -140,13 +162,7 @@ class VisibleError:
 
 def mean_squares(off: Image, counts: Image, kinds: int) -> Array:
     """(V,) means over the pictures of a kind and bands, as they weigh, of (N, 3, SIDE, SIDE) squares that count."""
-    each = np.einsum("vx,vx->v", off.reshape(kinds, -1), (off * counts).reshape(kinds, -1)).astype(np.float64)
-    return np.asarray(each * kinds / (WEIGHT * len(off)))
-
-
-def _floor(noise: Array) -> Array:
-    """(V,) mean squares that are as good as none."""
-    return np.maximum(_RESOLVED * noise, _LEAST)
+    return VisibleError(off, counts, np.zeros(kinds)).squares.mean(1)
 
 
 def tiles(pictures: NDArray[np.floating]) -> Image:

@@ -16,7 +16,7 @@ import numpy as np
 from mipbake import directions
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Score
+from mipbake.judging.scores import Array, Score
 from mipbake.judging.weights import Weights
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.blending import Blend, Gathered, gathered
@@ -227,7 +227,7 @@ class Keep:
 
         # Nothing becomes worse than the start, which itself was held against every closed form.
         asked = [
-            Asked(score.log_errors, score.pooled, np.maximum(before.seen, score.seen), before.plain)
+            Asked(score.log_errors, score.pooled, _worse(before.seen, score.seen), before.plain)
             for before, score in zip(start.judge.asked, search.before, strict=True)
         ]
         kept = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
@@ -235,3 +235,8 @@ class Keep:
         levels = [between(*each, problem.target) for each in zip(start.levels, search.levels, kept, strict=True)]
         progress(1.0)
         return replace(search, levels=directions.aligned(levels, problem.target, problem.wrap), kept=kept)
+
+
+def _worse(first: Array, second: Array) -> Array:
+    """(V, N) of each kind the rows whose mean is higher."""
+    return np.where((first.mean(-1) > second.mean(-1))[:, None], first, second)
