@@ -56,7 +56,7 @@ class ProbeEffort:
     groups: int = 32
     points: int = 64
     samples: int = 8
-    pictures: int = 32
+    pictures: int = 48
     picture_samples: int = 8
     doublings: int = 3
 

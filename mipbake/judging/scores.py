@@ -43,7 +43,7 @@ class Score:
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
             signal; values whose mean is its logarithm, and whose scatter says how sure (Tukey's pseudo-values, the
             jackknife over groups, moved to that mean).
-        seen: (V, N) VisibleError.pseudo_values of each kind of small pictures: their mean is the logarithm of the error.
+        seen: (V, N) VisibleError.pseudo_values of each kind of small pictures: their mean is the log of the error.
     """
 
     log_errors: Array

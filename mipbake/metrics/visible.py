@@ -41,7 +41,7 @@ _MEAN = 0.1  # what the mean of a picture weighs: eyes adapt to it; fitted
 _CHROMA = 0.5  # what opponent colours weigh beside lightness; fitted
 _THRESHOLD = 0.02  # of a band's coefficient that is right, from which it hides errors; fitted
 _HIDING = 0.75  # power of what hides; at 1 only relative errors would count; fitted
-_LEAST = 1e-4  # mean square, that is as good as none; a guess
+_UNSEEN = 0.01  # visible error beside which others hardly count: films have 9.8 JOD there; a guess
 _RESOLVED = 0.1  # share of the noise below which an error is chance; a guess
 
 
@@ -126,7 +126,7 @@ class VisibleError:
 
     @property
     def means(self) -> Array:
-        """(V,) mean squares of what is off, without the noise."""
+        """(V,) mean squares of what is off, without the noise, beside what nobody sees."""
         return self._without_noise(self.squares.mean(1))
 
     @property
@@ -136,8 +136,10 @@ class VisibleError:
 
     @property
     def pseudo_values(self) -> Array:
-        """(V, N / V) values whose mean is `logarithms`, and whose scatter says how sure it is (Tukey's pseudo-values, the
-        jackknife over pictures, moved to that mean)."""
+        """(V, N / V) values whose mean is `logarithms`, and whose scatter says how sure it is.
+
+        They are Tukey's pseudo-values, the jackknife over pictures, moved to that mean.
+        """
         count = self.squares.shape[1]
         if count < 2:
             return self.logarithms[:, None]
@@ -147,8 +149,8 @@ class VisibleError:
         return np.asarray(values - values.mean(1, keepdims=True) + self.logarithms[:, None])
 
     def _without_noise(self, squares: Array) -> Array:
-        """(..., V) mean squares without their noise, at least what counts as some."""
-        return np.maximum(squares - self.noise, np.maximum(_RESOLVED * self.noise, _LEAST))
+        """(..., V) mean squares without their noise, and with what nobody sees."""
+        return np.asarray(np.maximum(squares - self.noise, _RESOLVED * self.noise) + _UNSEEN)
 
     def weights(self, by: Array) -> Image:
         """(N, 3, SIDE, SIDE) derivatives by the squares of `off` of what has the derivatives (V,) by `logarithms`."""
@@ -162,7 +164,7 @@ class VisibleError:
 
 def mean_squares(off: Image, counts: Image, kinds: int) -> Array:
     """(V,) means over the pictures of a kind and bands, as they weigh, of (N, 3, SIDE, SIDE) squares that count."""
-    return VisibleError(off, counts, np.zeros(kinds)).squares.mean(1)
+    return np.asarray(VisibleError(off, counts, np.zeros(kinds)).squares.mean(1))
 
 
 def tiles(pictures: NDArray[np.floating]) -> Image:
