@@ -103,7 +103,7 @@ WORDS = {
             *("training/", "mipbake/raster/", "mipbake/sampling/", "mipbake/shading/"),
         ),
         names=(
-            *("compare.turning.Turning.reference", "judging.lit_renders.lit_reference", "reference"),
+            *("compare.turning.Turning.reference", "reference"),
             *("reference.estimate.reference", "render.mesh_render.Reference", "render.mesh_render.reference"),
             *("training.loss.draw_noisy_reference", "raster.reference", "sampling.reference", "shading.reference"),
             *("compare.film_figures.ShownReference", "render.film.FilmReference", "render.film.film_reference"),

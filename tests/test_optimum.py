@@ -20,7 +20,7 @@ from mipbake import material
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
-from mipbake.judging.weights import LIT, SINGLE_LIGHTS, WEIGHTS, Weight, Weights
+from mipbake.judging.weights import SEEN, SINGLE_LIGHTS, Weight, Weights, weights_for
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter.search import texel_coordinates, texel_descent
@@ -38,9 +38,9 @@ from mipbake.render import candidate
 from .stacks import constant
 
 WRAP = ("wrap", "wrap")
-SMALL = DescentEffort(rounds=16, looks=ProbeEffort(groups=4, points=48, lit_points=64))
-TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, lit_points=16, lit_samples=4))
-EFFORT = ProbeEffort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
+SMALL = DescentEffort(rounds=16, looks=ProbeEffort(groups=4, points=48, pictures=8))
+TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, pictures=8, picture_samples=2))
+EFFORT = ProbeEffort(groups=8, points=48, samples=8, pictures=16, picture_samples=4)
 
 
 def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
@@ -102,8 +102,8 @@ def test_single_lights_alone_count() -> None:
         method = Optimum(effort=EFFORT, descent=TINY, judged_by=judged_by)
         return method(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
 
-    usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, WEIGHTS))
-    assert SINGLE_LIGHTS.terms[LIT] == Weight(0.0, 0.0)
+    usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, weights_for(0.5)))
+    assert {SINGLE_LIGHTS.terms[name] for name in SEEN} == {Weight(0.0, 0.0)}
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, single, strict=True))
     assert not all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, other, strict=True))
 
@@ -252,5 +252,6 @@ def test_pairs_that_judge_are_not_those_that_figures_are_quoted_for() -> None:
 def test_probes_of_a_region_lie_inside_it() -> None:
     region = Region(0.5, 1, 0, 0.25, range(1))
     (probe,) = Scores(problem(bumpy(16, 16)), EFFORT, 0, [0.0], region).probes
-    for uv in (probe.uv.reshape(-1, 2), probe.lit_uv):
+    centres = probe.shown.pictures.uv.mean(1)  # pictures are as large as they are
+    for uv in (probe.uv.reshape(-1, 2), centres):
         assert (uv >= [0, 0.5]).all() and (uv <= [0.25, 1]).all()
