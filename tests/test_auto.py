@@ -153,7 +153,7 @@ def test_a_black_material_is_fine() -> None:
 def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     """What is kept of them is nowhere far behind both the best closed form and the ingredients that are safe."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    found = gathered(task, list(closed_forms(task)), SMALL)
+    found = gathered(task, list(closed_forms(task)), SMALL, WEIGHTS)
     count = len(material.MODELS["gltf"].maps) * len(found.bench.others)
     made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
     safe = made.check.of_stack(best(found).levels)
@@ -275,13 +275,13 @@ def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> N
     """All but the base where time is over; of the others those that are expected in time."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     ingredients = list(closed_forms(task))
-    made = blend(gathered(task, ingredients, TINY, deadline=0.0))
+    made = blend(gathered(task, ingredients, TINY, WEIGHTS, deadline=0.0))
     assert set(itertools.chain(*made.sources)) == {"linear (gaussian)"}
 
     slow = {"lean", "unreal"}
     late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in ingredients]
     # A part is a quarter of the set, which would then take over 4 seconds.
-    made = blend(gathered(task, late, TINY, deadline=time.monotonic() + 4))
+    made = blend(gathered(task, late, TINY, WEIGHTS, deadline=time.monotonic() + 4))
     names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
     assert names and not any(name.split()[0] in slow for name in names)
 
@@ -335,7 +335,7 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     best = {name for each in result.promise.levels for name in each.best_closed_form.values()}
     assert not best & set(result.promise.left_out)
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
-    start = blend(gathered(task, list(closed_forms(task)), SMALL, deadline=0.0))
+    start = blend(gathered(task, list(closed_forms(task)), SMALL, WEIGHTS, deadline=0.0))
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
     assert sorted(level for timed in timed_regions(task, 512, fine=True) for level in timed.region.levels) == list(
         range(8)
