@@ -9,7 +9,7 @@ from mipbake.prefilter import METHODS, Prefilter
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.methods import Auto, Optimum, Refine
 
-FEW = ProbeEffort(groups=2, points=4, samples=2, lit_points=8, lit_samples=2)
+FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 NONE = DescentEffort(rounds=0, pairs=4, samples=2, looks=FEW)
 ONE = DescentEffort(rounds=1, pairs=8, looks=FEW)
 

@@ -15,14 +15,16 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling
+from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, shading
 from mipbake.errors import UsageError
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.lit_renders import displayed_float32
 from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score, Scores
+from mipbake.judging.shown import Shown, displayed_pictures
+from mipbake.judging.weights import SEEN, Weight, Weights, weights_for
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.metrics.visible import bands
 from mipbake.models import list_weights
 from mipbake.prefilter import METHODS, method_named
 from mipbake.prefilter.base import PrefilterResult
@@ -39,6 +41,7 @@ from mipbake.reference.problem import Problem
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
+from mipbake.render.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
@@ -46,9 +49,13 @@ from mipbake.shading.ops import shade as shade_op
 from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
-SMALL = ProbeEffort(groups=8, points=48, samples=16, lit_points=128, lit_samples=16)
-TINY = ProbeEffort(groups=2, points=8, samples=4, lit_points=16, lit_samples=4)
-SHORT = DescentEffort(rounds=5, pairs=16, samples=4, looks=ProbeEffort(groups=2, points=32, samples=4, lit_points=64))
+WEIGHTS = weights_for(0.5)
+SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in WEIGHTS.terms}, group_behind=0.0)
+"""Weights of which nothing counts but what is seen."""
+
+SMALL = ProbeEffort(groups=8, points=48, samples=16, pictures=16, picture_samples=8)
+TINY = ProbeEffort(groups=2, points=8, samples=4, pictures=8, picture_samples=2)
+SHORT = DescentEffort(rounds=5, pairs=16, samples=4, looks=ProbeEffort(groups=2, points=32, samples=4, pictures=8))
 
 
 QUICK = quick_methods(SHORT, SMALL)
@@ -146,7 +153,7 @@ def test_a_black_material_is_fine() -> None:
 def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     """What is kept of them is nowhere far behind both the best closed form and the ingredients that are safe."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    found = gathered(task, list(closed_forms(task)), SMALL)
+    found = gathered(task, list(closed_forms(task)), SMALL, WEIGHTS)
     count = len(material.MODELS["gltf"].maps) * len(found.bench.others)
     made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
     safe = made.check.of_stack(best(found).levels)
@@ -166,17 +173,19 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
 
         def of(self, share: float, _index: int) -> Score:
             rows = np.tile([-3.0, self.lost], (sets, 8)) * share
-            return Score(rows, np.zeros((2 * sets, 4)), 0.0)
+            return Score(rows, np.zeros((2 * sets, 4)), np.zeros(len(SEEN)))
 
     check = Check()
     nothing = np.zeros((sets, 16))
     for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
-        judge = Judge([Asked(np.zeros((sets, 16)), np.zeros((2 * sets, 4)), 0.0, plain)])
+        asked = Asked(np.zeros((sets, 16)), np.zeros((2 * sets, 4)), np.zeros(len(SEEN)), plain)
+        judge = Judge([asked], WEIGHTS)
         found = settle(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
         assert found == [kept]
 
 
-def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
+@pytest.mark.parametrize("weights", [WEIGHTS, SEEN_ALONE], ids=["all terms", "what is seen"])
+def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray, weights: Weights) -> None:
     """The reference in a probe is replaced by renders of a known blend of two ingredients."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     scores = Scores(task, SMALL, 5, [1.0])
@@ -186,18 +195,20 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray) -> None:
     texels = material.regularise(base + np.tensordot(true, made, 1), "gltf").astype(np.float32)
     (probe,) = scores.probes
     count = probe.uv.shape[0] * probe.uv.shape[1]
-    from mipbake.shading import shade, shade_lit
-
     single = texels[:count].reshape(*probe.uv.shape[:2], -1)
-    shaded = shade("gltf", single, probe.light, probe.view)
-    room = scores.lighting
-    seen = shade_lit("gltf", texels[count:], probe.frame, probe.lit_view, room.direction, 1.5 * room.radiance)
-    shown = replace(probe, mean=shaded, noise=0 * probe.noise, displayed=displayed_float32(seen))
+    shaded = shading.shade("gltf", single, probe.light, probe.view)
+    shown = replace(probe.shown, right=bands_of(probe.shown, texels[count:]), noise=0 * probe.shown.noise)
     asked = Asked.of(scores.of(base, 0))
-    scores.probes = [shown]
-    found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked]))
+    scores.probes = [replace(probe, mean=shaded, noise=0 * probe.noise, shown=shown)]
+    found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked], weights))
     assert found[2] == pytest.approx(true[2], abs=2e-4)  # off by 2e-5 in the mean, standard deviation 3e-5
     assert found[3] == pytest.approx(true[3], abs=0.021)  # 0.0040, standard deviation 0.0043
+
+
+def bands_of(shown: Shown, texels: np.ndarray) -> np.ndarray:
+    """What small pictures show of texels that their pixels look up."""
+    radiance = shown.pictures.radiance("gltf", texels.reshape(-1, PIXELS, texels.shape[-1]))
+    return bands(displayed_pictures(radiance, shown.exposure))
 
 
 def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
@@ -264,13 +275,13 @@ def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> N
     """All but the base where time is over; of the others those that are expected in time."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     ingredients = list(closed_forms(task))
-    made = blend(gathered(task, ingredients, TINY, deadline=0.0))
+    made = blend(gathered(task, ingredients, TINY, WEIGHTS, deadline=0.0))
     assert set(itertools.chain(*made.sources)) == {"linear (gaussian)"}
 
     slow = {"lean", "unreal"}
     late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in ingredients]
     # A part is a quarter of the set, which would then take over 4 seconds.
-    made = blend(gathered(task, late, TINY, deadline=time.monotonic() + 4))
+    made = blend(gathered(task, late, TINY, WEIGHTS, deadline=time.monotonic() + 4))
     names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
     assert names and not any(name.split()[0] in slow for name in names)
 
@@ -309,10 +320,10 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> No
     room = Scores(Problem(two, "gltf", "gltf", "gaussian", WRAP), SMALL, 9, [0.0, 1.0, 2.0])
     for level in range(3):
         before, after = (
-            room.errors(room.looked_up(levels[level], level), level).lit.square
+            room.errors(room.looked_up(levels[level], level), level).seen.means
             for levels in (blended.levels, result.levels)
         )
-        assert after < 1.3 * before, level  # the most of three levels: mean 1.08, standard deviation 0.05
+        assert (after < 1.3 * before).all(), level  # the most of three levels: mean 1.08, standard deviation 0.05
 
 
 def test_without_time_the_blend_stays(two: np.ndarray) -> None:
@@ -324,7 +335,7 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     best = {name for each in result.promise.levels for name in each.best_closed_form.values()}
     assert not best & set(result.promise.left_out)
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
-    start = blend(gathered(task, list(closed_forms(task)), SMALL, deadline=0.0))
+    start = blend(gathered(task, list(closed_forms(task)), SMALL, WEIGHTS, deadline=0.0))
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
     assert sorted(level for timed in timed_regions(task, 512, fine=True) for level in timed.region.levels) == list(
         range(8)

@@ -10,22 +10,28 @@ import pytest
 from mipbake.judging.judge import GROUPS, Asked, Judge
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Errors, Score, Scores
-from mipbake.judging.weights import LIT, TERMS, WEIGHTS, Weight, Weights
+from mipbake.judging.weights import SEEN, TERMS, Weight, Weights, weights_for
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.problem import Problem
 
 SETS, GROUP_COUNT, POOLED = len(PAIR_SETS), 12, 5
+WEIGHTS = weights_for(0.5)
+KEPT = [name for name in TERMS if name not in SEEN]
+"""The terms of single lights."""
 
 
 def score_of(seed: int, shift: float = 0.0) -> Score:
     rng = np.random.default_rng(seed)
     return Score(
-        rng.normal(-3 + shift, 0.3, (SETS, GROUP_COUNT)), rng.normal(-2 + shift, 0.3, (2 * SETS, POOLED)), -4.0 + shift
+        rng.normal(-3 + shift, 0.3, (SETS, GROUP_COUNT)),
+        rng.normal(-2 + shift, 0.3, (2 * SETS, POOLED)),
+        np.array([-4.0, -5.0]) + shift,
     )
 
 
-def judge_of(score: Score, plain: bool = True) -> Judge:
-    return Judge([Asked(score.log_errors, score.pooled, score.lit, score.log_errors if plain else None)])
+def judge_of(score: Score, plain: bool = True, weights: Weights = WEIGHTS) -> Judge:
+    asked = Asked(score.log_errors, score.pooled, score.seen, score.log_errors if plain else None)
+    return Judge([asked], weights)
 
 
 def test_every_term_has_a_weight_and_no_other_name_is_taken() -> None:
@@ -36,12 +42,41 @@ def test_every_term_has_a_weight_and_no_other_name_is_taken() -> None:
         WEIGHTS.tie = 1.0  # type: ignore[misc]
 
 
+def test_the_aim_moves_what_counts_from_single_lights_to_what_is_seen() -> None:
+    aims = np.linspace(0, 1, 11)
+    every = [weights_for(aim) for aim in aims]
+    for name in KEPT:
+        counts, behind = np.array([(each.terms[name].counts, each.terms[name].behind) for each in every]).T
+        assert (np.diff(counts) < 0).all() and counts[0] == 1 and counts[-1] > 0
+        # Nothing of them may be behind up to the middle; from there on they give way, and never wholly.
+        assert (behind[aims <= 0.5] == behind[0]).all() and (np.diff(behind[aims >= 0.5]) < 0).all() and behind[-1] > 0
+    for name in SEEN:
+        counts, behind = np.array([(each.terms[name].counts, each.terms[name].behind) for each in every]).T
+        assert (np.diff(counts) > 0).all() and counts[0] > 0
+        assert (behind == behind[0]).all()
+    groups = np.array([each.group_behind for each in every])
+    assert (groups[aims <= 0.5] == groups[0]).all() and (np.diff(groups[aims >= 0.5]) < 0).all()
+
+
+def test_whether_looks_pay_for_single_lights_hangs_on_the_aim() -> None:
+    """Seen better by half a neper, and as much worse under single lights: no gain while these may not be behind."""
+    asked = score_of(0)
+    looks = replace(score_of(0, 0.5), seen=asked.seen - 0.5)
+    gains = []
+    for aim in (0.0, 0.5, 1.0):
+        judge = judge_of(asked, weights=weights_for(aim))
+        gains.append(judge.value(asked, 0) - judge.value(looks, 0))
+    assert gains[0] < 0 and gains[1] < 0 < gains[2]
+
+
 def test_what_each_term_adds_is_what_a_stack_is_worth() -> None:
     judge, score = judge_of(score_of(0)), score_of(1, 0.2)
     terms = judge.terms(score, 0)
     assert tuple(terms) == (*TERMS, GROUPS)
     assert sum(each.value for each in terms.values()) == pytest.approx(judge.value(score, 0), rel=1e-12)
-    assert terms[LIT].log == score.lit and terms[LIT].behind == pytest.approx(0.2 - WEIGHTS.lit_tie)
+    for index, name in enumerate(SEEN):
+        assert terms[name].log == score.seen[index]
+        assert terms[name].behind == pytest.approx(0.2 - WEIGHTS.seen_tie)
 
 
 def test_what_is_worse_everywhere_is_worth_less() -> None:
@@ -84,14 +119,16 @@ def test_slopes_are_derivatives_of_the_value() -> None:
             assert (found[0] - found[1]) / (2 * step) == pytest.approx(
                 expected, abs=WEIGHTS.chance * WEIGHTS.behind[row] / GROUP_COUNT
             )
-    lit = [judge.value(replace(score, lit=score.lit + turn * step), 0) for turn in (1, -1)]
-    assert (lit[0] - lit[1]) / (2 * step) == pytest.approx(slopes.terms[-1], rel=1e-6)
+    for kind, slope in enumerate(slopes.terms[-len(SEEN) :]):
+        along = step * np.eye(len(SEEN))[kind]
+        ahead, back = (judge.value(replace(score, seen=score.seen + turn * along), 0) for turn in (1, -1))
+        assert (ahead - back) / (2 * step) == pytest.approx(slope, rel=1e-6)
 
 
 def test_slopes_by_energies_are_derivatives_of_the_score() -> None:
     stored = np.random.default_rng(0).uniform(0.2, 0.8, (16, 16, 8)).astype(np.float32)
     stored[..., 5:] = [0, 0, 1]
-    effort = ProbeEffort(groups=4, points=16, samples=16, lit_points=16, lit_samples=4)
+    effort = ProbeEffort(groups=4, points=16, samples=16, pictures=8, picture_samples=2)
     scores = Scores(Problem(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap")), effort, 0, [1.0])
     flat = np.broadcast_to(stored.mean((0, 1)), (8, 8, 8)).astype(np.float32)
     errors = scores.errors(scores.looked_up(flat, 0), 0)
@@ -99,7 +136,7 @@ def test_slopes_by_energies_are_derivatives_of_the_score() -> None:
     by_log, by_pooled = rng.normal(size=errors.score.log_errors.shape), rng.normal(size=2 * SETS)
 
     def hangs_on(squares: np.ndarray) -> float:
-        score = Errors(errors.probe, squares, errors.lit).score
+        score = Errors(errors.probe, squares, errors.seen).score
         return float((by_log * score.log_errors).sum() + by_pooled @ score.pooled.mean(1))
 
     along = errors.squares * rng.normal(size=errors.squares.shape)
@@ -115,14 +152,14 @@ def test_no_error_of_a_group_makes_a_stack_better_by_growing() -> None:
     stored = np.zeros((32, 32, 8), np.float32)
     stored[..., :3], stored[..., 3], stored[..., 4], stored[..., 7] = 0.7, 1, 0.06, 1
     stored[8:16, 8:16, 5:] = [0.3, 0.1, np.sqrt(0.9)]
-    effort = ProbeEffort(groups=16, points=16, samples=4, lit_points=16, lit_samples=4)
+    effort = ProbeEffort(groups=16, points=16, samples=4, pictures=8, picture_samples=2)
     scores = Scores(Problem(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap")), effort, 0, [1.0])
     wide = stored[::2, ::2].copy()
     wide[..., 4] = 0.3
     errors = scores.errors(scores.looked_up(wide, 0), 0)
-    judge = Judge([Asked.of(errors.score)])
+    judge = Judge([Asked.of(errors.score)], WEIGHTS)
     before = judge.value(errors.score, 0)
     for group in range(len(errors.squares)):
         squares = errors.squares.copy()
         squares[group] = 2 * np.maximum(squares[group], 0)
-        assert judge.value(Errors(errors.probe, squares, errors.lit).score, 0) > before - 1e-9
+        assert judge.value(Errors(errors.probe, squares, errors.seen).score, 0) > before - 1e-9

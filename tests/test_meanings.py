@@ -103,7 +103,8 @@ WORDS = {
             *("training/", "mipbake/raster/", "mipbake/sampling/", "mipbake/shading/"),
         ),
         names=(
-            *("compare.turning.Turning.reference", "judging.lit_renders.lit_reference", "reference"),
+            *("compare.turning.Turning.reference", "reference"),
+            "render.small_pictures.SmallPictures.reference",
             *("reference.estimate.reference", "render.mesh_render.Reference", "render.mesh_render.reference"),
             *("training.loss.draw_noisy_reference", "raster.reference", "sampling.reference", "shading.reference"),
             *("compare.film_figures.ShownReference", "render.film.FilmReference", "render.film.film_reference"),
@@ -116,7 +117,8 @@ WORDS = {
     "pair": Word(
         places=(
             *("mipbake/compare/", "mipbake/judging/", "mipbake/metrics/", "mipbake/prefilter/", "mipbake/reference/"),
-            *("mipbake/render/texture_space.py", "mipbake/report/page/", "mipbake/shading/", "mipbake/validate.py"),
+            *("mipbake/render/small_pictures.py", "mipbake/render/texture_space.py", "mipbake/report/page/"),
+            *("mipbake/shading/", "mipbake/validate.py"),
             *("mipbake/material/beckmann.py", "cli/bake_output.py", "cli/compare.py", "cli/validate.py", "training/"),
         ),
         names=(
@@ -143,6 +145,7 @@ WORDS = {
             *("pixel_filter.filtered_levels", "prefilter.promise.LevelPromise", "prefilter.search.level_fit"),
             *("prefilter.search.ingredients.Bench.levels", "prefilter.search.level_fit.fit_level"),
             *("prefilter.search.pixel_samples.levels_seen", "render.samplers.level_of_detail"),
+            "training.picture_loss.plain_levels",
         ),
         types=(
             *(r"int( \| None)?", "range", ARRAYS, "Levels", rf"(Sequence|list)\[{ARRAYS}\]", r"tuple\[Any, \.\.\.\]"),

@@ -60,7 +60,7 @@ def test_samplers_and_aims_that_no_stack_is_made_for_are_refused() -> None:
 
 def test_results_say_what_they_were_made_for() -> None:
     stored = np.full((4, 4, 8), [0.5, 0.4, 0.3, 1, 0.4, 0, 0, 1], np.float32)
-    effort = ProbeEffort(groups=4, points=8, samples=2, lit_points=64, doublings=0)
+    effort = ProbeEffort(groups=4, points=8, samples=2, pictures=8, doublings=0)
     made = {
         each.name: each(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap"), lambda _: None)
         for each in (

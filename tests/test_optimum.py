@@ -17,20 +17,22 @@ import pytest
 import torch
 
 from mipbake import material
+from mipbake.aim import BAKED_SAMPLERS, BakedSampler
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
-from mipbake.judging.weights import LIT, SINGLE_LIGHTS, WEIGHTS, Weight, Weights
+from mipbake.judging.weights import SEEN, SINGLE_LIGHTS, TERMS, Weight, Weights, weights_for
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter.search import texel_coordinates, texel_descent
+from mipbake.prefilter import method_named
+from mipbake.prefilter.search import picture_samples, texel_coordinates, texel_descent
 from mipbake.prefilter.search.blending import best
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import closed_forms
 from mipbake.prefilter.search.methods import Optimum
 from mipbake.prefilter.search.regions import timed_regions
 from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
-from mipbake.reference.estimate import reference
+from mipbake.reference.estimate import bilinear, reference
 from mipbake.reference.problem import Problem, Region, whole
 from mipbake.reference.sequences import random_points
 from mipbake.render import candidate
@@ -38,9 +40,12 @@ from mipbake.render import candidate
 from .stacks import constant
 
 WRAP = ("wrap", "wrap")
-SMALL = DescentEffort(rounds=16, looks=ProbeEffort(groups=4, points=48, lit_points=64))
-TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, lit_points=16, lit_samples=4))
-EFFORT = ProbeEffort(groups=8, points=48, samples=8, lit_points=512, lit_samples=8)
+SMALL = DescentEffort(rounds=16, looks=ProbeEffort(groups=4, points=48, pictures=8))
+TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, pictures=8, picture_samples=2))
+EFFORT = ProbeEffort(groups=8, points=48, samples=8, pictures=16, picture_samples=4)
+
+
+SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in TERMS}, group_behind=0.0)
 
 
 def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
@@ -59,7 +64,8 @@ def problem(
 
 def searched(task: Problem, *stages: Stage, seed: int = 0) -> Search:
     """What stages make of a problem."""
-    search = Search(Work(task, list(closed_forms(task)), seed, Clock(0.0, math.inf), lambda _: None))
+    work = Work(task, list(closed_forms(task)), seed, Clock(0.0, math.inf), lambda _: None, SINGLE_LIGHTS)
+    search = Search(work)
     for stage in stages:
         search = stage(search, lambda _: None)
     return search
@@ -102,8 +108,8 @@ def test_single_lights_alone_count() -> None:
         method = Optimum(effort=EFFORT, descent=TINY, judged_by=judged_by)
         return method(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
 
-    usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, WEIGHTS))
-    assert SINGLE_LIGHTS.terms[LIT] == Weight(0.0, 0.0)
+    usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, weights_for(0.5)))
+    assert {SINGLE_LIGHTS.terms[name] for name in SEEN} == {Weight(0.0, 0.0)}
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, single, strict=True))
     assert not all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, other, strict=True))
 
@@ -196,14 +202,43 @@ def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> 
     rng = np.random.default_rng(0)
     for region in regions:
         for index in region.levels:
-            part = texel_coordinates.Crop(levels[index], region, "gltf", wrap, True)
+            part = texel_coordinates.Crop(levels[index], region, task, True, 4)
             counts[index][part.window] += 1
             uv = part.pixels(1, rng)
-            whole = texel_coordinates.Crop(levels[index], Region(0, 1, 0, 1, range(1)), "gltf", wrap, False)
+            every = texel_coordinates.Crop(levels[index], whole(task), task, False, 4)
             inside = (uv >= region.origin).all(1) & (uv <= region.origin + region.extent).all(1)
             assert inside.any()
-            assert part.bilinear(uv[inside]) == pytest.approx(whole.bilinear(uv[inside]), abs=1e-4)
+            assert part.bilinear(uv[inside]) == pytest.approx(every.bilinear(uv[inside]), abs=1e-4)
     assert all((count == 1).all() for count in counts)
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+def test_pictures_of_a_window_see_the_texels_around_it(sampler: BakedSampler) -> None:
+    """Pictures are larger than windows may be, and what is looked up beside a window is looked up all the same."""
+    task = replace(problem(bumpy(64, 64)), sampler=sampler)
+    levels = [bumpy(*size) for size in task.sizes]
+    rng = np.random.default_rng(0)
+    for level in (0, 1):
+        region = Region(0.5, 0.75, 0.25, 0.5, range(level, level + 1))
+        for chunk in picture_samples.picture_chunks(task, region, level, 64, 1, rng):
+            for index, _ in chunk.seen:
+                around = picture_samples.texels_around(task, region, index)
+                crop = texel_coordinates.Crop(levels[index], region, task, True, around)
+                np.testing.assert_allclose(crop.bilinear(chunk.uv), bilinear(levels[index], chunk.uv, WRAP), atol=2e-3)
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+@pytest.mark.parametrize("region", [Region(0, 1, 0, 1, range(5)), Region(0, 0.5, 0.25, 0.75, range(1))])
+def test_what_is_seen_alone_moves_texels_to_what_looks_right(sampler: BakedSampler, region: Region) -> None:
+    """Where nothing else counts, renders that no round saw look better than those of the start."""
+    task = replace(problem(bumpy(16, 16)), sampler=sampler)
+    start = list(method_named("linear")(task.stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels)
+    levels = [level.copy() for level in start]
+    descent = texel_descent.Descent(task, [True] * 5, replace(TINY, rounds=6), judged_by=SEEN_ALONE)
+    texel_descent.descend(descent, levels, region, np.random.default_rng(0))
+    scores = Scores(task, replace(EFFORT, groups=2, points=4, pictures=64), 3, [0.0], region)
+    (before,), (after,) = scores.of_stack(start), scores.of_stack(levels)
+    assert (after.seen < before.seen - 0.1).all(), (before.seen, after.seen)
 
 
 def test_a_region_changes_its_own_texels_alone() -> None:
@@ -252,5 +287,6 @@ def test_pairs_that_judge_are_not_those_that_figures_are_quoted_for() -> None:
 def test_probes_of_a_region_lie_inside_it() -> None:
     region = Region(0.5, 1, 0, 0.25, range(1))
     (probe,) = Scores(problem(bumpy(16, 16)), EFFORT, 0, [0.0], region).probes
-    for uv in (probe.uv.reshape(-1, 2), probe.lit_uv):
+    centres = probe.shown.pictures.uv.mean(1)  # pictures are as large as they are
+    for uv in (probe.uv.reshape(-1, 2), centres):
         assert (uv >= [0, 0.5]).all() and (uv <= [0.25, 1]).all()

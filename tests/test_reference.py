@@ -12,11 +12,10 @@ from mipbake import sampling, shading
 from mipbake.metrics.pairs import LightViewPairs, cosine_directions, near_mirror_lights
 from mipbake.pixel_filter import FILTERS
 from mipbake.reference.estimate import estimate, reference
-from mipbake.reference.lighting import GroupPairs, Illumination, PixelPairs, Room, common_pairs
+from mipbake.reference.lighting import GroupPairs, Illumination, PixelPairs, common_pairs
 from mipbake.reference.samples import Pixels
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
-from mipbake.render.environment import studio
 
 from .stacks import gltf_level
 
@@ -39,7 +38,7 @@ def pairs_of(count: int, seed: int) -> LightViewPairs:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Pixels, what lights them, and for each group and pixel the K pairs, or the frame and the view, that light it."""
+    """Pixels, what lights them, and for each group and pixel the K pairs that light it."""
 
     pixels: Pixels
     lighting: Illumination
@@ -49,31 +48,25 @@ class Case:
         lit = self.lighting
         if isinstance(lit, GroupPairs):
             return shading.shade(model, texels, lit.light[group], lit.view[group])
-        if isinstance(lit, PixelPairs):
-            return shading.shade(model, texels, lit.light[:, pixel], lit.view[:, pixel])
-        assert isinstance(lit, Room)
-        frame, view = (np.repeat(each[pixel : pixel + 1], len(texels), 0) for each in (lit.frame, lit.view))
-        return shading.shade_lit(model, texels, frame, view, lit.direction, lit.power)[None]
+        assert isinstance(lit, PixelPairs)
+        return shading.shade(model, texels, lit.light[:, pixel], lit.view[:, pixel])
 
 
 def cases() -> dict[str, Case]:
-    """A case for every use: the measure and held-out pairs, scores, texels, rooms of bakes, patches of training."""
+    """A case for every use: the measure and held-out pairs, scores, texels, small pictures, patches of training."""
     rng = np.random.default_rng(0)
     uv, lods = random_points(rng, PIXELS), rng.uniform(0, 3, PIXELS).astype(np.float32)
     many = [pairs_of(PAIRS, seed) for seed in range(GROUPS)]
     groups = GroupPairs(*(np.stack([getattr(each, name) for each in many]) for name in ("light", "view")))
     own = pairs_of(PAIRS * PIXELS, 9)
     by_pixel = PixelPairs(*(each.reshape(PAIRS, PIXELS, 3) for each in (own.light, own.view)))
-    room, frame = studio(8), np.linalg.qr(rng.normal(size=(PIXELS, 3, 3)))[0].astype(np.float32)
-    view = (frame * np.array([0.5, 0.3, np.sqrt(0.66)], np.float32)[:, None]).sum(1)
     slanted = np.array([[0.8, 0.6], [-0.3, 0.4]], np.float32)
     axes = np.stack([np.eye(2, dtype=np.float32), slanted])[:, None]
     return {
         "common pairs": Case(Pixels(uv, 1.5), common_pairs(pairs_of(PAIRS, 1))),
         "pairs of groups, pixels of their own": Case(Pixels(rng.random((GROUPS, PIXELS, 2)), 2.0), groups),
         "pairs of pixels": Case(Pixels(uv, lods), by_pixel),
-        "a room, slanted pixels": Case(Pixels(uv, lods, np.broadcast_to(slanted, (1, PIXELS, 2, 2))),
-                                       Room(room.direction, room.radiance, frame, view.astype(np.float32))),
+        "small pictures": Case(Pixels(rng.random((GROUPS, PIXELS, 2)), np.array([[0.5], [2.5]]), axes), groups),
         "groups that share pixels": Case(Pixels(uv, lods, axes), groups),
     }  # fmt: skip
 

@@ -24,7 +24,7 @@ DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
     # Gradients by texels; blending.py and stages.py import them when they are called.
-    r"|mipbake\.prefilter\.search\.(gauss_newton|level_fit|lit_samples|pair_weights|pixel_samples|texel_coordinates|texel_descent)$"
+    r"|mipbake\.prefilter\.search\.(gauss_newton|level_fit|pair_weights|picture_samples|pixel_samples|texel_coordinates|texel_descent)$"
     r"|mipbake\.reference\.lobes$"
 )
 

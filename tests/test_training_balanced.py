@@ -254,7 +254,7 @@ def test_a_training_starts_from_another_ones_weights(tmp_path: Path) -> None:
         loop.start_from(other, tmp_path / "round" / loop.LAST)
 
 
-@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-ggx"])
+@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-ggx", "mipbake-2"])
 def test_the_configuration_lists_every_field(name: str) -> None:
     path = Path(mipbake.training.__file__).parent / "configs" / f"{name}.toml"
     config, text = read_config(path), path.read_text(encoding="utf-8")
@@ -296,7 +296,7 @@ def test_validation_bakes_for_the_filter_that_it_measures() -> None:
         assert np.allclose(found[1], expected[1][0].numpy(), atol=1e-6) == same
 
 
-def testown_errors_know_no_noise() -> None:
+def test_own_errors_know_no_noise() -> None:
     """The mean square of a difference is error and noise; the product of two independent ones is the error."""
     rng = np.random.default_rng(4)
     error = torch.full((1, 2, 2 * 4096, 3), 0.05)

@@ -1,4 +1,4 @@
-"""What lights the pixels of an estimate: light-view pairs of groups or of each pixel, or a room of lights.
+"""What lights the pixels of an estimate: light-view pairs of groups, or of each pixel.
 
 Every illumination shades samples of pixels. The samples keep an axis of their own, so that one function weighs and
 averages the samples of all illuminations (estimate.py).
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.reference.samples import Span
-from mipbake.shading import shade, shade_lit
+from mipbake.shading import shade
 
 Image = NDArray[np.float32]
 
@@ -102,36 +102,3 @@ class PixelPairs:
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         # Samples are the batch: the pairs of a pixel repeat for each of them.
         return shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])[None, None]
-
-
-@dataclass(frozen=True, eq=False)
-class Room:
-    """All lights of a room together, on pixels that are turned to them in ways of their own; one group, one render.
-
-    Args:
-        direction: (L, 3) unit vectors in the world. power: (L, 3) radiance of each light, as `shade_lit` takes it.
-        frame: (P, 3, 3) tangent frames of the pixels. view: (P, 3) unit vectors in the world.
-    """
-
-    direction: NDArray[np.floating]
-    power: NDArray[np.floating]
-    frame: Image
-    view: Image
-
-    @property
-    def groups(self) -> int:
-        return 1
-
-    @property
-    def renders(self) -> int:
-        return 1
-
-    @property
-    def lights(self) -> int:
-        return len(self.direction)
-
-    def shaded(self, model: str, texels: Image, span: Span) -> Image:
-        _, samples, count, channels = texels.shape
-        frame, view = np.tile(self.frame[span.pixels], (samples, 1, 1)), np.tile(self.view[span.pixels], (samples, 1))
-        seen = shade_lit(model, texels.reshape(-1, channels), frame, view, self.direction, self.power)
-        return seen.reshape(1, 1, samples, 1, count, 3)

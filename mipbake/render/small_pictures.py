@@ -121,9 +121,7 @@ def draw_small_pictures(
     frame, world_view = _placed(rng, slant)
     local = np.einsum("nij,nj->ni", frame, world_view)
     axes = slanted_axes(local)
-    lookups = np.ones(len(lod), np.int64)
-    if sampler == "anisotropic":
-        lookups = np.minimum(np.ceil(1 / slant - 1e-9), _MOST_LOOKUPS).astype(np.int64)
+    lookups = _lookups(slant, sampler)
     longer = lod + np.log2(lookups)
     place = np.arange(SIDE) - (SIDE - 1) / 2
     rows, columns = np.meshgrid(place, place, indexing="ij")
@@ -142,6 +140,20 @@ def draw_small_pictures(
         np.ascontiguousarray(view, np.float32),
         lighting.radiance.astype(np.float32),
     )
+
+
+def reach(sampler: str) -> float:
+    """How far lookups lie from the middle of a picture at most, in texels of the level of detail that they are at."""
+    longest = _lookups(np.array([low for low, _ in SLANTS]), sampler).max()
+    # The other side of pixels is longer than a lookup is wide by less than another one.
+    return SIDE / 2 * math.hypot(longest, min(longest, 2))
+
+
+def _lookups(slant: Array, sampler: str) -> NDArray[np.int64]:
+    """(N,) lookups of a pixel at (N,) cosines of the angle of view."""
+    if sampler != "anisotropic":
+        return np.ones(len(slant), np.int64)
+    return np.minimum(np.ceil(1 / slant - 1e-9), _MOST_LOOKUPS).astype(np.int64)
 
 
 def draw_slants(rng: np.random.Generator, count: int) -> Array:

@@ -7,6 +7,7 @@ random and show the sum over all lights, as a display shows it and eyes see it (
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ from mipbake.judging.shown import KINDS_SHOWN, Shown, draw_shown
 from mipbake.metrics.visible import OPPONENT, SENSITIVITY, WEIGHT, bands_adjoint
 from mipbake.prefilter.search.pixel_samples import levels_seen, samples_at, share_of
 from mipbake.reference.problem import Image, Problem, Region
-from mipbake.render.small_pictures import PIXELS
+from mipbake.render.small_pictures import PIXELS, reach
 
 _TURNED = float(np.linalg.norm(OPPONENT, 2) ** 2)  # by which turning colours may lengthen a square at most
 
@@ -87,6 +88,12 @@ def picture_chunks(
             uv = shown.pictures.looked_up_at(some, lookups).reshape(-1, 2)
             share = share_of(np.full(len(uv), lod), lower)
             yield PictureChunk(level, lower, share, uv, lookups, some, shown, kinds[some])
+
+
+def texels_around(problem: Problem, region: Region, level: int) -> int:
+    """How many texels of a level around a region the pictures of the region look up."""
+    finest = min(region.levels.stop - 0.5, level + 1.0)  # no finer level of detail than that looks the level up
+    return math.ceil(reach(problem.sampler) * 2 ** (finest - level)) + 1
 
 
 def picture_slopes(

@@ -19,13 +19,9 @@ from torch import Tensor
 from mipbake import material, sampling
 from mipbake.material import FACTS, LEAST_STRENGTH, Facts, Kind, MaterialModel, model_named
 from mipbake.models import parameters
-from mipbake.pixel_filter import Wrap
-from mipbake.reference.problem import Image, Region
+from mipbake.reference.problem import Image, Problem, Region
 
 _LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
-# Texels around a region that its pixels read: one of their own level, two or three of the finer one, a half; not
-# tuned.
-_RING = 4
 
 
 def to_coordinates(stored: Tensor, model: str) -> Tensor:
@@ -110,18 +106,24 @@ def per_coordinate(coordinates: Tensor, model: str) -> Tensor:
 
 @dataclass
 class Axis:
-    """Where the free texels of a level lie along one axis, and what is around them."""
+    """Where the free texels of a level lie along one axis, and what is around them.
+
+    Args:
+        size: texels of the level. first, last: of the free texels; last is not one of them.
+        mode: what the level has beyond its ends. around: texels at both ends that are looked up as well.
+    """
 
     size: int
     first: int
     last: int
     mode: str
+    around: int
 
     @classmethod
-    def of(cls, size: int, low: float, high: float, mode: str) -> Axis:
+    def of(cls, size: int, low: float, high: float, mode: str, around: int) -> Axis:
         # Rounded alike for neighbours: windows share no texel and leave none out.
         first, last = round(low * size), round(high * size)
-        return cls(size, first, last, mode)
+        return cls(size, first, last, mode, around)
 
     @property
     def whole(self) -> bool:
@@ -132,13 +134,13 @@ class Axis:
         """Texels of the crop: the free ones, with a ring of more around them where the level goes on."""
         if self.whole:
             return np.arange(self.size)
-        index = np.arange(self.first - _RING, self.last + _RING)
+        index = np.arange(self.first - self.around, self.last + self.around)
         return index % self.size if self.mode == "wrap" else np.clip(index, 0, self.size - 1)
 
     @property
     def inside(self) -> slice:
         """The free texels in the crop."""
-        return slice(None) if self.whole else slice(_RING, -_RING)
+        return slice(None) if self.whole else slice(self.around, -self.around)
 
     @property
     def boundary(self) -> str:
@@ -146,7 +148,7 @@ class Axis:
 
     def local(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates in units of the texture to coordinates in units of the crop."""
-        ring = 0 if self.whole else _RING
+        ring = 0 if self.whole else self.around
         return np.asarray((u * self.size - self.first + ring) / (self.last - self.first + 2 * ring))
 
     def pixels(self) -> tuple[int, int]:
@@ -161,16 +163,17 @@ class Crop:
     Args:
         level: (H, W, C) stored channels.
         free: whether its texels inside the region may move.
+        around: texels around the region that are looked up as well, at least 4: pixels of a finer level read three.
     """
 
-    def __init__(self, level: Image, region: Region, model: str, wrap: Wrap, free: bool) -> None:
-        self.model = model
-        self.columns = Axis.of(level.shape[1], region.left, region.right, wrap[0])
-        self.rows = Axis.of(level.shape[0], region.top, region.bottom, wrap[1])
+    def __init__(self, level: Image, region: Region, problem: Problem, free: bool, around: int) -> None:
+        self.model, wrap = problem.target, problem.wrap
+        self.columns = Axis.of(level.shape[1], region.left, region.right, wrap[0], around)
+        self.rows = Axis.of(level.shape[0], region.top, region.bottom, wrap[1], around)
         self._around = np.ascontiguousarray(level[np.ix_(self.rows.index, self.columns.index)])
         self.free = free and self.rows.last > self.rows.first and self.columns.last > self.columns.first
         inside = torch.from_numpy(self._around[self.rows.inside, self.columns.inside])
-        self.coordinates = to_coordinates(inside, model)
+        self.coordinates = to_coordinates(inside, self.model)
         self.now: Image = self._around
         self.boundary = self.columns.boundary, self.rows.boundary
 

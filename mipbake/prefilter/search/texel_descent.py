@@ -30,7 +30,7 @@ from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.gauss_newton import System, signs
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
-from mipbake.prefilter.search.picture_samples import PictureChunk, picture_chunks, picture_slopes
+from mipbake.prefilter.search.picture_samples import PictureChunk, picture_chunks, picture_slopes, texels_around
 from mipbake.prefilter.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.prefilter.search.texel_coordinates import Crop, limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image, Problem, Region
@@ -103,7 +103,10 @@ def descend(
     """
     problem, moving, effort = descent.problem, descent.moving, descent.effort
     near = range(max(0, region.levels.start - 1), min(len(levels), region.levels.stop + 1))
-    crops = {i: Crop(levels[i], region, problem.target, problem.wrap, i in region.levels and moving[i]) for i in near}
+    crops = {
+        i: Crop(levels[i], region, problem, i in region.levels and moving[i], texels_around(problem, region, i))
+        for i in near
+    }
     free = {i: crop for i, crop in crops.items() if crop.free}
     for crop in free.values():
         crop.move(crop.coordinates)
