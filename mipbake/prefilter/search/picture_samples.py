@@ -17,11 +17,10 @@ from torch import Tensor
 
 from mipbake.judging.shown import KINDS_SHOWN, Shown, draw_shown
 from mipbake.metrics.visible import OPPONENT, SENSITIVITY, WEIGHT, bands_adjoint
+from mipbake.prefilter.search.gauss_newton import signs
 from mipbake.prefilter.search.pixel_samples import levels_seen, samples_at, share_of
 from mipbake.reference.problem import Image, Problem, Region
 from mipbake.render.small_pictures import PIXELS, reach
-
-_TURNED = float(np.linalg.norm(OPPONENT, 2) ** 2)  # by which turning colours may lengthen a square at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +66,19 @@ class PictureSlopes:
     """What pictures say of the errors of their pixels, of half of what is minimised.
 
     Args:
-        by_radiance: (N, PIXELS, 3) slopes. bounds: (N, PIXELS, 3) of the curvature, for squares of the radiance.
+        by_radiance: (N, PIXELS, 3) slopes. shown: (N, PIXELS, 3) derivatives of what is displayed by the radiance.
+        bounds: (N, 3) of the curvature, for squares of each opponent colour of what is displayed.
     """
 
     by_radiance: Image
+    shown: Image
     bounds: Image
+
+    def combinations(self, rng: np.random.Generator) -> Image:
+        """(N, PIXELS, 3) random combinations of the opponent colours of each pixel, by its radiance: the mean of their
+        squares bounds the curvature."""
+        turned = signs(self.shown.shape, rng) * np.sqrt(self.bounds)[:, None]
+        return np.asarray(turned @ OPPONENT * self.shown)
 
 
 def picture_chunks(
@@ -116,7 +123,8 @@ def picture_slopes(
         weight = each[chunk.kinds].astype(np.float32)[:, None, None, None] * shown.counts
         off = shown.error(radiance).off
         by_shown = bands_adjoint(weight * off).reshape(-1, PIXELS, 3)
-        # No change of all pixels together has more curvature than the band that counts most.
-        most = _TURNED * (weight * np.square(SENSITIVITY)).max((1, 2, 3))
-        out.append(PictureSlopes(by_shown * slope, most[:, None, None] * np.square(slope)))
+        # No change of all pixels together has more curvature than the band of its colour that counts most. Each colour
+        # has a bound of its own: nothing hides errors of colour on a grey surface, and they count far more there.
+        most = (weight * np.square(SENSITIVITY)).max((2, 3))
+        out.append(PictureSlopes(by_shown * slope, slope, most))
     return out

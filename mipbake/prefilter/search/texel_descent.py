@@ -315,9 +315,8 @@ def _curvature(
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
-        turned = signs(slopes.bounds.shape, rng) * np.sqrt(slopes.bounds)
         # The lookups of a pixel have equal shares in it, which sum to 1.
-        by_lookup = picture.adjoint(model, seen, turned) * np.float32(np.sqrt(picture.lookups))
+        by_lookup = picture.adjoint(model, seen, slopes.combinations(rng)) * np.float32(np.sqrt(picture.lookups))
         rows = without_heights(torch.from_numpy(by_lookup), torch.from_numpy(seen), model)
         packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
     out = {}
