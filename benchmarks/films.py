@@ -32,6 +32,7 @@ from mipbake.compare.pictures import RenderSettings
 from mipbake.metrics import check_color_video_vdp, snr_db
 from mipbake.metrics.visible import visible_error
 from mipbake.prefilter import OPTIONS
+from mipbake.prefilter.neural import Neural
 from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import lighting_named
 from mipbake.render.film import Frames
@@ -92,6 +93,7 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
             films += [_figures(taken(scene, source, [by_name[n] for n in names], settings)) for scene in scenes]
     return {
         "lighting": lighting,
+        "network": Neural().weights(MODEL, FILTER, texture_set.source_model).name,
         "size": [height, width],
         "effort": asdict(effort),
         "films": films,
