@@ -160,6 +160,7 @@ def steady_words(records: Records) -> str:
     """What the table of flicker and sparkle means."""
     found = _films(records)
     return wrapped(
+        f"The reference changes enough for a figure of flicker in {len(moving(found, LINEAR))} of {len(found)} films. "
         f"Flicker is within 25 % where it is from {STEADY[0]:g} to {STEADY[1]:g} times the reference's. The reference "
         "has no false sparkle, because false sparkle is what the reference does not have. So nothing can lie within "
         f"25 % of it, and the table compares with `{LINEAR}` instead: a film counts where its false sparkle is at most "
@@ -177,7 +178,7 @@ def accumulated_jod(records: Records) -> str:
             continue
         for title, some in _by_sampler(found):
             with_, without = gain(some, method), gain([plain[film.name] for film in some], method).mean
-            left = f"{with_.mean / without:.0%}" if without > 0 else "none to keep"
+            left = "none to keep" if without <= 0 else f"{max(0.0, with_.mean / without):.0%}"
             worst, best = (f"{with_.film_gain(film):+.2f}" for film in (with_.worst, with_.best))
             rows.append(
                 [method, title, f"{without:+.2f}", f"{with_.mean:+.2f}", left, worst, best, f"{with_.above:.0%}"]
