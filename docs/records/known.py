@@ -55,6 +55,12 @@ KNOWN: Mapping[str, Known] = {
     "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
     "results-models": _results("models", "the paper's material models and networks", ALL),
     "results-correlated": _results("correlated", "channels that go together, and twins", ALL),
+    "films": Known(
+        "what people see: films of test sets, every method, two samplers, with accumulation and without",
+        ("benchmarks/films.py", MATERIALS, WORK, "--results", OUT),
+        Entry(("benchmarks/films.py",), ("mipbake-1",)),
+        sample=1,
+    ),
     "picture": Known(
         "SNR of the spheres in docs/scales.png",
         ("docs/make_picture.py", f"{WORK}/scales.png", "--figures", OUT),

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from records import results
+from records import films, results
 from records.code import ROOT, hashes, together
 from records.known import MATERIALS, OUT, WORK, Known
 from records.record import Confirmed, Difference, Measured, Record, confirmed, drawn, rounded
@@ -22,6 +22,9 @@ from records.scripts import script
 
 Run = Callable[[str, Known, "Path | None", Path, Sequence[str], Path], Any]
 """A function with the arguments of `run`."""
+
+FILMS = "films"
+"""The record of films, whose sets have files of their own as results have."""
 
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
@@ -40,6 +43,8 @@ def measure(name: str, known: Known, materials: Path | None, on: str, root: Path
         shutil.move(picture, root / known.pictures / picture.name)
     if name.startswith("results-"):
         seconds = sum(file["processor_seconds"] for file in results.read_files(work / _kind(name)))
+    elif name == FILMS:  # parts of it may have been measured before
+        seconds = sum(each["processor_seconds"] for each in data["sets"].values())
     shutil.rmtree(work)
     return Record(name, Measured(on, _machine(), float(f"{seconds:.3g}"), together(now)), now, data)
 
@@ -57,7 +62,8 @@ def confirm(
     names = drawn(list(record.data["sets"]), known.sample, now)
     with tempfile.TemporaryDirectory() as scratch:
         sample = (measured or run)(record.name, known, materials, Path(scratch), ("--plans", *names), root)
-    found = results.differences(record.data, sample)
+    compared = films.differences if record.name == FILMS else results.differences
+    found = compared(record.data, sample)
     lines = [f"{record.name}: {', '.join(names)} measured again, {len(found)} figures"]
     wrong = [each for each in found if each.share > 1]
     lines += [_line(each) for each in sorted(wrong, key=lambda each: -each.share)[:20]]

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
+from records.views_films import FILM_VIEWS
 from records.views_results import in_three, results_table, results_words
-from records.wrapping import wrapped
+from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
     from records.making import Records
 
 PLAIN, BAKED = "linear", "mipbake"
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Markdown."""
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
 
 
 def scales_caption(records: Records) -> str:
@@ -177,6 +173,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "results-whole/table": results_table,
     "results-whole/words": lambda records: wrapped(results_words(records)),
     "engines-three/summary": lambda records: wrapped(in_three(records)),
+    **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }
 """Name of a block to what makes its text. The part before the slash is the record that it is about."""

@@ -1,9 +1,10 @@
-"""Lines of pages: paragraphs have at most 120 characters a line."""
+"""Lines of pages: paragraphs, which have at most 120 characters a line, and tables."""
 
 from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 
 _PROSE = re.compile(r"(?!\d+\. |\* )[A-Za-z0-9*`\[(]")  # neither headings, tables and pictures nor lists
 
@@ -17,3 +18,8 @@ def wrapped_page(page: str) -> str:
     """The page with paragraphs as lines of at most 120 characters; tables, headings and pictures stay as they are."""
     parts = page.split("\n\n")
     return "\n\n".join(wrapped(part) + "\n" * part.endswith("\n") if _PROSE.match(part) else part for part in parts)
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Markdown."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

@@ -7,7 +7,7 @@ candidate. Figures that take its halves apart see none of that noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,21 @@ def films_of(
     return standard_films(size, lighting, last_level, motion, resolution=resolution)
 
 
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A film of every candidate and of the reference, not yet measured.
+
+    Args:
+        scene: what they show.
+        frames: method name to the candidate's frames.
+        shown: the reference.
+    """
+
+    scene: FilmedScene
+    frames: Mapping[str, Frames]
+    shown: ShownReference
+
+
 def film(
     scene: FilmScene,
     source: FilteredSource,
@@ -92,14 +107,33 @@ def film(
     Returns:
         The film, and the figures in the order of candidates and MEASURES.
     """
+    take = taken(scene, source, candidates, settings, lambda share: progress(0.5 * share))
+    found, shown = take.scene, take.shown
+    figures: list[Figure] = []
+    for index, (name, made) in enumerate(take.frames.items()):
+        for measure, value in film_figures(made, shown).by_measure.items():
+            figures.append(Figure(name, measure, found.name, "", found.lod, value, math.nan, math.nan))
+        progress(0.5 + 0.5 * (index + 1) / len(take.frames))
+    images = {name: _bytes(shown.displayed(made)) for name, made in take.frames.items()}
+    return Filmed(found, _bytes(shown.mean), images), tuple(figures)
+
+
+def taken(
+    scene: FilmScene,
+    source: FilteredSource,
+    candidates: Sequence[Candidate],
+    settings: FilmSettings,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> Take:
+    """Films a scene with every candidate, and its reference once for all; arguments as `film`."""
     looks = settings.renders
     frames: dict[str, Frames] = {}
     make = film_accumulated if settings.accumulate else film_candidate
     for index, each in enumerate(candidates):
         levels, model = each.levels, each.method.model
         frames[each.method.name] = make(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
-        progress(0.2 * (index + 1) / len(candidates))
-    shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.2 + 0.3 * share))
+        progress(0.4 * (index + 1) / len(candidates))
+    shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.4 + 0.6 * share))
     found = FilmedScene(
         name=film_view(scene.name),
         title=scene.title,
@@ -117,13 +151,7 @@ def film(
         candidate_error=closest,
         converged=shown.noise <= _wanted(closest),
     )
-    figures: list[Figure] = []
-    for index, (name, made) in enumerate(frames.items()):
-        for measure, value in film_figures(made, shown).by_measure.items():
-            figures.append(Figure(name, measure, found.name, "", found.lod, value, math.nan, math.nan))
-        progress(0.5 + 0.5 * (index + 1) / len(frames))
-    images = {name: _bytes(shown.displayed(made)) for name, made in frames.items()}
-    return Filmed(found, _bytes(shown.mean), images), tuple(figures)
+    return Take(found, frames, shown)
 
 
 def _reference(

@@ -1,0 +1,92 @@
+"""benchmarks/films.py: what is baked and filmed, and how a run goes on."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from .test_results import bumpy
+
+ROOT = Path(__file__).resolve().parent.parent
+METHODS = ("neural", "linear (box)", "lean (gaussian)")
+
+
+@pytest.fixture
+def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The script, with few methods and without ColorVideoVDP, which takes its time."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    script = importlib.import_module("films")
+    monkeypatch.setattr(script, "METHODS", METHODS)
+    monkeypatch.setattr(script, "ACCUMULATED", METHODS[:2])
+    monkeypatch.setattr(script, "check_color_video_vdp", lambda: None)
+    monkeypatch.setattr("mipbake.compare.film_figures.missing_judge", lambda: "not installed")
+    return script
+
+
+def test_methods_are_baked_for_the_sampler_that_looks_them_up(
+    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    baked: list[tuple[str, str | None]] = []
+    bake_all = films.bake_all
+
+    @contextmanager
+    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: str | None) -> Iterator[Any]:
+        baked.extend((name, sampler) for name in names)
+        with bake_all(texture_set, model, kernel, names, sampler=sampler) as found:
+            yield found
+
+    monkeypatch.setattr(films, "bake_all", counted)
+    found = films.measured(bumpy(32), "lamps", tmp_path, films.FilmsEffort(32, 2, 32))
+    assert baked == [
+        ("linear (box)", None), ("lean (gaussian)", None), ("neural", "trilinear"), ("neural", "anisotropic"),
+    ]  # fmt: skip
+    assert len(list(tmp_path.iterdir())) == 3  # a reference a scene, for both samplers, with accumulation and without
+    where = {(each["scene"], each["sampler"], each["accumulated"]) for each in found["films"]}
+    assert len(where) == len(found["films"]) == 12
+    for each in found["films"]:
+        assert tuple(each["figures"]) == (METHODS[:2] if each["accumulated"] else METHODS)
+        for figures in each["figures"].values():
+            assert {"snr", "flip", "sparkle", "flicker", "snr-displayed", "visible"} <= set(figures)
+            assert (
+                figures["visible"] > 0 and figures["snr-displayed"] > figures["snr"]
+            )  # a display hides what is bright
+    assert found["lighting"] == "lamps" and found["network"].startswith("mipbake")
+
+
+def test_sets_are_measured_in_pieces(
+    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def measured(texture_set: str, lighting: str, work: Path, effort: Any) -> dict[str, Any]:
+        asked.append((texture_set, lighting))
+        assert work.name == texture_set
+        return {"effort": {"height": effort.height, "frames": effort.frames, "passes": effort.passes},
+                "processor_seconds": 1}  # fmt: skip
+
+    monkeypatch.setattr(films, "folder_sets", lambda _: {name: lambda name=name: name for name in "dabc"})
+    monkeypatch.setattr(films, "measured", measured)
+    results = tmp_path / "results.json"
+
+    def run(*more: str) -> list[tuple[str, str]]:
+        asked.clear()
+        monkeypatch.setattr(sys, "argv", ["films.py", "sets", str(tmp_path / "out"), *more])
+        films.main()
+        return list(asked)
+
+    assert run("--plans", "d", "b") == [("b", "sky"), ("d", "studio")]  # lightings go by all sets
+    assert run("--results", str(results)) == [("a", "studio"), ("c", "lamps")]
+    assert list(json.loads(results.read_text())["sets"]) == ["a", "b", "c", "d"]
+    assert run() == []
+    assert run("--plans", "a", "--frames", "4") == [("a", "studio")]  # other settings are other figures
+    with pytest.raises(SystemExit):
+        run("--plans", "e")
+    assert "no set e: expected some of d, a, b, c" in capsys.readouterr().err
