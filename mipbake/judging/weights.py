@@ -79,8 +79,8 @@ class Weights:
 
 
 _BEHIND = {
-    "near-mirror": 10.0,
-    "hemisphere": 10.0,
+    "near-mirror": 30.0,
+    "hemisphere": 30.0,
     "grazing, near-mirror": 10.0,
     "grazing, hemisphere": 3.0,
     "highlights, near-mirror": 10.0,
@@ -91,7 +91,9 @@ one bright pair rules a set of pairs counts most. Guesses."""
 
 _PAIRS = 0.04  # what a term of pairs counts at an aim of 1, where it is 1 at an aim of 0; a guess
 _SEEN = 0.4, 2.2  # what a term of what is seen counts at an aim of 0, and more at an aim of 1; guesses
-_SEEN_BEHIND = 20.0  # a guess
+_SEEN_BEHIND = 20.0  # at an aim of 1, and less in proportion to its square; a guess
+_GROUPS = 6.0  # at an aim of 0; a guess
+_TIE, _GIVES_WAY = 0.01, 0.3  # nepers by which a term of pairs may be behind, and how many more at an aim of 1; guesses
 _EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind; a guess
 _LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1; a guess
 
@@ -107,8 +109,8 @@ def weights_for(aim: float) -> Weights:
     counts = _PAIRS**aim
     eased = min(1.0, max(_LEAST_BEHIND, _EASED - _EASED * aim))
     pairs = {name: Weight(counts, eased * behind) for name, behind in _BEHIND.items()}
-    seen = {name: Weight(_SEEN[0] + _SEEN[1] * aim, _SEEN_BEHIND) for name in SEEN}
-    return Weights(pairs | seen, group_behind=6.0 * eased)
+    seen = {name: Weight(_SEEN[0] + _SEEN[1] * aim, _SEEN_BEHIND * aim**2) for name in SEEN}
+    return Weights(pairs | seen, group_behind=_GROUPS * eased * (1 - aim), tie=_TIE + _GIVES_WAY * aim)
 
 
 SINGLE_LIGHTS = Weights(
