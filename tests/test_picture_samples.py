@@ -74,7 +74,7 @@ def test_slopes_are_half_the_derivatives_of_what_is_minimised(sampler: BakedSamp
     chunks, texels = chunks_of(problem(sampler))
     rng = np.random.default_rng(1)
     along = [rng.normal(size=each.shape).astype(np.float32) for each in texels]
-    step = 5e-4
+    step = 2e-4
     ahead, back = (
         value(chunks, [each + turn * step * way for each, way in zip(texels, along, strict=True)]) for turn in (1, -1)
     )
