@@ -8,7 +8,8 @@ from pkgutil import resolve_name
 
 import pytest
 
-from mipbake.judging.weights import TERMS, WEIGHTS
+from mipbake.aim import DEFAULT_AIM
+from mipbake.judging.weights import TERMS, weights_for
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "method.md").read_text(encoding="utf-8")
 
@@ -40,5 +41,8 @@ def test_the_weights_are_the_ones_of_the_code() -> None:
         for row in rows("| term | error | counts | behind |")
         for name in re.findall(r"`([^`]+)`", row[0])
     }
-    assert said == {name: (WEIGHTS.terms[name].counts, WEIGHTS.terms[name].behind) for name in TERMS}
-    assert f"+ {WEIGHTS.group_behind:g} sum over pair sets" in PAGE
+    weights = weights_for(DEFAULT_AIM)
+    found = {name: (weights.terms[name].counts, weights.terms[name].behind) for name in TERMS}
+    assert said == {name: pytest.approx(each) for name, each in found.items()}
+    assert f"default [aim](#sampler-and-aim), {DEFAULT_AIM:g}" in PAGE
+    assert f"+ {weights.group_behind:g} sum over pair sets" in PAGE
