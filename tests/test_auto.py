@@ -1,4 +1,5 @@
-"""`auto` and `refine`: where single lights alone count, no worse than the best closed form, better where there is a prize, and what they promise.
+"""`auto` and `refine`: no worse than the best closed form where single lights alone count, better where there is a
+prize, and what they promise.
 
 Seeds are fixed. Beside each limit of a figure that hangs on chance stands what 8 other seeds gave, of the method and of
 the pairs and points that measure: the limit is the mean and four standard deviations.

@@ -181,7 +181,7 @@ def test_a_stack_that_is_right_is_only_off_by_noise(sampler: str) -> None:
     """On a material whose reference is its level 0 everywhere, and with a wrong colour it is not."""
     level = np.broadcast_to(np.array([0.5, 0.3, 0.2, 0, 0.5, 0, 0, 1], np.float32), (16, 16, 8)).copy()
     task = Problem(level, "gltf", "gltf", "gaussian", WRAP, sampler)  # type: ignore[arg-type]
-    shown = draw_shown(task, whole(task), 1.0, 0.0, 12, 4, np.random.default_rng(0))
+    shown = draw_shown(task, whole(task), 1.0, 12, 4, np.random.default_rng(0))
     count = len(shown.pictures.lod)
     assert count % KINDS_SHOWN == 0 and shown.pictures.lookups.max() == (1 if sampler == "trilinear" else 10)
     texels = np.broadcast_to(level[0, 0], (count, PIXELS, 8))
@@ -193,9 +193,17 @@ def test_a_stack_that_is_right_is_only_off_by_noise(sampler: str) -> None:
     assert right.means == pytest.approx(np.full(KINDS_SHOWN, 1e-4))
 
 
+def test_level_0_is_seen_by_pixels_that_are_smaller_than_its_texels() -> None:
+    task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP, "anisotropic")
+    for lod, least in ((0.0, -0.7), (0.5, 0.5), (1.0, 1.0)):
+        found = draw_shown(task, whole(task), lod, 32, 1, np.random.default_rng(0)).pictures.lod
+        assert least <= found.min() and found.max() <= lod
+        assert found.std() > 0.1 or lod > 0
+
+
 def test_the_slope_of_what_is_displayed_is_its_derivative() -> None:
     task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP)
-    shown = draw_shown(task, whole(task), 1.0, 0.0, 8, 4, np.random.default_rng(0))
+    shown = draw_shown(task, whole(task), 1.0, 8, 4, np.random.default_rng(0))
     radiance = np.random.default_rng(1).uniform(0.05, 2, (len(shown.exposure), PIXELS, 3)).astype(np.float32)
     step = np.float32(1e-3) * radiance
     ahead, back = (displayed_pictures(radiance + turn * step, shown.exposure) for turn in (1, -1))
