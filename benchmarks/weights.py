@@ -18,18 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 from results_sets import folder_sets, middle
 
+from mipbake.aim import DEFAULT_AIM
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import DECIBEL, Scores
-from mipbake.judging.weights import TERMS, WEIGHTS, Weight, Weights
+from mipbake.judging.weights import TERMS, Weight, Weights, weights_for
 from mipbake.prefilter.search.methods import Auto
 from mipbake.reference.problem import Problem
 
 SETS, SIDE = 6, 256
 """Sets that are measured, spread over the folder, and texels a side of the part in their middle."""
 
-EFFORT = ProbeEffort(groups=48, samples=16, lit_points=2048, lit_samples=32)
+EFFORT = ProbeEffort(groups=48, samples=16, pictures=64, picture_samples=32)
 SEED = 987  # of renders that measure
 MODEL, FILTER = "gltf", "gaussian"
+WEIGHTS = weights_for(DEFAULT_AIM)
 
 
 def changed() -> Iterator[tuple[str, Weights]]:

@@ -1,4 +1,5 @@
-"""`auto` and `refine`: no worse than the best closed form, better where there is a prize, and what they promise.
+"""`auto` and `refine`: no worse than the best closed form where single lights alone count, better where there is a
+prize, and what they promise.
 
 Seeds are fixed. Beside each limit of a figure that hangs on chance stands what 8 other seeds gave, of the method and of
 the pairs and points that measure: the limit is the mean and four standard deviations.
@@ -53,6 +54,14 @@ WEIGHTS = weights_for(0.5)
 SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in WEIGHTS.terms}, group_behind=0.0)
 """Weights of which nothing counts but what is seen."""
 
+PAIRS_ALONE = replace(
+    WEIGHTS,
+    terms={
+        name: Weight(float(name not in SEEN), each.behind * (name not in SEEN)) for name, each in WEIGHTS.terms.items()
+    },
+)
+"""Weights that look at single lights, and at nothing that is seen: SNR is not paid for looks then."""
+
 SMALL = ProbeEffort(groups=8, points=48, samples=16, pictures=16, picture_samples=8)
 TINY = ProbeEffort(groups=2, points=8, samples=4, pictures=8, picture_samples=2)
 SHORT = DescentEffort(rounds=5, pairs=16, samples=4, looks=ProbeEffort(groups=2, points=32, samples=4, pictures=8))
@@ -100,7 +109,8 @@ def two() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def solved(two: np.ndarray) -> PrefilterResult:
-    return run("auto", two)
+    method = Auto(effort=SMALL, descent=SHORT, judged_by=PAIRS_ALONE)
+    return method(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
 
 
 def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
@@ -112,8 +122,8 @@ def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, sol
     for lod, name in itertools.product((0.0, 0.5, 1.0, 2.0, 3.5, 5.0), PAIR_SETS):
         found = measured({"auto": solved.levels, **forms}, two, lod, name)
         gains.append(found.pop("auto") - max(found.values()))
-    assert min(gains) > 0.6, gains  # mean 1.25, standard deviation 0.16
-    assert np.mean(gains) > 5.1  # mean 6.04, standard deviation 0.23
+    assert min(gains) > 0.9, gains  # mean 1.93, standard deviation 0.26
+    assert np.mean(gains) > 5.4  # mean 6.81, standard deviation 0.34
 
 
 def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
@@ -123,15 +133,15 @@ def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterRe
     assert promise is not None and [each.level for each in promise.levels] == list(range(6))
     assert [each.lod for each in promise.between] == [level + 0.5 for level in range(5)]
     for each, name in itertools.product(promise.levels, PAIR_SETS):
-        assert each.gain(name) > -0.7, (each.level, name)  # the least of all: mean 1.66, standard deviation 0.60
+        assert each.gain(name) > 0.4, (each.level, name)  # the least of all: mean 2.73, standard deviation 0.58
         assert each.best_closed_form[name].split(" ")[0] in METHODS
     places = [(each.level, each) for each in promise.levels] + [(each.lod, each) for each in promise.between]
     off = {
         (lod, name): each.snr[name] - measured({"auto": solved.levels}, two, lod, name, 12)["auto"]
         for (lod, each), name in itertools.product(places, PAIR_SETS)
     }
-    assert max(map(abs, off.values())) < 5.1, off  # mean 2.20, standard deviation 0.72
-    assert np.sqrt(np.mean(np.square([*off.values()]))) < 2.2, off  # mean 0.93, standard deviation 0.32
+    assert max(map(abs, off.values())) < 4.1, off  # mean 2.25, standard deviation 0.44
+    assert np.sqrt(np.mean(np.square([*off.values()]))) < 1.8, off  # mean 0.98, standard deviation 0.20
 
 
 @pytest.mark.parametrize("model", material.MODELS)
@@ -201,6 +211,13 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray, weights:
     asked = Asked.of(scores.of(base, 0))
     scores.probes = [replace(probe, mean=shaded, noise=0 * probe.noise, shown=shown)]
     found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked], weights))
+    if weights is SEEN_ALONE:
+        # What is as good as right has one value: shares that hardly show may end anywhere then.
+        fitted = base + np.tensordot(found, made, 1)
+        score = scores.of(material.regularise(fitted, "gltf").astype(np.float32), 0)
+        assert (score.seen < np.log(2e-4)).all() and (asked.seen > np.log(2e-3)).all()
+        assert found[2] == pytest.approx(true[2], abs=2e-3)  # off by 6e-4
+        return
     assert found[2] == pytest.approx(true[2], abs=2e-4)  # off by 2e-5 in the mean, standard deviation 3e-5
     assert found[3] == pytest.approx(true[3], abs=0.021)  # 0.0040, standard deviation 0.0043
 

@@ -31,7 +31,6 @@ from mipbake.reference.samples import Pixels
 
 Array = NDArray[np.float64]
 
-_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
 _NOISY = 0.03  # noise energy over the signal's at which samples are doubled; a guess
 # Level of detail below which stacks come so near the reference that its noise counts: twice the samples; a guess.
 _FINE = 2.0
@@ -135,9 +134,7 @@ def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng
         noise = (noise + of_again) / 4
         samples *= 2
     signal = mean_squares(mean) - noise
-    # Pixels that are smaller than the texels of level 0 look level 0 up as well.
-    nearer = _MAGNIFIED if lod == 0 else 0.0
-    shown = draw_shown(problem, region, lod, nearer, effort.pictures, effort.picture_samples, rng)
+    shown = draw_shown(problem, region, lod, effort.pictures, effort.picture_samples, rng)
     return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, shown)
 
 

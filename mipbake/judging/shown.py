@@ -33,6 +33,7 @@ _ROOMS = "studio", "sky", "lamps"  # that levels of detail have in turn; a guess
 _LIGHTS = 16  # of a room that is a map: pictures are turned to it at random, so few stand for all; a guess
 _FEWEST = 8  # pictures of a level of detail; a guess
 _MOST_SAMPLES = 64  # of a pixel; a guess
+_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,6 @@ def draw_shown(
     problem: Problem,
     region: Region,
     lod: float,
-    nearer: float,
     count: int,
     samples: int,
     rng: np.random.Generator,
@@ -87,13 +87,13 @@ def draw_shown(
     """Small pictures of a level of detail in a region, at least a few of each kind.
 
     Args:
-        nearer: by how much pictures may be below the level of detail. count: how many pictures there are.
+        lod: of the lookups. At level 0 pixels may also be smaller than texels. count: how many pictures there are.
         samples: of a pixel of level 0, in each of two estimates; twice as many at every second level.
     """
     count = max(_FEWEST, count // KINDS_SHOWN * KINDS_SHOWN)
     height, width = problem.sizes[0]
     centre = np.resize(region_points(problem, region, count, rng), (count, 2))
-    lods = lod - nearer * rng.random(count)
+    lods = lod - (_MAGNIFIED if lod == 0 else 0.0) * rng.random(count)
     lighting = _room(_ROOMS[round(2 * lod) % len(_ROOMS)])
     pictures = draw_small_pictures(
         rng, lods, draw_slants(rng, count), (width, height), problem.sampler, lighting, centre

@@ -87,7 +87,7 @@ def picture_chunks(
     """Chunks of pictures of a level, half of them slanted; a pixel of level 0 has `samples` of the reference."""
     for half in (-0.5, 0.0):
         lod = min(max(level + half + 0.5 * rng.random(), 0.0), float(problem.last))
-        shown = draw_shown(problem, region, lod, 0.0, count // 2, samples_at(level, samples), rng)
+        shown = draw_shown(problem, region, lod, count // 2, samples_at(level, samples), rng)
         lower = int(lod) if lod < problem.last else level
         kinds = np.repeat(np.arange(KINDS_SHOWN), len(shown.counts) // KINDS_SHOWN)
         for lookups in np.unique(shown.pictures.lookups).tolist():

@@ -1,0 +1,203 @@
+"""Small pictures in training: their loss, its gradient, and released weights that a training starts from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from mipbake.aim import BAKED_SAMPLERS
+from mipbake.errors import InputError, UsageError
+from mipbake.metrics.images import displayed
+from mipbake.metrics.visible import SIDE, WEIGHT, bands
+from mipbake.reference.source import FilteredSource
+from mipbake.shading import shade
+from mipbake.training import batches, loop
+from mipbake.training.balanced_loss import BalancedBatch, BalancedLossConfig
+from mipbake.training.config import config_from
+from mipbake.training.data import Materials
+from mipbake.training.picture_loss import SeenPictures, draw_pictures, plain_levels
+
+from .moment_cases import TORUS, bumpy
+from .small_training import tiny_balanced as tiny
+
+torch.set_num_threads(1)
+
+PATCHES = np.stack([bumpy(16, 16, seed) for seed in (1, 2, 3)])
+
+
+def drawn(sampler: str, lod: float = 1.2, seed: int = 0, patches: np.ndarray = PATCHES) -> SeenPictures:
+    sources = [FilteredSource(patch, "gltf", TORUS, "gaussian") for patch in patches]
+    return draw_pictures(sources, np.full(len(patches), lod, np.float32), sampler, np.random.default_rng(seed))
+
+
+def tensors(levels: list[np.ndarray]) -> list[torch.Tensor]:
+    return [torch.from_numpy(each) for each in levels]
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+def test_the_exact_stack_is_off_by_noise_alone(sampler: str) -> None:
+    """Constant patches are their own stacks. Where the colour is wrong, they are off by far more."""
+    flat = np.broadcast_to(np.array([0.6, 0.4, 0.3, 0, 0.5, 0, 0, 1], np.float32), PATCHES.shape).copy()
+    pictures = drawn(sampler, patches=flat)
+    levels = tensors(plain_levels(flat, "gltf"))
+    assert float(pictures.errors(levels, "gltf").abs().max()) < 1e-6
+    assert float(pictures.value(levels, "gltf")) < 1e-3
+    wrong = [each.clone() for each in levels]
+    for each in wrong:
+        each[..., 2] = 0.6
+    assert float(pictures.errors(wrong, "gltf").max()) > 1e-2  # some pictures are turned away from all lights
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+def test_plain_averages_have_their_own_error_and_a_loss_near_one(sampler: str) -> None:
+    pictures = drawn(sampler)
+    levels = tensors(plain_levels(PATCHES, "gltf"))
+    torch.testing.assert_close(pictures.errors(levels, "gltf").clamp(min=0), pictures.plain)
+    # Four times as much, where nothing is gained: being behind counts three times in addition.
+    assert 1 < float(pictures.value(levels, "gltf")) <= 4.5
+    ahead = replace(pictures, plain=2 * pictures.plain)
+    assert float(ahead.value(levels, "gltf")) < 1
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+def test_bands_and_errors_are_the_ones_that_stacks_are_judged_by(sampler: str) -> None:
+    """A constant stack shows the same in all pixels of a picture: what displays and bands make of it is known."""
+    pictures = drawn(sampler)
+    texel = np.array([0.9, 0.5, 0.2, 0, 0.7, 0, 0, 1], np.float32)
+    found = pictures.errors([torch.from_numpy(np.broadcast_to(texel, PATCHES.shape).copy())], "gltf").numpy()
+    expected = []
+    for index in range(len(PATCHES)):
+        light, view, power, first, second, counts = (
+            getattr(pictures, name)[index].numpy() for name in ("light", "view", "power", "first", "second", "counts")
+        )
+        radiance = (shade("gltf", texel[None], light, view) * power).sum(0)
+        shown = bands(np.broadcast_to(displayed(radiance).astype(np.float32), (1, SIDE, SIDE, 3)).copy())
+        expected.append(((shown[0] - first) * (shown[0] - second) * counts).sum(dtype=float) / WEIGHT)
+    assert max(expected) > 0.1
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+def test_the_gradient_is_the_derivative_of_what_is_off(sampler: str) -> None:
+    """What errors are divided by is taken as it is: for one estimate, the loss is a quotient of two squares."""
+    pictures = drawn(sampler, patches=PATCHES[:1])
+    pictures = replace(pictures, second=pictures.first)
+    levels = tensors(plain_levels(PATCHES[:1], "gltf"))
+    for each in levels:
+        each[..., 4] = 0.6
+    leaves = [each.clone().requires_grad_() for each in levels]
+    pictures.value(leaves, "gltf").backward()
+    rng = np.random.default_rng(1)
+    along = [torch.from_numpy(rng.normal(size=each.shape).astype(np.float32)) for each in levels]
+    step = 1e-3
+    ahead, back = (
+        float(pictures.errors([each + turn * step * way for each, way in zip(levels, along, strict=True)], "gltf"))
+        for turn in (1, -1)
+    )
+    here = float(pictures.errors(levels, "gltf"))
+    expected = (ahead - back) / (2 * step) * float(pictures.value(levels, "gltf")) / here
+    found = sum(
+        float((leaf.grad * way).sum()) for leaf, way in zip(leaves, along, strict=True) if leaf.grad is not None
+    )
+    assert found == pytest.approx(expected, rel=2e-2)
+
+
+def test_noise_of_estimates_is_no_error() -> None:
+    """The mean over many draws of the error of a stack is what one with many times the samples finds."""
+    levels = tensors(plain_levels(PATCHES[:1], "gltf"))
+    errors, apart = [], []
+    for seed in range(30):
+        pictures = drawn("trilinear", 0.3, seed, PATCHES[:1])
+        errors.append(float(pictures.errors(levels, "gltf")))
+        first = replace(pictures, second=pictures.first)
+        apart.append(float(first.errors(levels, "gltf")))
+    assert np.mean(errors) < np.mean(apart)  # a square of one difference holds the noise, too
+    assert np.mean(errors) > 0
+
+
+def test_steps_draw_pictures_for_samplers_as_often_as_is_asked() -> None:
+    settings = {"crops": 1, "crop_size": 16, "rooms": 0, "pictures": 2}
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    for share, samplers in ((0.0, {"trilinear"}), (1.0, {"anisotropic"}), (0.5, set(BAKED_SAMPLERS))):
+        config = tiny(loss={**settings, "anisotropic": share}, network={"samplers": list(BAKED_SAMPLERS)})
+        found = [batches.draw_batch(materials, config, index) for index in range(8)]
+        assert all(isinstance(each, BalancedBatch) and len(each.pictures) == 6 for each in found)
+        assert {each.sampler for each in found if isinstance(each, BalancedBatch)} == samplers
+
+
+def test_training_on_pictures_moves_every_parameter_and_makes_them_right() -> None:
+    """The error of pictures that no step saw falls, relative to plain averages."""
+    config = tiny(
+        run={"steps": 60},
+        network={"samplers": list(BAKED_SAMPLERS)},
+        loss={"rooms": 0, "pictures": 2, "picture_weight": 3.0, "anisotropic": 0.5},
+        optimiser={"learning_rate": 3e-3},
+    )
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    state = loop.new_state(config)
+    held = [batches.draw_batch(materials, config, 1000 + index) for index in range(6)]
+
+    def error() -> float:
+        found = []
+        for batch in held:
+            assert isinstance(batch, BalancedBatch)
+            with torch.no_grad():
+                levels = state.network(batch.patches, batch.source, batch.pixel_filter, batch.sampler)["gltf"]
+                found += [float((each.errors(levels, "gltf") / (each.plain + 0.05)).mean()) for each in batch.pictures]
+        return float(np.mean(found))
+
+    before, start = error(), [each.detach().clone() for each in state.network.parameters()]
+    losses = [float(state.advance(batch)) for batch in batches.batches(materials, config, 0)]
+    assert np.isfinite(losses).all()
+    assert all(not torch.equal(a, b) for a, b in zip(start, state.network.parameters(), strict=True))
+    assert error() < 0.95 * before
+
+
+def test_a_training_without_rooms_has_no_lights_of_rooms() -> None:
+    config = BalancedLossConfig(crops=1, crop_size=16, rooms=0)
+    batch = config.draw(torch.from_numpy(PATCHES[:1]), "gltf", np.random.default_rng(0))
+    assert batch.pairs.light.shape[1] == batch.pairs.weights.shape[2] and not batch.pictures
+    network = loop.new_state(tiny()).network
+    assert np.isfinite(float(config.value(network, batch).detach()))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"pictures": -1}, {"rooms": -1}, {"picture_weight": -0.5}, {"anisotropic": 1.5}],
+    ids=lambda c: next(iter(c)),
+)
+def test_wrong_settings_are_named(change: dict[str, float]) -> None:
+    with pytest.raises(UsageError, match=f"loss.{next(iter(change))}"):
+        tiny(loss=change)
+
+
+def test_a_training_starts_from_released_weights(tmp_path: Path) -> None:
+    network = loop.new_state(tiny(run={"seed": 7})).network
+    given = {name: value.contiguous() for name, value in network.state_dict().items()}
+    path = tmp_path / "tiny.safetensors"
+    save_file(given, path)
+    state = loop.new_state(tiny(network={"samplers": list(BAKED_SAMPLERS)}))
+    new = loop.start_from(state, path)
+    own = state.network.state_dict()
+    assert new and not set(new) & set(given) and set(new) | set(given) == set(own)
+    assert all(torch.equal(own[name], value) for name, value in given.items())
+
+
+def test_files_that_hold_no_weights_are_refused(tmp_path: Path) -> None:
+    state = loop.new_state(tiny())
+    for content in (None, b"", b"no weights"):
+        path = tmp_path / "none.safetensors"
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(InputError, match=r"none\.safetensors"):
+            loop.start_from(state, path)
+    other = loop.new_state(config_from({"network": {"latent_channels": 20}})).network
+    renamed = {f"other.{name}": value.contiguous() for name, value in other.state_dict().items()}
+    save_file(renamed, tmp_path / "other.safetensors")
+    with pytest.raises(UsageError, match="no weights of this architecture"):
+        loop.start_from(state, tmp_path / "other.safetensors")
