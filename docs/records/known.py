@@ -50,33 +50,33 @@ def _timing(script: str, about: str, *options: str) -> Known:
 
 
 KNOWN: Mapping[str, Known] = {
-    "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-1",)),
-    "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-1",)),
+    "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
+    "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
     "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
     "results-models": _results("models", "the paper's material models and networks", ALL),
     "results-correlated": _results("correlated", "channels that go together, and twins", ALL),
     "films": Known(
         "what people see: films of test sets, every method, two samplers, with accumulation and without",
         ("benchmarks/films.py", MATERIALS, WORK, "--results", OUT),
-        Entry(("benchmarks/films.py",), ("mipbake-1",)),
+        Entry(("benchmarks/films.py",), ("mipbake-2",)),
         sample=1,
     ),
     "picture": Known(
         "SNR of the spheres in docs/scales.png",
         ("docs/make_picture.py", f"{WORK}/scales.png", "--figures", OUT),
-        Entry(("docs/make_picture.py",), ("mipbake-1",)),
+        Entry(("docs/make_picture.py",), ("mipbake-2",)),
         pictures="docs",
     ),
     "animation": Known(
         "flicker and SNR of docs/shimmer.webp",
         ("docs/make_animation.py", f"{WORK}/shimmer.webp", "--figures", OUT),
-        Entry(("docs/make_animation.py",), ("mipbake-1",)),
+        Entry(("docs/make_animation.py",), ("mipbake-2",)),
         pictures="docs",
     ),
     "failure": Known(
         "SNR of every method on examples/knurled_plate",
         ("docs/make_failure_table.py", OUT),
-        Entry(("docs/make_failure_table.py",), ("mipbake-1",)),
+        Entry(("docs/make_failure_table.py",), ("mipbake-2",)),
     ),
     "figure-7": Known(
         "one material in every model, with its pictures",
@@ -103,24 +103,24 @@ KNOWN: Mapping[str, Known] = {
         ("benchmarks/uastc.py", MATERIALS, WORK, "--results", OUT),
         Entry(
             ("benchmarks/uastc.py",),
-            ("mipbake-1",),
+            ("mipbake-2",),
             files=("mipbake/glb.py", "mipbake/io/uastc.py", "mipbake/io/gltf/ranges.py", "mipbake/output.py"),
         ),
     ),
     "engines-three": Known(
         "levels in three.js, supersampled by itself",
         ("benchmarks/engines/three_proof.py", MATERIALS, "--results", OUT),
-        Entry(("benchmarks/engines/three_proof.py",), ("mipbake-1",), files=("benchmarks/engines/three/*.js",)),
+        Entry(("benchmarks/engines/three_proof.py",), ("mipbake-2",), files=("benchmarks/engines/three/*.js",)),
     ),
     "engines-cycles": Known(
         "level 0 in Cycles",
         ("benchmarks/engines/cycles_proof.py", MATERIALS, "--results", OUT),
-        Entry(("benchmarks/engines/cycles_proof.py",), ("mipbake-1",), files=("benchmarks/engines/cycles/*.py",)),
+        Entry(("benchmarks/engines/cycles_proof.py",), ("mipbake-2",), files=("benchmarks/engines/cycles/*.py",)),
     ),
     "weights": Known(
         "what each weight of the judge does, halved and doubled",
         ("benchmarks/weights.py", MATERIALS),
-        Entry(("benchmarks/weights.py",), ("mipbake-1",)),
+        Entry(("benchmarks/weights.py",), ("mipbake-2",)),
     ),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),
     "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),
