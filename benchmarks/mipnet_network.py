@@ -36,6 +36,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake import material
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.material import MIN_ROUGHNESS
 from mipbake.models.architecture import Architecture
@@ -123,13 +124,19 @@ class MipnetNetwork(Network):
         self.single = _Perceptron(2 * 2 * _STATE, config.single_layers, config.single_width)
         self.multi = _Perceptron((4 * 4 + 2 * 2 + 1) * _STATE, config.multi_layers, config.multi_width)
 
-    def forward(self, stored: Tensor, source: str = "gltf", pixel_filter: str = "gaussian") -> Stacks:  # noqa: ARG002
+    def forward(
+        self,
+        stored: Tensor,
+        source: str = "gltf",  # noqa: ARG002
+        pixel_filter: str = "gaussian",  # noqa: ARG002
+        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+    ) -> Stacks:
         """(B, H, W, 8) stored channels of `gltf` to every level of the target, the first the source's.
 
         Args:
             stored: sides that are powers of two, or windows of 2 x 2 leave texels over.
             source: `gltf`.
-            pixel_filter: changes nothing.
+            pixel_filter, sampler: change nothing.
 
         Raises:
             UsageError: other sides.
@@ -172,6 +179,7 @@ class MipnetNetwork(Network):
         pixel_filter: str = "box",
         wrap: Wrap = ("wrap", "wrap"),  # noqa: ARG002
         progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
         """See Network. Pixel filter and wrap modes change nothing, and sides must be powers of two."""
         if target != self.target:

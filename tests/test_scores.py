@@ -21,7 +21,7 @@ def test_what_chance_decides_counts_little() -> None:
     rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
     known, unsure, chance = certainty(rows)
     assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
-    asked = Asked.of(Score(np.zeros((2, 4)), rows, np.zeros(len(SEEN))))
+    asked = Asked.of(Score(np.zeros((2, 4)), rows, np.zeros((len(SEEN), 4))))
     assert asked.sure.tolist() == [1, 1, known, unsure, chance, 1, 1]  # the last two as people see them
 
 
@@ -59,6 +59,6 @@ def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str)
     stored = np.broadcast_to(np.array([0.2, 0.4, 0.6, 0.5, 0.4, 0, 0, 1], np.float32), (8, 8, 8)).copy()
     scores = Scores(Problem(stored, "gltf", "gltf", kernel, WRAP), TINY, 0, [0.0, 1.5])
     for index in range(2):
-        score = scores.of(scores.looked_up(stored, index), index)
-        assert (score.decibels > 60).all()
-        assert (score.seen < np.log(2e-4)).all()
+        errors = scores.errors(scores.looked_up(stored, index), index)
+        assert (errors.score.decibels > 60).all()
+        assert (errors.seen.squares < 2e-4).all()
