@@ -26,6 +26,10 @@ from mipbake.metrics.visible import (
 KINDS, EACH = 2, 3
 
 
+UNSEEN = float(VisibleError(*np.zeros((2, 2, 3, SIDE, SIDE), np.float32), np.zeros(1)).means[0])
+"""What is added to every error, which is what pictures without any have."""
+
+
 def pictures(seed: int, count: int = KINDS * EACH) -> np.ndarray:
     """(N, SIDE, SIDE, 3) of noise around grey."""
     return np.random.default_rng(seed).uniform(0.2, 0.8, (count, SIDE, SIDE, 3)).astype(np.float32)
@@ -87,17 +91,17 @@ def test_each_kind_of_pictures_has_an_error_of_its_own() -> None:
     for kind in range(KINDS):
         some = slice(kind * EACH, (kind + 1) * EACH)
         alone = mean_squares(both.off[some], both.counts[some], 1)
-        assert both.means[kind] == pytest.approx(float(alone[0]), rel=1e-5)
+        assert both.means[kind] == pytest.approx(float(alone[0]) + UNSEEN, rel=1e-5)
         np.testing.assert_array_equal(both.weights(np.eye(KINDS)[kind])[some] > 0, True)
         assert not both.weights(np.eye(KINDS)[1 - kind])[some].any()
 
 
 def test_noise_of_what_is_right_is_no_error() -> None:
     off = 0.1 * np.random.default_rng(6).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
-    all_of_it = error_of(off).means
+    all_of_it = error_of(off).means - UNSEEN
     for share in (0.5, 0.9):
         noise = share * float(all_of_it.max())
-        expected = np.maximum(all_of_it - noise, 0.1 * noise)
+        expected = np.maximum(all_of_it - noise, 0.1 * noise) + UNSEEN
         np.testing.assert_allclose(error_of(off, noise).means, expected, rtol=1e-5)
     # What is below the noise is chance: it counts as a part of the noise, and is never negative.
     assert (error_of(0.1 * off, float(all_of_it.max())).means > 0).all()
