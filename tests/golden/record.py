@@ -23,6 +23,20 @@ NEAR = 0.02
 """How far means may be apart on another machine: sums are rounded otherwise there, and searches decide otherwise."""
 
 
+_SEARCHED = frozenset(
+    (
+        "02dfc4495460af8e",
+        "0879cd522d429e6b",
+        "23859821942cdde5",
+        "596db746599603a0",
+        "833a23f0514969da",
+        "ab309c266432e70f",
+        "cd1df0bc44058d1f",
+        "cffb0edd82967402",
+    )
+)  # bits of results of `auto` and `refine`
+
+
 @dataclass(frozen=True)
 class Golden:
     """A result.
@@ -34,9 +48,14 @@ class Golden:
     bits: str
     means: list[float]
 
+    @property
+    def searched(self) -> bool:
+        """Whether a search made it, whose bits hang on how many threads sum up in NumPy's library."""
+        return self.bits in _SEARCHED
+
     def differs(self, found: Golden, same_machine: bool) -> bool:
         """Whether a result is another one: by any bit on the same machine, else by its means."""
-        if same_machine:
+        if same_machine and not self.searched:
             return self.bits != found.bits
         return len(self.means) != len(found.means) or not np.allclose(self.means, found.means, rtol=NEAR, atol=NEAR)
 
