@@ -20,9 +20,3 @@ def linear_to_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """Encoding, (...) to (...): the inverse of `srgb_to_linear` from 0 up; nothing is clipped."""
     powered = _SCALE * np.power(np.maximum(linear, _JOINT), 1 / _POWER) - _OFFSET
     return np.where(linear <= _JOINT, _SLOPE * linear, powered)
-
-
-def linear_to_srgb_slope(linear: NDArray[np.floating]) -> NDArray[np.floating]:
-    """The derivative of `linear_to_srgb`, (...) to (...), dtype kept; at the joint the slope of the straight line."""
-    powered = _SCALE / _POWER * np.power(np.maximum(linear, _JOINT), 1 / _POWER - 1)
-    return np.asarray(np.where(linear <= _JOINT, _SLOPE, powered), linear.dtype)

@@ -95,10 +95,12 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
         "import os, signal, sys, time; import mipbake_start as start; sys.argv[0] = 'mipbake'; "
         "signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
         "fstat = os.fstat; os.fstat = lambda number: (setattr(os, 'fstat', fstat), print(flush=True), "
-        "time.sleep({wait}), fstat(number))[-1]; start.run()"
+        "[time.sleep(0.05) for _ in range({naps})], fstat(number))[-1]; start.run()"
     )
     for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):
-        waiting = program.format(wait=0 if delay else 60)  # the first signal finds the program where nothing is begun
+        # The first signal finds the program where nothing is begun. It naps, as a signal that comes just before a sleep
+        # does not end that sleep.
+        waiting = program.format(naps=0 if delay else 1200)
         running = subprocess.Popen(
             [sys.executable, "-c", waiting, "bake", folder, "-o", tmp_path / "out", "--method", "linear"],
             stdout=subprocess.PIPE,

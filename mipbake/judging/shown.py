@@ -12,10 +12,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.metrics.images import display_slope, displayed
-from mipbake.metrics.visible import SIDE, VisibleError, bands, masked, mean_squares
+from mipbake.metrics.images import tonemap_slope, tonemapped
+from mipbake.metrics.visible import SIDE, VisibleError, adaptation, bands, mean_squares
 from mipbake.reference.problem import Image, Problem, Region, region_points
-from mipbake.render.environment import ENVIRONMENTS, Lighting
+from mipbake.render.environment import Lighting, lighting_named
 from mipbake.render.small_pictures import (
     SLANTS,
     SmallPictures,
@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 KINDS_SHOWN = len(SLANTS)
 """Kinds of pictures, as `weights.SEEN` names them."""
 
-_ROOMS = "studio", "sky", "lamps"  # that levels of detail have in turn; a guess
-_LIGHTS = 16  # of a room that is a map: pictures are turned to it at random, so few stand for all; a guess
+_ROOMS = "studio", "sky", "lamps"  # that pictures are in by turns; a guess
 _FEWEST = 8  # pictures of a level of detail; a guess
 _MOST_SAMPLES = 64  # of a pixel; a guess
 _MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
@@ -42,38 +41,35 @@ class Shown:
 
     Args:
         pictures: N of them, the same number of each kind, kind after kind.
-        exposure: (N, 1, 1). right: (N, 3, SIDE, SIDE) bands of what is right. counts: what squared errors of bands
-            count. noise: (V,) visible error of the noise of what is right.
+        exposure: (N, 1, 1). adapted: (N, 1, 1) light that eyes are adapted to.
+        right: (N, 3, SIDE, SIDE) bands of what is right. noise: (N,) mean squares of its noise.
+        kinds: V.
     """
 
     pictures: SmallPictures
     exposure: Image
+    adapted: Image
     right: Image
-    counts: Image
     noise: Array
+    kinds: int = KINDS_SHOWN
 
     def error(self, radiance: Image) -> VisibleError:
         """How far (N, PIXELS, 3) linear radiance looks from what is right."""
-        return VisibleError(bands(displayed_pictures(radiance, self.exposure)) - self.right, self.counts, self.noise)
+        return VisibleError(_bands(radiance, self.exposure, self.adapted) - self.right, self.noise, self.kinds)
 
     def part(self, some: NDArray[np.intp]) -> Shown:
-        """Some of the pictures, by their indices; what noise there is, is left to all of them."""
+        """Some of the pictures, by their indices, as one kind."""
         pictures = self.pictures.part(some)
-        return Shown(pictures, self.exposure[some], self.right[some], self.counts[some], self.noise)
+        return Shown(pictures, self.exposure[some], self.adapted[some], self.right[some], self.noise[some], 1)
 
     def slope(self, radiance: Image) -> Image:
-        """(N, PIXELS, 3) derivatives of what is displayed by linear radiance."""
-        return np.asarray(self.exposure * display_slope(radiance * self.exposure), np.float32)
+        """(N, PIXELS, 3) derivatives of contrasts, as `mipbake.metrics.visible` has them, by linear radiance."""
+        return np.asarray(self.exposure / self.adapted * tonemap_slope(radiance * self.exposure), np.float32)
 
 
-def displayed_pictures(radiance: Image, exposure: Image) -> Image:
-    """(N, SIDE, SIDE, 3) what a display shows of (N, PIXELS, 3) linear radiance."""
-    return np.asarray(displayed(radiance * exposure), np.float32).reshape(-1, SIDE, SIDE, 3)
-
-
-@lru_cache(maxsize=len(_ROOMS))
-def _room(name: str) -> Lighting:
-    return ENVIRONMENTS[name](_LIGHTS)
+@lru_cache(maxsize=1)
+def _rooms() -> tuple[Lighting, ...]:
+    return tuple(lighting_named(name) for name in _ROOMS)
 
 
 def draw_shown(
@@ -94,15 +90,18 @@ def draw_shown(
     height, width = problem.sizes[0]
     centre = np.resize(region_points(problem, region, count, rng), (count, 2))
     lods = lod - (_MAGNIFIED if lod == 0 else 0.0) * rng.random(count)
-    lighting = _room(_ROOMS[round(2 * lod) % len(_ROOMS)])
     pictures = draw_small_pictures(
-        rng, lods, draw_slants(rng, count), (width, height), problem.sampler, lighting, centre
+        rng, lods, draw_slants(rng, count), (width, height), problem.sampler, _rooms(), centre
     )
     many = min(samples << int(lod + 1) // 2, max(samples, _MOST_SAMPLES))
     first, second = (pictures.reference(problem.filtered, many, rng) for _ in range(2))
-    exposure = exposures((first + second) / np.float32(2))
-    shown = displayed_pictures((first + second) / np.float32(2), exposure)
-    apart = displayed_pictures(first, exposure) - displayed_pictures(second, exposure)
-    right = bands(shown)
-    counts = masked(right)
-    return Shown(pictures, exposure, right, counts, mean_squares(bands(apart / np.float32(2)), counts, KINDS_SHOWN))
+    both = (first + second) / np.float32(2)
+    exposure = exposures(both)
+    adapted = adaptation(tonemapped(both * exposure))[..., 0]
+    right, *estimates = (_bands(each, exposure, adapted) for each in (both, first, second))
+    noise = mean_squares((estimates[0] - estimates[1]) / np.float32(2))
+    return Shown(pictures, exposure, adapted, right, noise)
+
+
+def _bands(radiance: Image, exposure: Image, adapted: Image) -> Image:
+    return bands((tonemapped(radiance * exposure) / adapted).reshape(-1, SIDE, SIDE, 3))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mipbake._srgb import linear_to_srgb, linear_to_srgb_slope
+from mipbake._srgb import linear_to_srgb
 from mipbake.errors import UsageError
 
 ImageArray = NDArray[np.floating]
@@ -61,14 +61,20 @@ def displayed(linear: ImageArray) -> NDArray[np.float64]:
     renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black. x / (1 + x)
     has the precision of what is given; the encoding is in float64.
     """
-    x = np.maximum(linear, 0)
-    return srgb_encode(x / (1 + x))
+    return srgb_encode(tonemapped(linear))
 
 
-def display_slope(linear: ImageArray) -> ImageArray:
-    """The derivative of `displayed`, element by element, dtype kept; at 0 and below its value just above 0."""
+def tonemapped(linear: ImageArray) -> ImageArray:
+    """The light that a display sends out for linear radiance, in [0, 1): x / (1 + x), as `displayed` encodes it; any
+    shape, dtype kept."""
     x = np.maximum(linear, 0)
-    slope: ImageArray = linear_to_srgb_slope(x / (1 + x)) / np.square(1 + x)
+    light: ImageArray = x / (1 + x)
+    return light
+
+
+def tonemap_slope(linear: ImageArray) -> ImageArray:
+    """The derivative of `tonemapped`, element by element, dtype kept; at 0 and below its value just above 0."""
+    slope: ImageArray = 1 / np.square(1 + np.maximum(linear, 0))
     return slope
 
 

@@ -1,13 +1,14 @@
 """Small pictures of a surface under many lights: what stacks are judged by and trained on, as people see it.
 
-A picture is SIDE x SIDE pixels of a plane that is seen from afar, at a slant, in a room turned at random. All its
-pixels have one view, one footprint and one level of detail, which is the one of a lookup by the sampler that the stack
-is made for. How far a picture is from right is `mipbake.metrics.visible`.
+A picture is SIDE x SIDE pixels of a plane that is seen from afar, at a slant, in a room. The plane is a floor, a wall
+or anything between: no ceiling. All its pixels have one view, one footprint and one level of detail, which is the one
+of a lookup by the sampler that the stack is made for. How far a picture is from right is `mipbake.metrics.visible`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +48,7 @@ class SmallPictures:
         lod: (N,) level of detail of the lookups. longer: (N,) level of detail of the longer side of pixels.
         uv: (N, PIXELS, 2) centres of pixels, row by row. axes: (N, 2, 2) of a pixel, as `Pixels` takes them.
         lookups: (N,) of each pixel, side by side along its longer side.
-        light, view: (N, L, 3) unit vectors in the tangent frame of each picture. power: (L, 3) irradiance.
+        light, view: (N, L, 3) unit vectors in the tangent frame of each picture. power: (N, L, 3) irradiance.
     """
 
     size: tuple[int, int]
@@ -71,6 +72,7 @@ class SmallPictures:
             lookups=self.lookups[some],
             light=self.light[some],
             view=self.view[some],
+            power=self.power[some],
         )
 
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
@@ -95,11 +97,11 @@ class SmallPictures:
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
         """(N, PIXELS, C) derivatives by texels, from (N, PIXELS, 3) derivatives by `radiance`."""
-        by_light = np.asarray(self.power[:, None] * gradient[:, None], np.float32)
+        by_light = np.asarray(self.power[:, :, None] * gradient[:, None], np.float32)
         return np.asarray(shade_adjoint(model, texels, self.light, self.view, by_light))
 
     def _summed(self, seen: Image) -> Image:
-        return np.asarray(np.einsum("nlpc,lc->npc", seen, self.power, optimize=True))
+        return np.asarray(np.einsum("nlpc,nlc->npc", seen, self.power, optimize=True))
 
 
 def draw_small_pictures(
@@ -108,10 +110,10 @@ def draw_small_pictures(
     slant: Array,
     size: tuple[int, int],
     sampler: str,
-    lighting: Lighting,
+    rooms: Sequence[Lighting],
     centre: Array,
 ) -> SmallPictures:
-    """Pictures of planes turned every way in a room.
+    """Pictures of planes in rooms, which take turns.
 
     Args:
         lod: (N,) level of detail of the lookups. slant: (N,) cosines of the angle of view.
@@ -127,7 +129,13 @@ def draw_small_pictures(
     rows, columns = np.meshgrid(place, place, indexing="ij")
     steps = np.stack([rows.reshape(-1), columns.reshape(-1)], -1)  # rows go along the view, columns across
     texels = np.einsum("pk,nkx->npx", steps, axes) * np.exp2(longer)[:, None, None]
-    light = np.einsum("nij,kj->nki", frame, lighting.direction)
+    lit = [rooms[index % len(rooms)] for index in range(len(slant))]
+    most = max(len(room.direction) for room in rooms)
+    direction, power = (np.zeros((len(slant), most, 3)) for _ in range(2))
+    direction[:] = 0, 1, 0  # of lights without power, in rooms that have fewer
+    for index, room in enumerate(lit):
+        direction[index, : len(room.direction)], power[index, : len(room.direction)] = room.direction, room.radiance
+    light = np.einsum("nij,nkj->nki", frame, direction)
     view = np.broadcast_to(local[:, None], light.shape)
     return SmallPictures(
         size,
@@ -138,7 +146,7 @@ def draw_small_pictures(
         lookups,
         np.ascontiguousarray(light, np.float32),
         np.ascontiguousarray(view, np.float32),
-        lighting.radiance.astype(np.float32),
+        power.astype(np.float32),
     )
 
 
@@ -179,14 +187,17 @@ def exposures(radiance: Image) -> Image:
 def _placed(rng: np.random.Generator, slant: Array) -> tuple[Array, Array]:
     """(N, 3, 3) tangent frames in a room, rows tangent, bitangent and normal, and (N, 3) views from it."""
     count = len(slant)
-    around, turn, roll = (2 * math.pi * rng.random(count) for _ in range(3))
+    around, roll = (2 * math.pi * rng.random(count) for _ in range(2))
     height = rng.uniform(*_HEIGHTS, count)
     flat = np.sqrt(1 - height * height)
+    lean = np.sqrt(1 - slant * slant)
+    # From `steep` to pi less `steep`, the normal does not look down.
+    steep = np.arcsin(np.clip(-slant * height / np.maximum(lean * flat, 1e-9), -1, 1))
+    turn = steep + rng.random(count) * (math.pi - 2 * steep)
     view = np.stack([flat * np.cos(around), height, flat * np.sin(around)], -1)
     side = np.stack([-np.sin(around), np.zeros(count), np.cos(around)], -1)
     up = np.cross(side, view)
-    lean = np.sqrt(1 - slant * slant)[:, None]
-    normal = slant[:, None] * view + lean * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up)
+    normal = slant[:, None] * view + lean[:, None] * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up)
     axis = np.where(np.abs(normal[:, 1:2]) < 0.9, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
     first = np.cross(axis, normal)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)

@@ -25,7 +25,7 @@ from mipbake.judging.scores import Array, Errors, Scores, blocks
 from mipbake.judging.weights import SEEN
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.metrics.visible import bands_adjoint
+from mipbake.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs
 from mipbake.reference.problem import Image
 from mipbake.render.small_pictures import PIXELS
@@ -173,11 +173,12 @@ class _Error:
     ) -> Iterator[Image]:
         """(N, J) derivatives by the shares of random combinations of the bands of each picture, several of each.
 
-        Their squares sum to the curvature of all bands, whose squares count `weights`.
+        Their squares sum to the curvature of all bands, whose squares count `weights` (N,).
         """
         columns = self._columns[self._single :].reshape(len(pixels), -1, self._columns.shape[-1])
         for _ in range(_COMBINATIONS):
-            bands = signs(weights.shape, rng) * np.sqrt(2 * weights / _COMBINATIONS)
+            bands = signs((len(pixels), *SENSITIVITY.shape), rng)
+            bands *= np.sqrt(2 * weights / _COMBINATIONS)[:, None, None, None]
             gradient = bands_adjoint(bands).reshape(by_radiance.shape) * by_radiance
             by_pixel = self._adjoint(pixels, gradient).reshape(len(pixels), 1, -1)
             yield np.asarray(np.matmul(by_pixel, columns)[:, 0])

@@ -68,7 +68,7 @@ class PairWeights:
                 self._common[int(lod)].update(each.squares)
 
     def seen(self, level: int) -> NDArray[np.float64]:
-        """(V,) what the mean square that is seen of each kind of pictures counts at a level."""
+        """(V,) what the visible error of each kind of pictures counts at a level."""
         rows = self._slopes[-len(SEEN) :] / self._seen_means
         return np.array([np.interp(level, self._lods, row) for row in rows])
 

@@ -66,8 +66,8 @@ class PictureSlopes:
     """What pictures say of the errors of their pixels, of half of what is minimised.
 
     Args:
-        by_radiance: (N, PIXELS, 3) slopes. shown: (N, PIXELS, 3) derivatives of what is displayed by the radiance.
-        bounds: (N, 3) of the curvature, for squares of each opponent colour of what is displayed.
+        by_radiance: (N, PIXELS, 3) slopes. shown: (N, PIXELS, 3) derivatives of contrasts by the radiance.
+        bounds: (N, 3) of the curvature, for squares of each opponent colour of contrasts.
     """
 
     by_radiance: Image
@@ -89,7 +89,7 @@ def picture_chunks(
         lod = min(max(level + half + 0.5 * rng.random(), 0.0), float(problem.last))
         shown = draw_shown(problem, region, lod, count // 2, samples_at(level, samples), rng)
         lower = int(lod) if lod < problem.last else level
-        kinds = np.repeat(np.arange(KINDS_SHOWN), len(shown.counts) // KINDS_SHOWN)
+        kinds = np.repeat(np.arange(KINDS_SHOWN), len(shown.exposure) // KINDS_SHOWN)
         for lookups in np.unique(shown.pictures.lookups).tolist():
             some = np.flatnonzero(shown.pictures.lookups == lookups)
             uv = shown.pictures.looked_up_at(some, lookups).reshape(-1, 2)
@@ -109,7 +109,7 @@ def picture_slopes(
     """What each chunk says, of (P, C) lookups.
 
     Args:
-        counts: by level, (V,) what the mean square that is seen of each kind of pictures counts.
+        counts: by level, (V,) what the visible error of each kind of pictures counts.
     """
     many = {level: np.zeros(KINDS_SHOWN) for level in counts}
     for chunk in chunks:
@@ -120,11 +120,10 @@ def picture_slopes(
         radiance = shown.pictures.radiance(model, chunk.pixels(seen))
         slope = shown.slope(radiance)
         each = counts[chunk.level] / np.maximum(many[chunk.level], 1) / WEIGHT
-        weight = each[chunk.kinds].astype(np.float32)[:, None, None, None] * shown.counts
-        off = shown.error(radiance).off
-        by_shown = bands_adjoint(weight * off).reshape(-1, PIXELS, 3)
-        # No change of all pixels together has more curvature than the band of its colour that counts most. Each colour
-        # has a bound of its own: nothing hides errors of colour on a grey surface, and they count far more there.
-        most = (weight * np.square(SENSITIVITY)).max((2, 3))
+        error = shown.error(radiance)
+        weight = (each[chunk.kinds] / error.roots[0]).astype(np.float32)
+        by_shown = bands_adjoint(weight[:, None, None, None] * error.off).reshape(-1, PIXELS, 3)
+        # No change of all pixels together has more curvature than the band of its colour that weighs most.
+        most = weight[:, None] * np.square(SENSITIVITY).max((1, 2))
         out.append(PictureSlopes(by_shown * slope, slope, most))
     return out
