@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal, get_args
 
-from mipbake.errors import UsageError
+from mipbake.errors import UsageError, chosen
 
 BakedSampler = Literal["trilinear", "anisotropic"]
 """`trilinear`: one lookup a pixel, at the level of the footprint's longer side. `anisotropic`: up to 16 lookups along
@@ -23,10 +23,7 @@ DEFAULT_AIM = 0.5
 
 def baked_sampler(name: str) -> BakedSampler:
     """The sampler of that name; UsageError, with the list of names, where stacks are made for none."""
-    for sampler in BAKED_SAMPLERS:
-        if sampler == name:
-            return sampler
-    raise UsageError(f"stacks are made for no sampler {name!r}: expected {' or '.join(BAKED_SAMPLERS)}")
+    return chosen(name, BAKED_SAMPLERS, "sampler that stacks are made for")
 
 
 def checked_aim(aim: float) -> float:

@@ -19,13 +19,10 @@ import torch
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, shading
 from mipbake.errors import UsageError
 from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Score, Scores
-from mipbake.judging.shown import Shown, displayed_pictures
 from mipbake.judging.weights import SEEN, Weight, Weights, weights_for
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.metrics.visible import bands
 from mipbake.models import list_weights
 from mipbake.prefilter import METHODS, method_named
 from mipbake.prefilter.base import PrefilterResult
@@ -207,7 +204,9 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray, weights:
     count = probe.uv.shape[0] * probe.uv.shape[1]
     single = texels[:count].reshape(*probe.uv.shape[:2], -1)
     shaded = shading.shade("gltf", single, probe.light, probe.view)
-    shown = replace(probe.shown, right=bands_of(probe.shown, texels[count:]), noise=0 * probe.shown.noise)
+    radiance = probe.shown.pictures.radiance("gltf", texels[count:].reshape(-1, PIXELS, texels.shape[-1]))
+    right = probe.shown.error(radiance).off + probe.shown.right
+    shown = replace(probe.shown, right=right, noise=0 * probe.shown.noise)
     asked = Asked.of(scores.of(base, 0))
     scores.probes = [replace(probe, mean=shaded, noise=0 * probe.noise, shown=shown)]
     found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked], weights))
@@ -222,46 +221,6 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray, weights:
         return
     assert found[2] == pytest.approx(true[2], abs=2e-4)  # off by 2e-5 in the mean, standard deviation 3e-5
     assert found[3] == pytest.approx(true[3], abs=0.021)  # 0.0040, standard deviation 0.0043
-
-
-def bands_of(shown: Shown, texels: np.ndarray) -> np.ndarray:
-    """What small pictures show of texels that their pixels look up."""
-    radiance = shown.pictures.radiance("gltf", texels.reshape(-1, PIXELS, texels.shape[-1]))
-    return bands(displayed_pictures(radiance, shown.exposure))
-
-
-def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:
-    rng, count = np.random.default_rng(0), 100_000
-    plain = draw_pairs(rng, count)
-
-    def seen(light: np.ndarray, view: np.ndarray) -> np.ndarray:
-        half = (light + view)[:, 2] / np.linalg.norm(light + view, axis=1)
-        return np.stack([np.ones(len(half)), light[:, 2], view[:, 2], half > 0.998, light[:, 0] * view[:, 0]], 1)
-
-    for kind in range(KINDS):
-        pairs, weights = draw_pool(rng, count, kind)
-        for index in range(len(PAIR_SETS)):
-            some = slice(index * count, (index + 1) * count)
-            height = plain.view[some, 2]
-            inside = [(height > 0.03) & (height < 0.1), height > 0.1][kind] if index == 0 else height > 0.03
-            values = seen(plain.light[some], plain.view[some])
-            values = values[inside] if index == 0 else values * inside[:, None]
-            drawn = seen(pairs.light[some], pairs.view[some])
-            weight = weights[index][:, None]
-            found = (weight * drawn).sum(0)
-            # Weights of the first set sum to 1, weights of the second one to the share of what is inside.
-            spread = weight * (drawn - found) if index == 0 else weight * drawn - found / count
-            error = np.sqrt(values.var(0) / len(values) + np.square(spread).sum(0))
-            # Whatever the seed, the weights of the second kind near the mirror sum to 0.9968.
-            assert (np.abs(found - values.mean(0)) < 4 * error + 0.0035).all(), (kind, index)
-
-
-def test_weights_of_pairs_over_the_hemisphere_sum_to_the_share_of_what_is_inside_however_few_there_are() -> None:
-    rng, each, times = np.random.default_rng(0), 64, 2000
-    row = list(PAIR_SETS).index("hemisphere")
-    sums = [draw_pool(rng, each, 1)[1][row].sum() for _ in range(times)]
-    # 0.9991 of all views do not graze beyond the range: cosines above 0.03.
-    assert np.mean(sums) == pytest.approx(1 - 0.03**2, abs=4 * np.std(sums) / np.sqrt(times))
 
 
 @pytest.mark.parametrize("each", [False, True])

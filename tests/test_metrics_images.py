@@ -26,7 +26,7 @@ from mipbake.metrics import (
     structural_similarity,
     tonemapped_error,
 )
-from mipbake.metrics.images import display_slope, displayed
+from mipbake.metrics.images import displayed, tonemap_slope, tonemapped
 
 from .flip_of_the_paper import flip_of_the_paper
 
@@ -78,14 +78,15 @@ def test_srgb_encoding_at_its_ends_and_its_joint() -> None:
     assert srgb_encode(linear) == pytest.approx([0, 0, 0.0404499, 0.4613561, 1, 1], abs=1e-6)
 
 
-def test_the_slope_of_a_display_is_that_of_what_it_shows() -> None:
+def test_displays_encode_what_is_tonemapped_and_its_slope_is_a_derivative() -> None:
     radiance = np.geomspace(1e-5, 1e3, 96)
     step = 1e-5 * radiance
-    differences = (displayed(radiance + step) - displayed(radiance - step)) / (2 * step)
-    assert display_slope(radiance) == pytest.approx(differences, rel=1e-6)
-    assert display_slope(np.array([-1.0, 0.0])) == pytest.approx(12.92)
-    single = display_slope(radiance.astype(np.float32))
-    assert single.dtype == np.float32 and single == pytest.approx(differences, rel=1e-5)
+    differences = (tonemapped(radiance + step) - tonemapped(radiance - step)) / (2 * step)
+    assert tonemap_slope(radiance) == pytest.approx(differences, rel=1e-5)
+    assert tonemap_slope(np.array([-1.0, 0.0])) == pytest.approx(1)
+    assert displayed(radiance) == pytest.approx(srgb_encode(tonemapped(radiance)))
+    for function in (tonemapped, tonemap_slope):
+        assert function(radiance.astype(np.float32)).dtype == np.float32
 
 
 def test_tonemapped_error_by_hand() -> None:

@@ -33,7 +33,7 @@ def problem(sampler: BakedSampler) -> Problem:
 
 def chunks_of(task: Problem) -> tuple[list[PictureChunk], list[np.ndarray]]:
     """Chunks of level 1, and what they look up in levels of every second texel."""
-    chunks = list(picture_chunks(task, whole(task), 1, 16, 4, np.random.default_rng(0)))
+    chunks = list(picture_chunks(task, whole(task), 1, 16, 32, np.random.default_rng(0)))
     levels = [task.stored[:: 2**level, :: 2**level].copy() for level in range(task.last + 1)]
     for level in levels:
         level[..., 4] = 0.6
@@ -47,13 +47,17 @@ def chunks_of(task: Problem) -> tuple[list[PictureChunk], list[np.ndarray]]:
     return chunks, seen
 
 
+def radiance_of(chunk: PictureChunk, seen: np.ndarray) -> np.ndarray:
+    """(N, PIXELS, 3) of (P, C) lookups."""
+    return chunk.shown.part(chunk.some).pictures.radiance("gltf", chunk.pixels(seen))
+
+
 def value(chunks: list[PictureChunk], texels: list[np.ndarray]) -> float:
-    """What is minimised: the mean square that is seen of each kind, times what it counts."""
+    """What is minimised: twice the visible error of each kind, times what it counts."""
     total, many = np.zeros(KINDS_SHOWN), np.zeros(KINDS_SHOWN)
     for chunk, seen in zip(chunks, texels, strict=True):
-        shown = chunk.shown.part(chunk.some)
-        off = shown.error(shown.pictures.radiance("gltf", chunk.pixels(seen))).off.astype(np.float64)
-        np.add.at(total, chunk.kinds, (np.square(off) * shown.counts).sum((1, 2, 3)) / WEIGHT)
+        error = chunk.shown.part(chunk.some).error(radiance_of(chunk, seen))
+        np.add.at(total, chunk.kinds, 2 * error.roots[0])
         np.add.at(many, chunk.kinds, 1)
     return float(COUNTS[1] @ (total / many))
 
@@ -102,7 +106,8 @@ def test_no_change_of_pixels_has_more_curvature_than_its_bound() -> None:
     most = 0.0
     (chunk, *_), (slopes, *_) = chunks, picture_slopes(chunks, texels, "gltf", COUNTS)
     many = sum((each.kinds == 0).sum() for each in chunks), sum((each.kinds == 1).sum() for each in chunks)
-    weight = (COUNTS[1] / many / WEIGHT)[chunk.kinds][:, None, None, None] * chunk.shown.counts[chunk.some]
+    roots = chunk.shown.part(chunk.some).error(radiance_of(chunk, texels[0])).roots[0]
+    weight = ((COUNTS[1] / many / WEIGHT)[chunk.kinds] / roots)[:, None, None, None]
     drawn = np.stack([slopes.combinations(rng) for _ in range(400)])
     for way in ways:
         radiance = np.broadcast_to(way(), slopes.shown.shape).astype(np.float32)

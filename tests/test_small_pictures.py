@@ -7,8 +7,8 @@ import pytest
 
 from mipbake import sampling
 from mipbake.aim import BAKED_SAMPLERS
-from mipbake.judging.shown import KINDS_SHOWN, displayed_pictures, draw_shown
-from mipbake.metrics.visible import SIDE
+from mipbake.judging.shown import KINDS_SHOWN, draw_shown
+from mipbake.metrics.visible import SIDE, VisibleError, bands
 from mipbake.pixel_filter import FILTERS
 from mipbake.reference.problem import Problem, whole
 from mipbake.reference.source import FilteredSource
@@ -34,7 +34,7 @@ HEIGHT, WIDTH = 24, 32
 def drawn(sampler: str, slant: list[float], lod: float = 1.0, lights: int = 4, seed: int = 0) -> SmallPictures:
     count = len(slant)
     rng = np.random.default_rng(seed)
-    args = np.full(count, lod), np.array(slant), (WIDTH, HEIGHT), sampler, studio(lights), rng.random((count, 2))
+    args = np.full(count, lod), np.array(slant), (WIDTH, HEIGHT), sampler, [studio(lights)], rng.random((count, 2))
     return draw_small_pictures(rng, *args)
 
 
@@ -51,10 +51,10 @@ def test_slants_are_spread_over_each_kind() -> None:
 def test_frames_are_right_handed_and_slants_are_cosines_of_views() -> None:
     """Told from what lights from known directions become: a frame turns them, and changes neither lengths nor hands."""
     world = np.concatenate([np.eye(3), [[0.6, 0.0, 0.8]]])
-    lighting = Lighting("axes", world, np.ones((4, 3)))
+    rooms = [Lighting("axes", world, np.ones((4, 3)))]
     slant = draw_slants(np.random.default_rng(1), 200)
     rng = np.random.default_rng(2)
-    made = draw_small_pictures(rng, np.ones(200), slant, (32, 32), "trilinear", lighting, rng.random((200, 2)))
+    made = draw_small_pictures(rng, np.ones(200), slant, (32, 32), "trilinear", rooms, rng.random((200, 2)))
     frame = made.light[:, :3].transpose(0, 2, 1).astype(float)  # rows tangent, bitangent, normal
     np.testing.assert_allclose(frame @ frame.transpose(0, 2, 1), np.broadcast_to(np.eye(3), frame.shape), atol=1e-5)
     np.testing.assert_allclose(np.linalg.det(frame), 1, atol=1e-5)
@@ -62,8 +62,22 @@ def test_frames_are_right_handed_and_slants_are_cosines_of_views() -> None:
     np.testing.assert_allclose(np.linalg.norm(made.view, axis=-1), 1, atol=1e-5)
     np.testing.assert_allclose(made.light[:, 3], 0.6 * made.light[:, 0] + 0.8 * made.light[:, 2], atol=1e-5)
     assert (made.view == made.view[:, :1]).all()  # one view for all lights
-    # Turned every way: no axis of the room keeps a side.
-    assert (np.abs(frame.mean(0)) < 0.25).all()
+    # Turned every way about the vertical, with normals that do not look down, but for walls that cameras look up to.
+    assert (np.abs(frame.mean(0)) < 0.25)[:, [0, 2]].all()
+    up = frame[:, 2, 1]
+    assert up.min() >= -0.2 and up.mean() > 0.4 and (up < 0.1).any()
+
+
+def test_rooms_take_turns_and_lights_that_a_room_lacks_have_no_power() -> None:
+    rooms = [
+        Lighting("one", np.array([[0.0, 1.0, 0.0]]), np.full((1, 3), 2.0)),
+        Lighting("two", np.array([[0.0, 0.6, 0.8], [0.0, 1.0, 0.0]]), np.ones((2, 3))),
+    ]
+    rng = np.random.default_rng(0)
+    made = draw_small_pictures(rng, np.ones(4), np.full(4, 0.8), (32, 32), "trilinear", rooms, rng.random((4, 2)))
+    one, two = [[2, 2, 2], [0, 0, 0]], [[1, 1, 1], [1, 1, 1]]
+    np.testing.assert_array_equal(made.power, [one, two, one, two])
+    np.testing.assert_allclose(made.light[1, 0] @ made.light[1, 1], 0.6, atol=1e-5)
 
 
 @pytest.mark.parametrize(("slant", "lookups"), [(1.0, 1), (0.51, 2), (0.5, 2), (0.49, 3), (0.26, 4), (0.1, 10)])
@@ -141,7 +155,7 @@ def test_what_is_right_is_the_filtered_sum_over_all_lights(sampler: str) -> None
         where = (made.uv[picture, pixel] + places / [WIDTH, HEIGHT]).astype(np.float32)
         texels = sampling.texture(level[None], where[None, None], filter_mode="linear", boundary_mode=WRAP)[0, 0]
         expected = np.zeros(3)
-        for light, view, power in zip(made.light[picture], made.view[picture], made.power, strict=True):
+        for light, view, power in zip(made.light[picture], made.view[picture], made.power[picture], strict=True):
             expected += weight @ shade("gltf", texels, light[None], view[None])[0] * power
         np.testing.assert_allclose(found[picture, pixel], expected, rtol=0.02, atol=2e-3)
 
@@ -173,6 +187,8 @@ def test_exposures_lie_between_the_median_of_a_picture_and_of_all() -> None:
     np.testing.assert_allclose(
         exposures(radiance)[:, 0, 0], 0.6 / np.sqrt([0.1 * 0.4, 0.4 * 0.4, 1.6 * 0.4]), rtol=1e-5
     )
+    radiance[0] = 0  # what is black is exposed for a sixteenth of the median
+    assert exposures(radiance)[0, 0, 0] == pytest.approx(4 * exposures(radiance)[1, 0, 0])
     assert np.isfinite(exposures(np.zeros((2, PIXELS, 3), np.float32))).all()
 
 
@@ -190,7 +206,7 @@ def test_a_stack_that_is_right_is_only_off_by_noise(sampler: str) -> None:
     other[..., 2] = 0.6
     wrong = shown.error(shown.pictures.radiance("gltf", other))
     assert (right.logarithms < wrong.logarithms - 1).all()
-    assert (right.squares < 1e-8).all()
+    assert right.roots == pytest.approx(visible_error_of_nothing(), rel=1e-4)
 
 
 def test_level_0_is_seen_by_pixels_that_are_smaller_than_its_texels() -> None:
@@ -201,11 +217,16 @@ def test_level_0_is_seen_by_pixels_that_are_smaller_than_its_texels() -> None:
         assert found.std() > 0.1 or lod > 0
 
 
-def test_the_slope_of_what_is_displayed_is_its_derivative() -> None:
+def visible_error_of_nothing() -> float:
+    """What nobody sees, which is added to every error."""
+    return float(VisibleError(np.zeros((1, 3, SIDE, SIDE), np.float32), np.zeros(1), 1).means[0])
+
+
+def test_the_slope_of_contrasts_is_their_derivative() -> None:
     task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP)
     shown = draw_shown(task, whole(task), 1.0, 8, 4, np.random.default_rng(0))
     radiance = np.random.default_rng(1).uniform(0.05, 2, (len(shown.exposure), PIXELS, 3)).astype(np.float32)
     step = np.float32(1e-3) * radiance
-    ahead, back = (displayed_pictures(radiance + turn * step, shown.exposure) for turn in (1, -1))
-    slope = ((ahead - back).reshape(radiance.shape) / (2 * step)).astype(float)
-    np.testing.assert_allclose(shown.slope(radiance), slope, rtol=2e-2, atol=1e-3)
+    ahead, back = (shown.error(radiance + turn * step).off for turn in (1, -1))
+    expected = bands((shown.slope(radiance) * 2 * step).reshape(-1, SIDE, SIDE, 3))
+    np.testing.assert_allclose(ahead - back, expected, atol=2e-3 * float(np.abs(expected).max()))

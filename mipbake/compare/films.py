@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mipbake.compare.scenes import exposed, mesh_views, plane_shot, sphere_shot
-from mipbake.errors import UsageError
+from mipbake.errors import chosen
 from mipbake.render import shapes
 from mipbake.render.camera import Camera, Vector
 from mipbake.render.environment import Lighting
@@ -46,10 +46,7 @@ _SPHERE_LOD = 1.0  # median level of detail of the sphere; a guess
 
 def motion_named(name: str) -> Motion:
     """The motion of that name; UsageError, with the list of names, where there is none."""
-    for motion in MOTIONS:
-        if motion == name:
-            return motion
-    raise UsageError(f"no motion is called {name!r}: expected {' or '.join(MOTIONS)}")
+    return chosen(name, MOTIONS, "motion")
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,4 +172,4 @@ def visible_error(candidate: NDArray[np.floating], reference: NDArray[np.floatin
     """
     right, shown = (tiles(srgb_to_linear(np.clip(each, 0, 1))) for each in (reference, candidate))
     off = bands((shown - right) / adaptation(right))
-    return float(VisibleError(off, np.zeros(len(off)), 1).means[0]) - math.sqrt(_UNSEEN)
+    return max(float(VisibleError(off, np.zeros(len(off)), 1).means[0]) - math.sqrt(_UNSEEN), 0.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake import sampling
 from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
-from mipbake.errors import UsageError
+from mipbake.errors import UsageError, chosen
 from mipbake.pixel_filter import Wrap
 
 Array = NDArray[np.float32]
@@ -34,10 +34,7 @@ SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 def sampler_named(name: str) -> Sampler:
     """The sampler of that name; UsageError, with the list of names, where there is none."""
-    for sampler in SAMPLERS:
-        if sampler == name:
-            return sampler
-    raise UsageError(f"no sampler is called {name!r}: expected {', '.join(SAMPLERS)}")
+    return chosen(name, SAMPLERS, "sampler")
 
 
 def baked_for(sampler: Sampler) -> BakedSampler:

@@ -36,7 +36,8 @@ PIXELS = SIDE * SIDE
 _MOST_LOOKUPS = 16  # of a pixel: what engines offer at most, not tuned
 _HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down; a guess
 _MEDIAN = 0.6  # what the median is exposed to, as in films: not tuned
-_DARK = 1e-6  # radiance below which a picture is black; a guess
+_CONTRAST = 16.0  # between the median of all pictures and the darkest that one is exposed for; a guess
+_DARK = 1e-6  # radiance below which all pictures are black; a guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +175,12 @@ def draw_slants(rng: np.random.Generator, count: int) -> Array:
 
 
 def exposures(radiance: Image) -> Image:
-    """(N, 1, 1) exposures of pictures of which (N, PIXELS, 3) is right: their median, halfway to the median of all."""
+    """(N, 1, 1) exposures of pictures of which (N, PIXELS, 3) is right: for their median, halfway to the median of all,
+    from which they don't go far."""
     own = np.median(radiance.reshape(len(radiance), -1), -1)
     every = max(float(np.median(own)), _DARK)
-    return (
-        (_MEDIAN / np.sqrt(np.maximum(own, _DARK) * every))
-        .astype(np.float32)
-        .clip(None, _MEDIAN / _DARK)[:, None, None]
-    )
+    near = own.clip(every / _CONTRAST, every * _CONTRAST)
+    return np.asarray((_MEDIAN / np.sqrt(near * every))[:, None, None], np.float32)
 
 
 def _placed(rng: np.random.Generator, slant: Array) -> tuple[Array, Array]:

@@ -219,7 +219,7 @@ class _Drawn:
 
     Args:
         renders: chunks, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        pictures: chunks of small pictures. seen_counts: by level, (V,) what the mean square that is seen of each kind
+        pictures: chunks of small pictures. seen_counts: by level, (V,) what the visible error of each kind
             counts.
         lookups: of all pixels, renders first.
     """
