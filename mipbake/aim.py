@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from collections.abc import Sequence
+from typing import Literal, TypeVar, get_args
 
-from mipbake.errors import UsageError, chosen
+from mipbake.errors import UsageError
+
+Name = TypeVar("Name", bound=str)
 
 BakedSampler = Literal["trilinear", "anisotropic"]
 """`trilinear`: one lookup a pixel, at the level of the footprint's longer side. `anisotropic`: up to 16 lookups along
@@ -23,7 +26,16 @@ DEFAULT_AIM = 0.5
 
 def baked_sampler(name: str) -> BakedSampler:
     """The sampler of that name; UsageError, with the list of names, where stacks are made for none."""
-    return chosen(name, BAKED_SAMPLERS, "sampler that stacks are made for")
+    return sampler_among(name, BAKED_SAMPLERS, "sampler that stacks are made for")
+
+
+def sampler_among(name: str, samplers: Sequence[Name], what: str) -> Name:
+    """The one of some samplers that has that name; UsageError, which says what they are, where none has it."""
+    for sampler in samplers:
+        if sampler == name:
+            return sampler
+    *others, last = samplers
+    raise UsageError(f"no {what} is called {name!r}: expected {', '.join(others)} or {last}")
 
 
 def checked_aim(aim: float) -> float:

@@ -6,11 +6,6 @@ prints it without a traceback and exits with the class's code; anything else tha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar
-
-Choice = TypeVar("Choice", bound=str)
-
 
 class MipbakeError(Exception):
     """Base of every error that a user can cause; never raised itself."""
@@ -34,12 +29,3 @@ class OutputError(MipbakeError):
     """A result that cannot be written where it was asked for."""
 
     exit_code = 4
-
-
-def chosen(name: str, choices: Sequence[Choice], what: str) -> Choice:
-    """The choice of that name; UsageError, which says what it is a name of and lists the names, where there is none."""
-    for choice in choices:
-        if choice == name:
-            return choice
-    *others, last = choices
-    raise UsageError(f"no {what} is called {name!r}: expected {', '.join(others)} or {last}")

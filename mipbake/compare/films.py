@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mipbake.compare.scenes import exposed, mesh_views, plane_shot, sphere_shot
-from mipbake.errors import chosen
+from mipbake.errors import UsageError
 from mipbake.render import shapes
 from mipbake.render.camera import Camera, Vector
 from mipbake.render.environment import Lighting
@@ -46,7 +46,10 @@ _SPHERE_LOD = 1.0  # median level of detail of the sphere; a guess
 
 def motion_named(name: str) -> Motion:
     """The motion of that name; UsageError, with the list of names, where there is none."""
-    return chosen(name, MOTIONS, "motion")
+    for motion in MOTIONS:
+        if motion == name:
+            return motion
+    raise UsageError(f"no motion is called {name!r}: expected {' or '.join(MOTIONS)}")
 
 
 @dataclass(frozen=True, eq=False)

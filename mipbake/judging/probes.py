@@ -55,7 +55,7 @@ class ProbeEffort:
     groups: int = 32
     points: int = 64
     samples: int = 8
-    pictures: int = 48
+    pictures: int = 96
     picture_samples: int = 8
     doublings: int = 3
 

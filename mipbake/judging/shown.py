@@ -31,7 +31,7 @@ KINDS_SHOWN = len(SLANTS)
 
 _ROOMS = "studio", "sky", "lamps"  # that pictures are in by turns; a guess
 _FEWEST = 8  # pictures of a level of detail; a guess
-_MOST_SAMPLES = 64  # of a pixel; a guess
+_MOST_SAMPLES = 16  # of a pixel; a guess
 _MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
-from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
-from mipbake.errors import UsageError, chosen
+from mipbake.aim import DEFAULT_SAMPLER, BakedSampler, sampler_among
+from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 
 Array = NDArray[np.float32]
@@ -34,7 +34,7 @@ SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 def sampler_named(name: str) -> Sampler:
     """The sampler of that name; UsageError, with the list of names, where there is none."""
-    return chosen(name, SAMPLERS, "sampler")
+    return sampler_among(name, SAMPLERS, "sampler")
 
 
 def baked_for(sampler: Sampler) -> BakedSampler:

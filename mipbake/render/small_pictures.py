@@ -8,7 +8,7 @@ of a lookup by the sampler that the stack is made for. How far a picture is from
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.samples import Pixels
 from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import Lighting
-from mipbake.shading import shade
+from mipbake.shading import shade_lit
 from mipbake.shading.adjoint import shade_adjoint
 
 Array = NDArray[np.float64]
@@ -50,6 +50,7 @@ class SmallPictures:
         uv: (N, PIXELS, 2) centres of pixels, row by row. axes: (N, 2, 2) of a pixel, as `Pixels` takes them.
         lookups: (N,) of each pixel, side by side along its longer side.
         light, view: (N, L, 3) unit vectors in the tangent frame of each picture. power: (N, L, 3) irradiance.
+        lights: (N,) of each picture: the first of L, the others have no power.
     """
 
     size: tuple[int, int]
@@ -61,6 +62,7 @@ class SmallPictures:
     light: Image
     view: Image
     power: Image
+    lights: NDArray[np.int64]
 
     def part(self, some: NDArray[np.intp]) -> SmallPictures:
         """Some of the pictures, by their indices."""
@@ -74,13 +76,17 @@ class SmallPictures:
             light=self.light[some],
             view=self.view[some],
             power=self.power[some],
+            lights=self.lights[some],
         )
 
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
         """(N, PIXELS, 3) linear radiance, an unbiased estimate."""
-        pixels = Pixels(self.uv, self.longer[:, None], self.axes[:, None])
-        seen = estimate(source, pixels, GroupPairs(self.light, self.view), samples, rng)
-        return self._summed(seen)
+        out = np.empty((*self.uv.shape[:2], 3), np.float32)
+        for some, light, view in self._alike():
+            pixels = Pixels(self.uv[some], self.longer[some, None], self.axes[some, None])
+            seen = estimate(source, pixels, GroupPairs(light, view), samples, rng)
+            out[some] = np.einsum("nlpc,nlc->npc", seen, self.power[some, : light.shape[1]], optimize=True)
+        return out
 
     def places(self, count: int) -> NDArray[np.float32]:
         """(count,) offsets of lookups from the centre of a pixel, in units of its longer side."""
@@ -94,15 +100,29 @@ class SmallPictures:
 
     def radiance(self, model: str, texels: Image) -> Image:
         """(N, PIXELS, 3) linear radiance of (N, PIXELS, C) looked-up texels."""
-        return self._summed(shade(model, texels, self.light, self.view))
+        frame = np.broadcast_to(np.eye(3, dtype=np.float32), (texels.shape[1], 3, 3))
+        out = np.empty((*texels.shape[:2], 3), np.float32)
+        for index, count in enumerate(self.lights.tolist()):
+            view = np.broadcast_to(self.view[index, 0], (texels.shape[1], 3))
+            out[index] = shade_lit(
+                model, texels[index], frame, view, self.light[index, :count], self.power[index, :count]
+            )
+        return out
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
         """(N, PIXELS, C) derivatives by texels, from (N, PIXELS, 3) derivatives by `radiance`."""
-        by_light = np.asarray(self.power[:, :, None] * gradient[:, None], np.float32)
-        return np.asarray(shade_adjoint(model, texels, self.light, self.view, by_light))
+        out = np.empty(texels.shape, np.float32)
+        for some, light, view in self._alike():
+            power = self.power[some, : light.shape[1], None]
+            by_light = np.asarray(power * gradient[some, None], np.float32)
+            out[some] = shade_adjoint(model, np.ascontiguousarray(texels[some], np.float32), light, view, by_light)
+        return out
 
-    def _summed(self, seen: Image) -> Image:
-        return np.asarray(np.einsum("nlpc,nlc->npc", seen, self.power, optimize=True))
+    def _alike(self) -> Iterator[tuple[NDArray[np.intp], Image, Image]]:
+        """Indices of pictures that have as many lights, with these lights and views of theirs."""
+        for count in np.unique(self.lights).tolist():
+            some = np.flatnonzero(self.lights == count)
+            yield some, np.ascontiguousarray(self.light[some, :count]), np.ascontiguousarray(self.view[some, :count])
 
 
 def draw_small_pictures(
@@ -148,6 +168,7 @@ def draw_small_pictures(
         np.ascontiguousarray(light, np.float32),
         np.ascontiguousarray(view, np.float32),
         power.astype(np.float32),
+        np.array([len(room.direction) for room in lit]),
     )
 
 
