@@ -51,7 +51,7 @@ def test_several_options_are_taken_at_once() -> None:
 
 def test_samplers_and_aims_that_no_stack_is_made_for_are_refused() -> None:
     for name in OPTIONS["sampler"]:
-        with pytest.raises(UsageError, match=r"sampler 'stochastic': expected trilinear or anisotropic"):
+        with pytest.raises(UsageError, match=r"'stochastic': expected trilinear or anisotropic"):
             method_named(name, sampler="stochastic")
     for aim in (-0.1, 1.5, float("nan")):
         with pytest.raises(UsageError, match=r"expected a number from 0 .* to 1"):

@@ -43,7 +43,7 @@ OPPONENT: Image = np.array([[0.2126, 0.7152, 0.0722], [0.5, -0.5, 0.0], [0.25, 0
 _FINEST = 6.0  # cycles per degree at which a band weighs 1 / e; fitted
 _MEAN = 0.4  # what the mean of a picture weighs: eyes adapt to it; fitted
 _CHROMA = 0.5  # what opponent colours weigh beside luminance: half and a quarter fit alike
-_BLACK = 0.02  # light of a display that eyes are adapted to where a picture is black; 0.1 fits alike
+_BLACK = 0.02  # light of a display that eyes are adapted to where a picture is black; five times as much fits alike
 _UNSEEN = 1e-3  # mean square beside which others hardly count: films have 9.5 JOD there; a guess
 _RESOLVED = 0.1  # share of the noise below which an error is chance; a guess
 
