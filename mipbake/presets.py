@@ -74,6 +74,15 @@ class Preset:
             return []
         return [f"{self.engine} needs sides that are {self.sides}, this set is {width} x {height}: resize its maps"]
 
+    def check_sampler(self, made_for: BakedSampler | None) -> list[str]:
+        """What is wrong with the sampler that a stack was made for, in sentences; None, for no one sampler, is fine."""
+        if made_for in (None, self.sampler):
+            return []
+        return [
+            f"{self.engine} looks textures up with the sampler {self.sampler}, this stack was made for {made_for}: bake "
+            f'it with the preset or with sampler="{self.sampler}", unless your engine is set up otherwise'
+        ]
+
 
 _ALL = (
     Preset(

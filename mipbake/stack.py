@@ -102,7 +102,8 @@ class MipStack(Content):
                 where `format` asks for a GLB.
             preset: a name in `mipbake.presets.PRESETS`: an engine, whose formats, packing, normals and names are
                 written. The first texels that it names are taken: to choose more precise ones takes the source, see
-                `mipbake.compare.compression.chosen_all`. Warns where the engine needs other sides than the stack's.
+                `mipbake.compare.compression.chosen_all`. Warns where the engine needs other sides than the stack's, and
+                where the stack was made for another sampler than the engine's.
             measured: measures every output as it was read back, before the folder appears: `mipbake.Check` of the
                 texture set and this stack. What it finds becomes `measured` of the output in stack.json, and stands in
                 the GLB. None measures nothing.
@@ -160,7 +161,7 @@ class MipStack(Content):
                 raise UsageError("outputs and a preset were both given: expected one of the two")
             outputs, glb, finer = wanted_outputs(engine, format)
             blocks = any(not output.container.exact for output in outputs)
-            for sentence in engine.check(width, height, blocks):
+            for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(self.provenance.sampler)]:
                 warnings.warn(sentence, stacklevel=3)
         elif format is None or isinstance(format, str):
             outputs, glb, finer = wanted_outputs(None, format)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from mipbake.compare.films import FLOOR_LAST, FilmScene, Motion, mesh_films, standard_films
 from mipbake.errors import UsageError
@@ -20,6 +21,7 @@ from mipbake.render.accumulation import JITTERS, film_accumulated, jitter
 from mipbake.render.camera import Camera
 from mipbake.render.environment import directional
 from mipbake.render.film import Film, FilmReference, FilmSampling, film_candidate, film_reference
+from mipbake.render.mesh import Mesh, joined
 from mipbake.render.mesh_render import Cache, Shot, candidate
 
 WRAP = ("wrap", "wrap")
@@ -265,6 +267,30 @@ def test_a_surface_that_came_from_outside_of_the_picture_shows_the_new_frame() -
     assert isinstance(aside, Camera)
     new = np.random.default_rng(0).random((24, 32, 3))
     assert np.array_equal(accumulation.moved(np.zeros_like(new), film.shots[1], aside, new), new)
+
+
+def upright(side: float, x: float, z: float) -> Mesh:
+    """A square that faces +z."""
+    ground = shapes.plane(side, side)
+    return dataclasses.replace(ground, positions=ground.positions[:, [0, 2, 1]] * [1, -1, 1] + [x, 0, z])
+
+
+def test_a_surface_that_lay_behind_another_one_shows_the_new_frame() -> None:
+    """A card hangs before a wall: a camera that goes to the left sees more of the wall on the left of the card."""
+    mesh, size = joined("card and wall", [upright(9, 0, 0), upright(0.8, 0, 2)]), (96, 128)
+    here, there = (Camera((x, 0.0, 5.0), looks_at=(x, 0.0, 0.0), field_of_view=40, far=9) for x in (0.0, -0.5))
+    shown = accumulation.moved(np.zeros((*size, 3)), Shot(mesh, there, LIGHTS, size), here, np.ones((*size, 3)))[..., 0]
+
+    row, column = np.indices(size) + 0.5
+    y, x = (np.tan(np.radians(20)) * each for each in (1 - row / 48, (column - 64) / 48))
+    card = np.maximum(abs(3 * x - 0.5), abs(3 * y)) < 0.4
+    wall_x, wall_y = 5 * x - 0.5, 5 * y
+    hidden = ~card & (np.maximum(abs(wall_x * 3 / 5), abs(wall_y * 3 / 5)) < 0.4)
+    certain = binary_erosion(hidden, iterations=2)
+    assert certain.sum() > 100
+    assert (shown[certain] == 1).all()
+    seen = binary_erosion(~hidden, iterations=2) & (wall_x > -1.7)  # farther to the left lies what was outside
+    assert (shown[seen] == 0).all()
 
 
 def test_a_history_is_held_to_the_colours_around_each_pixel_of_the_new_frame() -> None:

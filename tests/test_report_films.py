@@ -81,6 +81,10 @@ def test_a_comparison_without_films_or_rivals_says_nothing_of_them() -> None:
     assert verdict(made_up(FEW, 16)).sentence.startswith("neural beats")
     alone = compared(film_figures("wall", {"neural": 9.0}), FEW[:1])
     assert seen(alone) == ((), ()) and films_table(verdict(alone)) == ""
+    assert verdict(alone).sentence == (
+        "neural was compared with no closed form. Its films have 9 on the wall, in JOD of ColorVideoVDP: 10 is no "
+        "visible difference from the reference."
+    )
     unknown = film_figures("wall", {"neural": math.nan, "linear (box)": 9.0})
     assert seen(compared(unknown)) == ((), ())
     only = Comparison("s", "neural", "gltf", "gaussian", made_up(FEW, 16).methods, (), tuple(jods(wall=(9, 8, 7))))

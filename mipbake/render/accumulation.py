@@ -27,7 +27,7 @@ JITTERS = 8
 NEW = 0.1
 """Share of the new frame in what is shown. 0.04 to 0.1 are common; a guess within that."""
 
-_HELD = 1  # pixels around a pixel whose colours its history is held to
+_HELD = 1  # pixels around a pixel whose colours, and depths, its history is held to
 
 
 def film_accumulated(
@@ -80,7 +80,7 @@ def _radical_inverse(index: int, base: int) -> float:
 
 def moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArray[np.float64]) -> NDArray[np.float64]:
     """The history where each pixel's surface was seen by the camera of the frame before, interpolated by cubic splines;
-    the new frame where nothing is, and where the surface lay outside of the picture."""
+    the new frame where nothing is, and where the surface lay outside of the picture or behind another one."""
     from scipy.ndimage import map_coordinates
 
     height, width = shot.resolution
@@ -95,8 +95,31 @@ def moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArray
     row = (1 - was[..., 1] / w) / 2 * height - 0.5
     inside = covered & (np.abs(column - (width - 1) / 2) <= width / 2) & (np.abs(row - (height - 1) / 2) <= height / 2)
     at = np.stack([row, column])
+    inside &= _was_seen(w, at, then, triangles, shot.resolution)
     shifted = np.stack([map_coordinates(history[..., c], at, order=3, mode="nearest") for c in range(3)], -1)
     return np.where(inside[..., None], shifted, new)
+
+
+def _was_seen(
+    depth: NDArray[np.float64], at: NDArray[np.float64], then: Any, triangles: Any, resolution: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """(H, W): whether surfaces were in front in the frame before, by the depths that were seen around them then.
+
+    A surface may lie behind these by as much as they vary, so that slanted surfaces hide nothing of their own.
+
+    Args:
+        depth: (H, W) clip-space w that each pixel's surface had. at: (2, H, W) rows and columns where it lay.
+        then: (N, 4) vertices in clip space.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    rast, _ = raster.rasterize(None, then[None], triangles, resolution)
+    covered = rast[0, ::-1, :, 3] > 0
+    seen = np.where(covered, raster.interpolate(then, rast, triangles)[0][0][::-1][..., 3], np.inf)
+    near, far = (extreme(seen, 2 * _HELD + 1, mode="nearest") for extreme in (minimum_filter, maximum_filter))
+    behind = far + np.subtract(far, near, out=np.zeros_like(far), where=np.isfinite(far))
+    row, column = (np.clip(np.rint(each), 0, side - 1).astype(int) for each, side in zip(at, resolution, strict=True))
+    return np.asarray(depth <= behind[row, column])
 
 
 def held(history: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -50,8 +50,7 @@ class Seen:
 
 def seen(comparison: Comparison) -> tuple[tuple[Seen, ...], tuple[Seen, ...]]:
     """The subject in every film against the best closed form of the film, and against `linear (box)`."""
-    films = list(dict.fromkeys(f.view for f in comparison.figures if f.view.startswith("film-")))
-    measure = next((m for m in _JUDGES if any(f.measure == m and f.view in films for f in comparison.figures)), None)
+    films, measure = _judged(comparison)
     if measure is None:
         return (), ()
     rivals = closed_forms(comparison)
@@ -72,9 +71,32 @@ def seen_sentence(subject: str, closed: Sequence[Seen], linear: Sequence[Seen]) 
     return f"In films, as {judge} judges them, {subject} {'; it '.join(clauses)}."
 
 
+def alone_sentence(comparison: Comparison) -> str:
+    """What films say of a subject that no method was filmed beside; empty where there is no film."""
+    films, measure = _judged(comparison)
+    if measure is None:
+        return ""
+    found = [(film, each.value) for film in films if (each := _figure(comparison, comparison.subject, measure, film))]
+    figures = listed(f"{value:.3g} on {spoken(film)}" for film, value in found if not math.isnan(value))
+    if not figures:
+        return ""
+    judge, best = ("JOD of ColorVideoVDP", 10) if measure != "flip" else ("FLIP", 0)
+    return (
+        f"{comparison.subject} was compared with no closed form. Its films have {figures}, in {judge}: {best} is no "
+        "visible difference from the reference."
+    )
+
+
 def spoken(film: str) -> str:
     """`the floor`: what a sentence calls the film with the view `film-floor`."""
     return f"the {film.removeprefix('film-')}"
+
+
+def _judged(comparison: Comparison) -> tuple[list[str], str | None]:
+    """The films, and the measure that decides in them; None where none was measured."""
+    films = list(dict.fromkeys(f.view for f in comparison.figures if f.view.startswith("film-")))
+    found = {figure.measure for figure in comparison.figures if figure.view in films}
+    return films, next((measure for measure in _JUDGES if measure in found), None)
 
 
 def _best(comparison: Comparison, measure: str, film: str, rivals: Sequence[str]) -> Seen | None:

@@ -16,7 +16,7 @@ from mipbake.compare.ranking import LINEAR, OPTIMUM, closed_forms
 from mipbake.compare.result import SCALES, SNR_GAIN, Comparison, Figure
 from mipbake.metrics import PAIR_SETS
 from mipbake.report.page.markup import listed
-from mipbake.report.page.seen import Seen, seen, seen_sentence
+from mipbake.report.page.seen import Seen, alone_sentence, seen, seen_sentence
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets as sentences call them."""
@@ -84,6 +84,7 @@ def verdict(comparison: Comparison) -> Verdict:
     looks = seen_sentence(subject, *films)
     lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
     sentence = f"{lead}{'; '.join(clauses)}." if clauses else looks
+    sentence = sentence or alone_sentence(comparison)
     sentence = sentence or f"Nothing was measured that {subject} could be compared by."
     paired = any(figure.measure == SNR_GAIN for figure in comparison.figures)
     return Verdict(sentence, tuple(best), tuple(linear), gap, paired, *films)
