@@ -79,8 +79,8 @@ class Preset:
         if made_for in (None, self.sampler):
             return []
         return [
-            f"{self.engine} looks textures up with the sampler {self.sampler}, this stack was made for {made_for}: bake "
-            f'it with the preset or with sampler="{self.sampler}", unless your engine is set up otherwise'
+            f"{self.engine} looks textures up with the sampler {self.sampler}, this stack was made for {made_for}: "
+            f'bake it with the preset or with sampler="{self.sampler}", unless your engine is set up otherwise'
         ]
 
 

@@ -111,7 +111,9 @@ def gathered(
         train, check, witness = (each.result() for each in drawn)
     bench = Bench(problem, ingredients, (train, check), witness, progress, deadline)
     lods = range(len(check.lods))
-    fitting, judge = (Judge([bench.asked(which, index) for index in lods], judged_by) for which in (0, 1))
+    fitting, judge = (
+        Judge([bench.asked(which, index, judged_by.unlike) for index in lods], judged_by) for which in (0, 1)
+    )
     return Gathered(bench, train, check, witness, fitting, judge)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -87,6 +87,11 @@ def ingredient(problem: Problem, method: Prefilter, kernel: str) -> Ingredient:
 
     name = f"{method.name} ({kernel})" if method.averages else method.name
     return Ingredient(name, method.averages, lambda: bake(problem.stored), bake)
+
+
+def _rule(name: str) -> str:
+    """`lean` of the ingredient `lean (box)`."""
+    return name.partition(" ")[0]
 
 
 class Bench:
@@ -191,7 +196,7 @@ class Bench:
         return {
             name: self._score(name, 1, index)
             for name, promising in zip(forms, near, strict=True)
-            if promising or name in self._plain
+            if promising or _rule(name) in PLAIN
         }
 
     def seen(self, name: str, which: int, index: int, level: int) -> Image:
@@ -210,26 +215,39 @@ class Bench:
     def rivals(self, which: int, index: int) -> list[Rival]:
         """The best closed form of each row at a level of detail: of pair sets the best of all, of bright pairs the best
         of PLAIN."""
-        forms = self._forms(which, index)
+        return self._best(self._forms(which, index))
+
+    def _best(self, forms: Mapping[str, Score]) -> list[Rival]:
+        """The same among some of the closed forms."""
         out = []
         for row in range(len(next(iter(forms.values())).rows)):
-            names = list(forms) if row < len(PAIR_SETS) else self._plain
+            names = list(forms) if row < len(PAIR_SETS) else self._plain(forms)
             best = min(names, key=lambda name: float(forms[name].rows[row].mean()))
             out.append(Rival(best, forms[best].rows[row]))
         return out
 
-    def asked(self, which: int, index: int) -> Asked:
-        """That no closed form is ahead at a level of detail, none of PLAIN in a group of pairs, and no ingredient in
-        what is seen."""
+    def asked(self, which: int, index: int, unlike: float) -> Asked:
+        """That no closed form that looks fine is ahead at a level of detail, none of PLAIN in a group of pairs, and no
+        ingredient in what is seen.
+
+        Args:
+            unlike: nepers of a term of what is seen by which a closed form may be behind the best ingredient and looks
+                fine. BASE always does.
+        """
         forms = self._forms(which, index)
-        rows = [each.log_errors for each in self.rivals(which, index)]
-        plain = np.min([forms[name].log_errors for name in self._plain], 0)
-        sets = len(PAIR_SETS)
         # Of what is seen no ingredient may be ahead, networks included: what they win is not given away again.
         learned = [self._score(name, which, index) for name in self._learned]
         every = np.stack([each.seen for each in (*forms.values(), *learned)])
-        best = every.mean(-1).argmin(0)
+        means = every.mean(-1)
+        best = means.argmin(0)
         seen = every[best, np.arange(len(best))]
+        fine = (means - means.min(0) <= unlike).all(-1)
+        forms = {
+            name: each for (name, each), looks in zip(forms.items(), fine, strict=False) if looks or _rule(name) == BASE
+        }
+        rows = [each.log_errors for each in self._best(forms)]
+        plain = np.min([forms[name].log_errors for name in self._plain(forms)], 0)
+        sets = len(PAIR_SETS)
         return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), seen, plain)
 
     def _forms(self, which: int, index: int) -> dict[str, Score]:
@@ -242,9 +260,8 @@ class Bench:
     def _learned(self) -> list[str]:
         return [name for name, each in self._ingredients.items() if not each.closed_form]
 
-    @property
-    def _plain(self) -> list[str]:
-        return [name for name, each in self._ingredients.items() if each.closed_form and name.split(" ")[0] in PLAIN]
+    def _plain(self, forms: Iterable[str]) -> list[str]:
+        return [name for name in forms if _rule(name) in PLAIN]
 
     def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
         """What closed forms have at a level of detail as the witness sees it."""
