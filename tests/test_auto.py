@@ -8,6 +8,7 @@ the pairs and points that measure: the limit is the mean and four standard devia
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -53,6 +54,7 @@ SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in WEIGHTS
 
 PAIRS_ALONE = replace(
     WEIGHTS,
+    unlike=math.inf,
     terms={
         name: Weight(float(name not in SEEN), each.behind * (name not in SEEN)) for name, each in WEIGHTS.terms.items()
     },
@@ -110,17 +112,53 @@ def solved(two: np.ndarray) -> PrefilterResult:
     return method(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
 
 
-def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
+def gains_over_plain(made: PrefilterResult, stored: np.ndarray) -> list[float]:
+    """dB over the best of `linear` and `lean`, at several levels of detail, for each pair set."""
     forms = {
-        f"{name} ({kernel})": METHODS[name](two, "gltf", "gltf", kernel, WRAP, lambda _: None).levels
+        f"{name} ({kernel})": METHODS[name](stored, "gltf", "gltf", kernel, WRAP, lambda _: None).levels
         for name, kernel in itertools.product(("linear", "lean"), ("box", "gaussian"))
     }
     gains = []
     for lod, name in itertools.product((0.0, 0.5, 1.0, 2.0, 3.5, 5.0), PAIR_SETS):
-        found = measured({"auto": solved.levels, **forms}, two, lod, name)
+        found = measured({"auto": made.levels, **forms}, stored, lod, name)
         gains.append(found.pop("auto") - max(found.values()))
+    return gains
+
+
+def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
+    gains = gains_over_plain(solved, two)
     assert min(gains) > 0.9, gains  # mean 1.93, standard deviation 0.26
     assert np.mean(gains) > 5.4  # mean 6.81, standard deviation 0.34
+
+
+def test_snr_is_not_given_away_for_looks_at_the_default_aim(two: np.ndarray) -> None:
+    made = Auto(effort=SMALL, descent=SHORT)(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    gains = gains_over_plain(made, two)
+    assert min(gains) > -4.5, gains  # mean -0.76, standard deviation 0.94
+    assert np.mean(gains) > 1.0  # mean 3.56, standard deviation 0.64
+
+
+@pytest.mark.parametrize("unlike", [0.0, 0.5, 2.0, math.inf])
+def test_forms_that_look_worse_ask_for_no_snr(two: np.ndarray, unlike: float) -> None:
+    task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
+    bench = gathered(task, list(closed_forms(task)), TINY, WEIGHTS).bench
+    left_out = 0
+    for index, scores in enumerate(bench.judged):
+        least = np.min([score.seen.mean(-1) for score in scores.values()], 0)
+        fine = {
+            name: score
+            for name, score in scores.items()
+            if name.startswith("linear ") or (score.seen.mean(-1) - least).max() <= unlike
+        }
+        left_out += len(scores) - len(fine)
+        asked = bench.asked(1, index, unlike)
+        np.testing.assert_allclose(asked.seen.mean(-1), least)
+        every = np.min([score.log_errors.mean(-1) for score in fine.values()], 0)
+        np.testing.assert_allclose(asked.log_errors.mean(-1), every)
+        plain = [score for name, score in fine.items() if name.startswith(("linear ", "lean "))]
+        np.testing.assert_allclose(asked.plain, np.min([score.log_errors for score in plain], 0))
+        np.testing.assert_allclose(asked.pooled.mean(-1), np.min([score.pooled.mean(-1) for score in plain], 0))
+    assert (left_out == 0) == math.isinf(unlike)
 
 
 def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
