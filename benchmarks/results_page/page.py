@@ -11,7 +11,7 @@ from pathlib import Path
 from records.wrapping import wrapped_page
 
 from mipbake.metrics import MEASURES, PAIR_SETS
-from results_page import charts, models, standing, tables
+from results_page import aims, charts, models, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary
 
@@ -162,6 +162,7 @@ def text(folder: Path, page: Path) -> str:
         *models.paper(folder, page),
         *models.correlated(folder),
         *_limit(crop),
+        *aims.section(folder, page),
         *_measures(whole),
         *_per_set(whole),
     ]

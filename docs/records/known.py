@@ -61,6 +61,11 @@ KNOWN: Mapping[str, Known] = {
         Entry(("benchmarks/films.py",), ("mipbake-2",)),
         sample=1,
     ),
+    "aims": Known(
+        "what --aim moves, and how far the limit of what is seen is, on small parts of test sets",
+        ("benchmarks/aims.py", MATERIALS, OUT),
+        Entry(("benchmarks/aims.py",), ("mipbake-2",)),
+    ),
     "picture": Known(
         "SNR of the spheres in docs/scales.png",
         ("docs/make_picture.py", f"{WORK}/scales.png", "--figures", OUT),

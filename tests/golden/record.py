@@ -23,6 +23,8 @@ FILE = Path(__file__).with_name("record.json")
 NEAR = 0.02
 """How far means may be apart on another machine: sums are rounded otherwise there, and searches decide otherwise."""
 
+_TELLING = "model name", "cpu family", "model", "stepping", "cache size"  # in the system's list of processors
+
 
 @dataclass(frozen=True)
 class Golden:
@@ -56,10 +58,14 @@ def made(make: Callable[[], Arrays]) -> Golden:
 
 
 def machine() -> str:
-    """What bits hang on beside the code: the processor, and libraries that choose kernels for it."""
+    """What bits hang on beside the code: the processor, and libraries that choose kernels for it.
+
+    Virtual machines give processors of several generations one name; family, model and caches tell them apart.
+    """
     info = Path("/proc/cpuinfo")
-    names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
-    processor = names[0].split(":", 1)[1].strip() if names else platform.processor()
+    lines = (line.partition(":") for line in info.read_text().splitlines()) if info.exists() else ()
+    told = {key.strip(): value.strip() for key, _, value in lines}
+    processor = " ".join(told[key] for key in _TELLING if key in told) or platform.processor()
     libraries = (f"{name} {version(name)}" for name in ("torch", "numpy"))
     return ", ".join((sys.platform, platform.machine(), processor, _native.isa(), *libraries))
 

@@ -1,0 +1,87 @@
+"""What `--aim` moves, and how far the limit is: SNR under single lights, and what people see, of small parts of sets.
+
+    python docs/remake.py aims --materials MATERIALS    measures, and makes the section of docs/results.md
+    python benchmarks/aims.py MATERIALS RESULTS         measures, and writes the file RESULTS
+
+MATERIALS is a folder of texture sets. The middle of some of them is baked by `auto` with several aims, by the network
+and by closed forms. Beside them stand two limits of one lobe a texel: `optimum`, which counts single lights alone, and
+the same descent with the weights of the greatest aim. All are measured by renders that no method sees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from results_sets import folder_sets, middle
+
+from mipbake.judging.probes import ProbeEffort
+from mipbake.judging.scores import DECIBEL, Scores
+from mipbake.judging.weights import SEEN, TERMS, weights_for
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.prefilter import METHODS
+from mipbake.prefilter.base import Prefilter
+from mipbake.prefilter.search.methods import Auto, Optimum
+from mipbake.reference.problem import Problem
+
+SETS, SIDE = 9, 64
+"""Sets that are measured, spread over the folder, and texels a side of the part in their middle."""
+
+AIMS = (0.0, 0.25, 0.5, 0.75, 1.0)
+LIMIT = "optimum of what is seen"
+FORMS = tuple((name, kernel) for name in ("linear", "lean", "unreal", "godot") for kernel in ("box", "gaussian"))
+
+EFFORT = ProbeEffort(groups=32, samples=16, pictures=96, picture_samples=32)
+SEED = 987  # of renders that measure
+MODEL, FILTER = "gltf", "gaussian"
+
+
+def methods() -> Iterator[tuple[str, Prefilter, str]]:
+    """Name, method and kernel of all that is measured."""
+    for name, kernel in FORMS:
+        yield f"{name} ({kernel})", METHODS[name], kernel
+    yield "neural", METHODS["neural"], FILTER
+    for aim in AIMS:
+        yield f"auto, aim {aim:g}", Auto(aim=aim), FILTER
+    yield "optimum", Optimum(), FILTER
+    yield LIMIT, Optimum(judged_by=weights_for(1.0)), FILTER
+
+
+def measured(problem: Problem) -> dict[str, dict[str, float]]:
+    """Method to its figures, in the mean over levels of detail: SNR by pair set in dB, and visible error by kind of
+    picture, the mean of its logarithm."""
+    scores = Scores(problem, EFFORT, SEED)
+    terms = {name: TERMS.index(name) for name in (*PAIR_SETS, *SEEN)}
+    found = {}
+    for name, method, kernel in methods():
+        args = problem.stored, problem.source, problem.target, kernel, problem.wrap
+        stack = method(*args, lambda _: None).levels
+        logs = np.mean([each.terms for each in scores.of_stack(stack)], 0)
+        snr = {pairs: float(-DECIBEL * logs[terms[pairs]]) for pairs in PAIR_SETS}
+        found[name] = {**snr, **{kind: float(np.exp(logs[terms[kind]] / 2)) for kind in SEEN}}
+    return found
+
+
+def main() -> None:
+    """Measures, and writes the file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("materials", type=Path)
+    parser.add_argument("results", type=Path)
+    options = parser.parse_args()
+    sets = folder_sets(options.materials)
+    data: dict[str, Any] = {"side": SIDE, "sets": {}}
+    for name in sorted(sets)[:: max(1, len(sets) // SETS)][:SETS]:
+        started = time.process_time()
+        part = middle(sets[name](), SIDE)
+        data["sets"][name] = measured(Problem(part.material(MODEL), MODEL, MODEL, FILTER, part.wrap))
+        print(f"{name}: {time.process_time() - started:.0f} s", flush=True)
+    options.results.write_text(json.dumps(data), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
