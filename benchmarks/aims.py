@@ -5,7 +5,8 @@
 
 MATERIALS is a folder of texture sets. The middle of some of them is baked by `auto` with several aims, by the network
 and by closed forms. Beside them stand two limits of one lobe a texel: `optimum`, which counts single lights alone, and
-the same descent with the weights of the greatest aim. All are measured by renders that no method sees.
+the same descent where what is seen counts alone. All are measured by renders that no method sees. The section is made
+where the record `results-whole` is there, too.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ from typing import Any
 import numpy as np
 from results_sets import folder_sets, middle
 
+from mipbake.compare.candidates import closed_forms, label
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import DECIBEL, Scores
-from mipbake.judging.weights import SEEN, TERMS, weights_for
+from mipbake.judging.weights import SEEN, TERMS, Weight, Weights
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.base import Prefilter
@@ -34,7 +36,8 @@ SETS, SIDE = 9, 64
 
 AIMS = (0.0, 0.25, 0.5, 0.75, 1.0)
 LIMIT = "optimum of what is seen"
-FORMS = tuple((name, kernel) for name in ("linear", "lean", "unreal", "godot") for kernel in ("box", "gaussian"))
+SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in TERMS}, group_behind=0.0)
+"""Weights of which nothing counts but what is seen."""
 
 EFFORT = ProbeEffort(groups=32, samples=16, pictures=96, picture_samples=32)
 SEED = 987  # of renders that measure
@@ -43,18 +46,18 @@ MODEL, FILTER = "gltf", "gaussian"
 
 def methods() -> Iterator[tuple[str, Prefilter, str]]:
     """Name, method and kernel of all that is measured."""
-    for name, kernel in FORMS:
-        yield f"{name} ({kernel})", METHODS[name], kernel
+    for name, kernel in closed_forms(FILTER):
+        yield label(name, kernel), METHODS[name], kernel
     yield "neural", METHODS["neural"], FILTER
     for aim in AIMS:
         yield f"auto, aim {aim:g}", Auto(aim=aim), FILTER
     yield "optimum", Optimum(), FILTER
-    yield LIMIT, Optimum(judged_by=weights_for(1.0)), FILTER
+    yield LIMIT, Optimum(judged_by=SEEN_ALONE), FILTER
 
 
 def measured(problem: Problem) -> dict[str, dict[str, float]]:
     """Method to its figures, in the mean over levels of detail: SNR by pair set in dB, and visible error by kind of
-    picture, the mean of its logarithm."""
+    picture, its geometric mean."""
     scores = Scores(problem, EFFORT, SEED)
     terms = {name: TERMS.index(name) for name in (*PAIR_SETS, *SEEN)}
     found = {}
@@ -75,7 +78,8 @@ def main() -> None:
     options = parser.parse_args()
     sets = folder_sets(options.materials)
     data: dict[str, Any] = {"side": SIDE, "sets": {}}
-    for name in sorted(sets)[:: max(1, len(sets) // SETS)][:SETS]:
+    names = sorted(sets)
+    for name in (names[index * len(names) // SETS] for index in range(min(SETS, len(names)))):
         started = time.process_time()
         part = middle(sets[name](), SIDE)
         data["sets"][name] = measured(Problem(part.material(MODEL), MODEL, MODEL, FILTER, part.wrap))

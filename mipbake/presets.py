@@ -80,7 +80,7 @@ class Preset:
             return []
         return [
             f"{self.engine} looks textures up with the sampler {self.sampler}, this stack was made for {made_for}: "
-            f'bake it with the preset or with sampler="{self.sampler}", unless your engine is set up otherwise'
+            f'bake it with sampler="{self.sampler}", unless your engine is set up otherwise'
         ]
 
 

@@ -43,7 +43,7 @@ def test_parts_of_some_sets_are_measured(module: Any, monkeypatch: pytest.Monkey
     found = json.loads((tmp_path / "out.json").read_text())
     assert found["side"] == 16 and list(found["sets"]) == ["a", "c"]
     for methods in found["sets"].values():
-        assert list(methods) == ["linear (box)", "lean (gaussian)"]
+        assert set(methods) == {"linear (box)", "lean (gaussian)"}
         assert all(tuple(figures) == NAMES for figures in methods.values())
         assert all(figures[kind] > 0 for figures in methods.values() for kind in SEEN)
         assert methods["linear (box)"] != methods["lean (gaussian)"]

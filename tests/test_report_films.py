@@ -82,9 +82,12 @@ def test_a_comparison_without_films_or_rivals_says_nothing_of_them() -> None:
     alone = compared(film_figures("wall", {"neural": 9.0}), FEW[:1])
     assert seen(alone) == ((), ()) and films_table(verdict(alone)) == ""
     assert verdict(alone).sentence == (
-        "neural was compared with no closed form. Its films have 9 on the wall, in JOD of ColorVideoVDP: 10 is no "
+        "neural was compared with no closed form. Its films have 9.00 on the wall, in JOD of ColorVideoVDP: 10 is no "
         "visible difference from the reference."
     )
+    for missing in (FEW[:1], FEW[:2]):  # without a closed form, and with one whose figure is not there
+        nothing = compared(film_figures("wall", {"neural": 9.0 if missing[1:] else math.nan}), missing, rendered=())
+        assert "compared with no closed form" not in verdict(nothing).sentence
     unknown = film_figures("wall", {"neural": math.nan, "linear (box)": 9.0})
     assert seen(compared(unknown)) == ((), ())
     only = Comparison("s", "neural", "gltf", "gaussian", made_up(FEW, 16).methods, (), tuple(jods(wall=(9, 8, 7))))

@@ -65,7 +65,12 @@ def write(folder: Path, kind: str, *files: dict[str, Any]) -> None:
     record, results = (importlib.import_module(f"records.{name}") for name in ("record", "results"))
     name = f"results-{kind}"
     before = record.load(name, folder)
-    data = results.pack([*(results.unpack(before.data) if before else []), *files])
+    save(folder, name, results.pack([*(results.unpack(before.data) if before else []), *files]))
+
+
+def save(folder: Path, name: str, data: dict[str, Any]) -> None:
+    """Writes a record."""
+    record = importlib.import_module("records.record")
     record.Record(name, record.Measured("today", "a machine", 1.0, ""), {}, data, folder=folder).save()
 
 
@@ -151,7 +156,16 @@ def test_the_other_kinds_have_their_sections(page: Callable[[], str], tmp_path: 
         write(tmp_path, "models", file(f"{model}--first", used, {"model": model, "set": "first"}))
     write(tmp_path, "correlated", file("correlated-0", models, {"together": True}))
     write(tmp_path, "correlated", file("independent-0", {**models, "paper-ggx": 12.5}, {"together": False}))
+    seen = dict.fromkeys((*PAIR_SETS, "seen, facing", "seen, slanted"), 0.5)
+    names = ("linear (box)", "neural", "auto, aim 0.5", "optimum")
+    aims = {
+        "side": 16,
+        "sets": {"first": {**dict.fromkeys(names, seen), "optimum of what is seen": {**seen, "seen, facing": 0.2}}},
+    }
+    save(tmp_path, "aims", aims)
     text = page()
+    assert row(text, "auto, aim 0.5") == "| auto, aim 0.5 | 0.5 | 0.5 | 0.500 | 0.500 |"
+    assert (tmp_path / "docs" / "results-aims.svg").exists()
     assert row(text, "refine: at least 90 % of the gap to the optimum, near the mirror").endswith("| 90% | yes |")
     assert row(text, "near-mirror: closed gap, auto").endswith("| 200% |")
     assert row(

@@ -13,7 +13,7 @@ from records.wrapping import table
 
 from mipbake.judging.weights import SEEN
 from mipbake.metrics.pairs import PAIR_SETS
-from results_page.svg import Axis, Drawing
+from results_page.svg import Axis, Drawing, spread
 from results_page.tables import PLACES
 
 FILE = "results-aims.svg"
@@ -24,9 +24,9 @@ _WORDS = """\
 On the middle {side} x {side} texels of each of {sets} sets, `auto` was baked with several aims, for the sampler
 `trilinear`. SNR is in dB. What is seen is the [visible error](method.md#the-visible-error) of small pictures that face
 the viewer, and of slanted ones; less is better. Figures are means over levels of detail and sets, of visible errors the
-geometric means. `optimum` is the limit of the SNR. `{limit}` is the same descent with the weights of an aim of 1. Both
-limits are lower bounds, because the descent ends after 40 rounds. The best closed form is an oracle: the least visible
-error, and the most SNR, of {forms} closed forms for every set and column.
+geometric means. `optimum` is the limit of the SNR. `{limit}` is the same descent where what is seen counts
+alone. Both descents end after 40 rounds; longer ones would find more SNR, or less visible error. The best closed form
+is an oracle: the least visible error, and the most SNR, of {forms} closed forms for every set and column.
 """
 
 Figures = Mapping[str, Mapping[str, float]]
@@ -117,8 +117,10 @@ def _chart(means: Mapping[str, Mapping[str, float]]) -> str:
     aims = [place for name, place in at.items() if name.startswith(_AIM)]
     for (x1, y1), (x2, y2) in itertools.pairwise(aims):
         drawing.line(x(x1), y(y1), x(x2), y(y2), "zero")
-    for name, (first, second) in at.items():
+    places = spread([y(second) for _, second in at.values()], 13, top + 6, top + high - 4)
+    for (name, (first, second)), place in zip(at.items(), places, strict=True):
         ours = name.startswith(_AIM)
+        drawing.line(x(first) + 4, y(second), x(first) + 22, place)
         drawing.dot(x(first), y(second), 6 if ours else 4, "a" if ours else "rest", f"{first:.1f} dB, {second:.3f}")
-        drawing.text(x(first) + 9, y(second) + 4, name.removeprefix("auto, "), "ink" if ours else "dim")
+        drawing.text(x(first) + 25, place + 4, name.removeprefix("auto, "), "ink" if ours else "dim")
     return drawing.to_svg()

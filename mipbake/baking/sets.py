@@ -107,14 +107,17 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
         files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, measured=check)
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     blocks = any(not each.container.exact for each in asked.outputs)
-    sizes = asked.preset.check(texture_set.width, texture_set.height, blocks) if asked.preset else []
+    engine: list[str] = []
+    if asked.preset:
+        engine += asked.preset.check(texture_set.width, texture_set.height, blocks)
+        engine += asked.preset.check_sampler(stack.provenance.sampler)
     result = BakedSet(
         source=job.source,
         out=place,
         files=tuple(WrittenFile(file, file.stat().st_size) for file in files),
         costs=tuple(costs),
         defects=tuple(check.defects),
-        warnings=(*sizes, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))),
+        warnings=(*engine, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))),
         model=stack.model,
         levels=len(stack.levels[: asked.level_count]),
         provenance=stack.provenance,

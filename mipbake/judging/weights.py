@@ -53,7 +53,8 @@ class Weights:
         chance: standard errors by which a row of errors may be behind; a guess.
         tie: nepers below which two errors measure the same. seen_tie: the same, of what is seen.
         group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
-        unlike: nepers of what is seen by which a closed form may be behind, and its pairs are still asked for.
+        looks_worse: nepers of a term of what is seen by which a closed form may be behind the best ingredient, and its
+            SNR is still asked for.
 
     The ties are guesses, too.
     """
@@ -64,7 +65,7 @@ class Weights:
     tie: float = 0.01
     seen_tie: float = 0.04
     group_tie: float = 0.02
-    unlike: float = math.inf
+    looks_worse: float = math.inf
 
     def __post_init__(self) -> None:
         if tuple(self.terms) != TERMS:
@@ -98,15 +99,16 @@ _SEEN_BEHIND = 40.0  # at an aim of 1, and less in proportion to its square; a g
 _GROUPS = 6.0  # at an aim of 0; a guess
 _TIE, _GIVES_WAY = 0.01, 0.3  # nepers by which a term of pairs may be behind, and how many more at an aim of 1; guesses
 _EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind; a guess
-_UNLIKE = 0.25  # nepers of what is seen by which a closed form may look worse at an aim of 1; tried on 4 training sets
+_LOOKS_WORSE = 0.25  # nepers by which forms may look worse at an aim of 1; twice as many were tried at one of 0.5
 _LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1; a guess
 
 
 def weights_for(aim: float) -> Weights:
     """What everybody counts who asks which of two stacks is better.
 
-    Up to an aim of 1/2 no term of pairs may be behind the best closed form; from there on they give way. Closed forms
-    that look worse than the best ingredient ask for less, the greater the aim is: at an aim of 0 all are asked.
+    Up to an aim of 1/2 no term of pairs may be behind the best closed form that looks fine; from there on they give
+    way. The greater the aim, the better a closed form has to look for its SNR to be asked for; at an aim of 0 the SNR
+    of all of them is.
 
     Args:
         aim: from 0, single lights, to 1, what people see.
@@ -115,8 +117,12 @@ def weights_for(aim: float) -> Weights:
     eased = min(1.0, max(_LEAST_BEHIND, _EASED - _EASED * aim))
     pairs = {name: Weight(counts, eased * behind) for name, behind in _BEHIND.items()}
     seen = {name: Weight(_SEEN[0] + _SEEN[1] * aim, _SEEN_BEHIND * aim**2) for name in SEEN}
-    unlike = _UNLIKE / aim if aim else math.inf
-    return Weights(pairs | seen, group_behind=_GROUPS * eased * (1 - aim), tie=_TIE + _GIVES_WAY * aim, unlike=unlike)
+    return Weights(
+        pairs | seen,
+        group_behind=_GROUPS * eased * (1 - aim),
+        tie=_TIE + _GIVES_WAY * aim,
+        looks_worse=_LOOKS_WORSE / aim if aim else math.inf,
+    )
 
 
 SINGLE_LIGHTS = Weights(

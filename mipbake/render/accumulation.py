@@ -27,6 +27,7 @@ JITTERS = 8
 NEW = 0.1
 """Share of the new frame in what is shown. 0.04 to 0.1 are common; a guess within that."""
 
+_ROUNDING = 1e-6  # of depths, of which single floats take part; a guess
 _HELD = 1  # pixels around a pixel whose colours, and depths, its history is held to
 
 
@@ -119,7 +120,7 @@ def _was_seen(
     near, far = (extreme(seen, 2 * _HELD + 1, mode="nearest") for extreme in (minimum_filter, maximum_filter))
     behind = far + np.subtract(far, near, out=np.zeros_like(far), where=np.isfinite(far))
     row, column = (np.clip(np.rint(each), 0, side - 1).astype(int) for each, side in zip(at, resolution, strict=True))
-    return np.asarray(depth <= behind[row, column])
+    return np.asarray(depth <= (1 + _ROUNDING) * behind[row, column])
 
 
 def held(history: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -112,7 +112,7 @@ def gathered(
     bench = Bench(problem, ingredients, (train, check), witness, progress, deadline)
     lods = range(len(check.lods))
     fitting, judge = (
-        Judge([bench.asked(which, index, judged_by.unlike) for index in lods], judged_by) for which in (0, 1)
+        Judge([bench.asked(which, index, judged_by.looks_worse) for index in lods], judged_by) for which in (0, 1)
     )
     return Gathered(bench, train, check, witness, fitting, judge)
 

@@ -30,7 +30,7 @@ KERNEL_OF_ORIGIN = "box"
 BASE = "linear"
 PLAIN = ("linear", "lean")
 """What engines and tools do, and the strongest rule: what a blend is held against under the brightest pairs, and in
-every group of pairs."""
+every group of pairs, where they look fine."""
 
 BLENDED = ("linear", "lean", "unreal", "godot")
 """Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
@@ -92,6 +92,10 @@ def ingredient(problem: Problem, method: Prefilter, kernel: str) -> Ingredient:
 def _rule(name: str) -> str:
     """`lean` of the ingredient `lean (box)`."""
     return name.partition(" ")[0]
+
+
+def _plain(forms: Iterable[str]) -> list[str]:
+    return [name for name in forms if _rule(name) in PLAIN]
 
 
 class Bench:
@@ -221,18 +225,18 @@ class Bench:
         """The same among some of the closed forms."""
         out = []
         for row in range(len(next(iter(forms.values())).rows)):
-            names = list(forms) if row < len(PAIR_SETS) else self._plain(forms)
+            names = list(forms) if row < len(PAIR_SETS) else _plain(forms)
             best = min(names, key=lambda name: float(forms[name].rows[row].mean()))
             out.append(Rival(best, forms[best].rows[row]))
         return out
 
-    def asked(self, which: int, index: int, unlike: float) -> Asked:
+    def asked(self, which: int, index: int, looks_worse: float) -> Asked:
         """That no closed form that looks fine is ahead at a level of detail, none of PLAIN in a group of pairs, and no
         ingredient in what is seen.
 
         Args:
-            unlike: nepers of a term of what is seen by which a closed form may be behind the best ingredient and looks
-                fine. BASE always does.
+            looks_worse: nepers of a term of what is seen by which a closed form may be behind the best ingredient and
+                looks fine. BASE always does.
         """
         forms = self._forms(which, index)
         # Of what is seen no ingredient may be ahead, networks included: what they win is not given away again.
@@ -241,12 +245,11 @@ class Bench:
         means = every.mean(-1)
         best = means.argmin(0)
         seen = every[best, np.arange(len(best))]
-        fine = (means - means.min(0) <= unlike).all(-1)
-        forms = {
-            name: each for (name, each), looks in zip(forms.items(), fine, strict=False) if looks or _rule(name) == BASE
-        }
+        fine = (means - means.min(0) <= looks_worse).all(-1)
+        looks = zip(forms.items(), fine[: len(forms)], strict=True)
+        forms = {name: each for (name, each), good in looks if good or _rule(name) == BASE}
         rows = [each.log_errors for each in self._best(forms)]
-        plain = np.min([forms[name].log_errors for name in self._plain(forms)], 0)
+        plain = np.min([forms[name].log_errors for name in _plain(forms)], 0)
         sets = len(PAIR_SETS)
         return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), seen, plain)
 
@@ -259,9 +262,6 @@ class Bench:
     @property
     def _learned(self) -> list[str]:
         return [name for name, each in self._ingredients.items() if not each.closed_form]
-
-    def _plain(self, forms: Iterable[str]) -> list[str]:
-        return [name for name in forms if _rule(name) in PLAIN]
 
     def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
         """What closed forms have at a level of detail as the witness sees it."""

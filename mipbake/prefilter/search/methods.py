@@ -167,7 +167,7 @@ class Auto(Searching):
 
     name = "auto"
     summary = (
-        "the best blend of neural and four closed forms, held against all of them by measurement, coarse levels "
+        "the best blend of neural and four closed forms, held by measurement against all that look fine, coarse levels "
         "optimised (several times as long as neural)"
     )
 

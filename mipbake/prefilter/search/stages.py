@@ -225,7 +225,7 @@ class Keep:
                 cache[index, level] = check.looked_up(both[0], index), check.looked_up(both[1], index)
             return between(*cache[index, level], kept, problem.target)
 
-        # Nothing becomes worse than the start, which itself was held against every closed form.
+        # Nothing becomes worse than the start, which itself was held against every closed form that looks fine.
         asked = [
             Asked(score.log_errors, score.pooled, _worse(before.seen, score.seen), before.plain)
             for before, score in zip(start.judge.asked, search.before, strict=True)

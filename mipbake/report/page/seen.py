@@ -72,15 +72,15 @@ def seen_sentence(subject: str, closed: Sequence[Seen], linear: Sequence[Seen]) 
 
 
 def alone_sentence(comparison: Comparison) -> str:
-    """What films say of a subject that no method was filmed beside; empty where there is no film."""
+    """What films say of a subject without a closed form beside it; empty where there is one, or no film."""
     films, measure = _judged(comparison)
-    if measure is None:
+    if measure is None or closed_forms(comparison):
         return ""
     found = [(film, each.value) for film in films if (each := _figure(comparison, comparison.subject, measure, film))]
-    figures = listed(f"{value:.3g} on {spoken(film)}" for film, value in found if not math.isnan(value))
+    judge, best, digits = ("JOD of ColorVideoVDP", 10, 2) if measure != "flip" else ("FLIP", 0, 3)
+    figures = listed(f"{value:.{digits}f} on {spoken(film)}" for film, value in found if not math.isnan(value))
     if not figures:
         return ""
-    judge, best = ("JOD of ColorVideoVDP", 10) if measure != "flip" else ("FLIP", 0)
     return (
         f"{comparison.subject} was compared with no closed form. Its films have {figures}, in {judge}: {best} is no "
         "visible difference from the reference."
