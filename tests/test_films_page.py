@@ -101,6 +101,14 @@ def test_what_was_filmed(block: Callable[..., str]) -> None:
     assert "the network `some-weights`. The references of 8 films are as clean" in text
 
 
+def test_what_the_readme_says(block: Callable[..., str]) -> None:
+    text = said(block("short", worse))  # 11 films gain 0.6 and one loses 0.5; with accumulation the same
+    assert "judged 12 films of 2 sets" in text
+    assert "gain +0.51 JOD in the mean, and from -0.50 to +0.60" in text
+    assert "better by 0.1 JOD or more in 92% of the films, and worse by as much in 8%" in text
+    assert "with temporal accumulation, which many engines have, the mean is +0.51 JOD" in text
+
+
 def test_aims_that_are_met(block: Callable[..., str]) -> None:
     text = block("aims")
     assert said(text).endswith("All of these aims are met.") and "**no**" not in text

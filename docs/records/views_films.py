@@ -68,6 +68,22 @@ def setup(records: Records) -> str:
     )
 
 
+def short(records: Records) -> str:
+    """What a reader of the README has to know of films."""
+    found, accumulated = _films(records), _films(records, True)
+    each, later = gain(found, AUTO), gain(accumulated, AUTO).mean
+    better, worse = (share(found, lambda film, sign=sign: sign * film.over(AUTO) >= APART) for sign in (1, -1))  # type: ignore[misc]
+    return wrapped(
+        "What people see is another question. ColorVideoVDP judged "
+        f"{len(found)} films of {len({film.set for film in found})} sets: receding floors, walls and spheres. Its unit "
+        "is JOD: one more means that three in four people prefer the film. Beside plain MIP maps, the films of "
+        f"`{AUTO}` gain {each.mean:+.2f} JOD in the mean, and from {each.film_gain(each.worst):+.2f} to "
+        f"{each.film_gain(each.best):+.2f}. They are better by {APART:g} JOD or more in {better:.0%} of the films, and "
+        f"worse by as much in {worse:.0%}. In films with temporal accumulation, which many engines have, the mean is "
+        f"{later:+.2f} JOD. [Films](benchmarks/RESULTS-films.md) has all of them."
+    )
+
+
 def aimed_at(records: Records) -> str:
     """Aims, and which of them are missed."""
     found = aims(_films(records), _films(records, True))
@@ -289,6 +305,7 @@ def _listed(words: Sequence[str]) -> str:
 
 
 FILM_VIEWS: Mapping[str, Callable[[Any], str]] = {
+    "short": short,
     "setup": setup,
     "aims": aimed_at,
     "jod": jod,
