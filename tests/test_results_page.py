@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.metrics import MEASURES, PAIR_SETS
 
 ROOT = Path(__file__).resolve().parent.parent
 FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")
@@ -95,6 +95,10 @@ def row(text: str, start: str, after: str = "") -> str:
     """The first table row that begins so, below a heading."""
     part = text[text.index(after) :]
     return next(line for line in part.splitlines() if line.startswith(f"| {start} |"))
+
+
+def test_every_measure_has_its_digits(page: Callable[[], str]) -> None:
+    assert set(importlib.import_module("results_page.tables").DIGITS) == set(MEASURES)
 
 
 def test_what_was_aimed_at(page: Callable[[], str], tmp_path: Path) -> None:

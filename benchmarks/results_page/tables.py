@@ -16,11 +16,14 @@ DIGITS = {
     "snr": 1,
     "tonemapped": 4,
     "flip": 3,
+    "sparkle": 5,
     "hdr-flip": 3,
     "delta-e-itp": 2,
     "ssim": 3,
     "flicker": 2,
     "flicker-snr": 1,
+    "jod-37": 2,
+    "jod-75": 2,
 }
 
 
