@@ -130,7 +130,7 @@ def test_aims_that_are_missed_are_named(block: Callable[..., str]) -> None:
     near = "auto: at most 0.1 JOD behind the best closed form of a film, in 95% of films"
     assert row(text, near) == ["92%", "**no**"]
     assert row(text, "neural: above linear (box) in 85% of films") == ["92%", "yes"]
-    sparkle = "neural: false sparkle at most 1.25 times that of linear (box), in 90% of films"
+    sparkle = "neural: false sparkle at most 1.25 times the false sparkle of linear (box), in 90% of films"
     flicker = "neural: flicker 0.8 to 1.25 times the reference's, in 90% of films"
     assert row(text, sparkle) == row(text, flicker) == ["67%", "**no**"]
     assert missed.startswith(" 11 aims 5 are missed: ")

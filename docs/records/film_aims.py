@@ -119,7 +119,7 @@ def _calm(found: Sequence[Film]) -> list[Aim]:
         least, most = STEADY
         for name, reached in (
             (f"flicker {least:g} to {most:g} times the reference's", calm),
-            (f"false sparkle at most {SPARKLE_MORE:g} times that of {LINEAR}", clean),
+            (f"false sparkle at most {SPARKLE_MORE:g} times the false sparkle of {LINEAR}", clean),
         ):
             aim = f"{method}: {name}, in {STEADY_SHARE:.0%} of films"
             rows.append(Aim(aim, f"{reached:.0%}", reached >= STEADY_SHARE))

@@ -99,7 +99,7 @@ _SEEN_BEHIND = 40.0  # at an aim of 1, and less in proportion to its square; a g
 _GROUPS = 6.0  # at an aim of 0; a guess
 _TIE, _GIVES_WAY = 0.01, 0.3  # nepers by which a term of pairs may be behind, and how many more at an aim of 1; guesses
 _EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind; a guess
-_LOOKS_WORSE = 0.25  # nepers by which forms may look worse at an aim of 1; twice as many were tried at one of 0.5
+_LOOKS_WORSE = 0.25  # nepers by which forms may look worse at an aim of 1, as 0.5 was tried at one of 0.5; a guess
 _LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1; a guess
 
 
