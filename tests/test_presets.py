@@ -5,9 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
-import warnings
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -284,20 +283,6 @@ def test_the_command_line_says_what_it_chose_and_warns(tmp_path) -> None:
     assert "preset unreal for Unreal Engine: target gltf, dds:rgba8, packing orm, normals directx" in said
     assert "warning: Unreal Engine needs sides that are powers of two, this set is 12 x 12: resize its maps" in said
     assert "in the engine: keep Mip Gen Settings at Leave Existing Mips" in said
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_stack_for_another_sampler_is_told(name: str, tmp_path: Path, source: Path) -> None:
-    """Stacks for one sampler are saved for an engine that has the other one; closed forms are for both."""
-    plain = mipbake.bake(mipbake.load(source), method="linear", target="gltf")
-    for made_for in ("trilinear", "anisotropic", None):
-        stack = replace(plain, provenance=replace(plain.provenance, sampler=made_for))
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            stack.save(tmp_path / str(made_for), "png", preset=name)
-        said = [str(each.message) for each in told if "sampler" in str(each.message)]
-        assert len(said) == (made_for not in (None, PRESETS[name].sampler))
-        assert all(f"with the sampler {PRESETS[name].sampler}, this stack was made for {made_for}" in s for s in said)
 
 
 def test_anisotropy_that_an_engine_does_not_read_is_told(source: Path, tmp_path: Path) -> None:

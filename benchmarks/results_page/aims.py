@@ -106,12 +106,7 @@ def _chart(means: Mapping[str, Mapping[str, float]]) -> str:
     snr, seen = ([place[index] for place in at.values()] for index in range(2))
     x = Axis(math.floor(min(snr) - 0.5), math.ceil(max(snr) + 0.5), left, left + wide)
     y = Axis(0.9 * min(seen), 1.1 * max(seen), top, top + high)
-    for tick in x.ticks():
-        drawing.line(x(tick), top, x(tick), top + high)
-        drawing.text(x(tick), top + high + 16, f"{tick:g}", "dim middle")
-    for tick in y.ticks():
-        drawing.line(left, y(tick), left + wide, y(tick))
-        drawing.text(left - 6, y(tick) + 4, f"{tick:g}", "dim end")
+    drawing.grid(x, y)
     drawing.text(left + wide / 2, top + high + 38, "mean SNR (dB), to the right is better", "dim middle")
     drawing.text(20, top + high / 2, "visible error, upwards is better", "dim middle", turned=True)
     aims = [place for name, place in at.items() if name.startswith(_AIM)]

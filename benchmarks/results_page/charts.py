@@ -36,12 +36,7 @@ def cost_chart(results: Results) -> str:
         x = Axis(min(time.values()) / 1.5, max(time.values()) * 12, left, left + _WIDE, True)
         y = Axis(math.floor(min(snr.values()) - 0.5), math.ceil(max(snr.values()) + 0.5), _TOP + _HIGH, _TOP)
         drawing.text(left, 48, f"SNR {PLACES[pairs]}", "ink")
-        for tick in x.ticks():
-            drawing.line(x(tick), _TOP, x(tick), _TOP + _HIGH)
-            drawing.text(x(tick), _TOP + _HIGH + 16, f"{tick:g}", "dim middle")
-        for tick in y.ticks():
-            drawing.line(left, y(tick), left + _WIDE, y(tick))
-            drawing.text(left - 6, y(tick) + 4, f"{tick:g}", "dim end")
+        drawing.grid(x, y)
         drawing.text(left + _WIDE / 2, _TOP + _HIGH + 38, "processor seconds a set, median (log)", "dim middle")
         drawing.text(left - 36, _TOP + _HIGH / 2, "mean SNR (dB), higher is better", "dim middle", turned=True)
         places = spread([y(snr[name]) for name in names], 13, _TOP + 6, _TOP + _HIGH - 4)

@@ -44,6 +44,16 @@ class Drawing:
         said = f"<title>{escape(hint)}</title>" if hint else ""
         self.parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}" class="{kind}">{said}</circle>')
 
+    def grid(self, x: Axis, y: Axis) -> None:
+        """Lines and numbers at the ticks of both axes."""
+        top, bottom = sorted((y.start, y.stop))
+        for tick in x.ticks():
+            self.line(x(tick), top, x(tick), bottom)
+            self.text(x(tick), bottom + 16, f"{tick:g}", "dim middle")
+        for tick in y.ticks():
+            self.line(x.start, y(tick), x.stop, y(tick))
+            self.text(x.start - 6, y(tick) + 4, f"{tick:g}", "dim end")
+
     def to_svg(self) -> str:
         return "\n".join(
             [

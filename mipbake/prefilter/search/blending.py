@@ -3,8 +3,9 @@
 Every ingredient is baked, looked up at the points of three independent sets of renders and forgotten: 4096 x 4096 sets
 do not need fifteen stacks in memory. One set of renders is fitted to (level_fit.py), from the coarsest level to the
 finest, each level together with the half level that it shares with the coarser one. Another judges. Where it finds a
-blend behind the best closed form, at a level or halfway to the next, by more than chance, the levels around give way to
-the ingredient that is safe there, as far as needed. The third decides nothing: it bears witness to what came of it.
+blend behind the best closed form that looks fine, at a level or halfway to the next, by more than chance, the levels
+around give way to the ingredient that is safe there, as far as needed. The third decides nothing: it bears witness to
+what came of it.
 
 With a deadline, ingredients that would take too long are left out, the least promising first.
 """
@@ -37,7 +38,8 @@ class Gathered:
     Args:
         train: renders that blends are fitted to. check: renders that nothing is fitted to, at levels of detail in steps
             of 1/2. witness: renders that decide nothing, at the same levels of detail.
-        fitting: what stacks are worth by `train`, held against the best closed forms. judge: the same by `check`.
+        fitting: what stacks are worth by `train`, held against the best closed forms that look fine. judge: the same by
+            `check`.
     """
 
     bench: Bench

@@ -8,7 +8,7 @@ budget, goes on to the fine levels. `optimum` starts from the best closed form o
 shows the limit of a stack with a single lobe a texel.
 
 In the end each level keeps of its change what independent renders confirm, against the start, which itself was held
-against every closed form. What they measured is the promise that comes with the stack.
+against every closed form that looks fine. What they measured is the promise that comes with the stack.
 """
 
 from __future__ import annotations

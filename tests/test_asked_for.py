@@ -1,0 +1,42 @@
+"""What a blend is held against: closed forms that look fine, by single lights, and every ingredient in what is seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mipbake.prefilter.search.blending import gathered
+from mipbake.prefilter.search.ingredients import closed_forms, ingredient
+from mipbake.prefilter.search.methods import Auto
+from mipbake.reference.problem import Problem
+
+from .test_auto import SEEN_ALONE, SHORT, TINY, WEIGHTS, WRAP, material_of_two
+
+
+@pytest.mark.parametrize("looks_worse", [0.0, 0.5, 2.0, math.inf])
+def test_forms_that_look_worse_ask_for_no_snr(looks_worse: float) -> None:
+    task = Problem(material_of_two(32), "gltf", "gltf", "gaussian", WRAP)
+    better = Auto(effort=TINY, descent=SHORT, judged_by=SEEN_ALONE)
+    bench = gathered(task, [*closed_forms(task), ingredient(task, better, "gaussian")], TINY, WEIGHTS).bench
+    left_out, ahead = 0, 0
+    for index, scores in enumerate(bench.judged):
+        asked = bench.asked(1, index, looks_worse)
+        least = asked.seen.mean(-1)
+        lead = np.min([score.seen.mean(-1) for score in scores.values()], 0) - least
+        assert (lead >= 0).all()
+        ahead += int((lead > 0).any())
+        fine = {
+            name: score
+            for name, score in scores.items()
+            if name.startswith("linear ") or (score.seen.mean(-1) - least).max() <= looks_worse
+        }
+        left_out += len(scores) - len(fine)
+        every = np.min([score.log_errors.mean(-1) for score in fine.values()], 0)
+        np.testing.assert_allclose(asked.log_errors.mean(-1), every)
+        plain = [score for name, score in fine.items() if name.startswith(("linear ", "lean "))]
+        np.testing.assert_allclose(asked.plain, np.min([score.log_errors for score in plain], 0))
+        np.testing.assert_allclose(asked.pooled.mean(-1), np.min([score.pooled.mean(-1) for score in plain], 0))
+    assert (left_out == 0) == math.isinf(looks_worse)
+    assert ahead > 0  # what is no closed form looks best somewhere
