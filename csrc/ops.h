@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
 #include "core/environment.h"
 
@@ -80,6 +81,82 @@ void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* 
 void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_t stream);
 void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, int device,
                          std::uintptr_t stream);
+
+// ---- Networks ----
+
+// A layer of a network: (outputs, inputs, taps) weights and (outputs) biases, contiguous; taps are 1, or 9 of 3 x 3.
+struct NetworkLayer {
+    const float *weight, *bias;
+    std::int64_t outputs, inputs;
+    int taps;
+};
+
+// Limits of what is shaded: roughness, its logarithm and its fourth power.
+struct NetworkLimits {
+    float least_roughness, most_roughness, least_log_roughness, most_log_roughness, least_alpha2, most_alpha2;
+};
+
+// A moment network (mipbake/models/moment_network.py). Its decoder sees features and learned latents, then what its
+// layers make; the last layer also what sharpening added, behind the features and the learned latents. That layer's
+// outputs are the corrections, the sharpness of three parts and, where lobes are stretched, three more.
+struct MomentNetworkArgs {
+    int made;  // 0 gltf, 1 gltf-anisotropic, 2 ggx, 3 beckmann
+    NetworkLimits limits;
+    const NetworkLayer* encoder;
+    int encoder_layers;
+    NetworkLayer project;
+    const NetworkLayer* decoder;
+    int decoder_layers;
+};
+struct MomentCounts {
+    std::int64_t read, made, inputs, moments, detail, features, outputs;
+};
+// What a network for that model must have: channels that are read and made, and numbers of its parts.
+MomentCounts moment_counts(int made);
+
+// What each of `n` texels or rows of a level is summed from: (n, taps) of the finer ones, by the sharpened filter and
+// by the plain one.
+struct AxisWeights {
+    const std::int32_t* index;
+    const float *sharp, *plain;
+    int n, taps;
+};
+
+// An image that is filtered from a finer one: the latents of a level, or box averages that further ones come from.
+struct MomentSink {
+    int source;  // -1 for level 0, or the index of a sink that keeps box averages
+    AxisWeights rows, columns;
+    float* out;         // (rows.n, columns.n, made) of a level; null for box averages
+    const float* bias;  // of all layers of the decoder for that level, one after the other
+};
+
+struct MomentBakeArgs {
+    const float* stored;  // (height, width, read)
+    std::int64_t height, width;
+    bool wrap_rows, wrap_columns;  // or clamped
+    const float *sharp, *plain;    // 2 reach + 1 and 2 reach - 1 taps of level 0
+    int reach;
+    const float* bias;  // of the decoder for level 0
+    float* top;         // (height, width, made)
+    const MomentSink* sinks;
+    int sink_count;
+};
+
+class MomentNetwork;  // packed weights
+
+// Bakes every level of a set, some rows of level 0 at a time. What args point to must live as long. Results do not
+// depend on the number of threads.
+class MomentBake {
+  public:
+    MomentBake(std::shared_ptr<const MomentNetwork> network, const MomentBakeArgs& args);
+    ~MomentBake();
+    std::int64_t rows_done() const;
+    void advance();  // the next rows
+  private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+std::shared_ptr<const MomentNetwork> moment_network(const MomentNetworkArgs& args);
 
 // ---- Interpolation and antialiasing of rasterised images ----
 

@@ -119,3 +119,29 @@ def antialias_backward(
     workspace: Array | None = None,
     stream: int = 0,
 ) -> None: ...
+def moment_counts(made: int) -> tuple[int, int, int, int, int, int, int]: ...
+
+class MomentNetwork:
+    def __init__(
+        self,
+        made: int,
+        limits: Sequence[float],
+        encoder: Sequence[tuple[Array, Array]],
+        project: tuple[Array, Array],
+        decoder: Sequence[tuple[Array, Array]],
+    ) -> None: ...
+
+class MomentBake:
+    def __init__(
+        self,
+        network: MomentNetwork,
+        stored: Array,
+        wrap_rows: bool,
+        wrap_columns: bool,
+        sharp: Array,
+        plain: Array,
+        bias: Array,
+        top: Array,
+        sinks: Sequence[object],
+    ) -> None: ...
+    def advance(self) -> int: ...

@@ -7,11 +7,16 @@ one like latent_network.py. `ARCHITECTURES` in architectures.py lists the first.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, losses, model_named
+from mipbake.pixel_filter import Wrap
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,6 +36,32 @@ class Description:
     encoder: str
     latents: str
     decoder: str
+
+
+class Baker(ABC):
+    """Released weights, ready for bakes."""
+
+    @abstractmethod
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str,
+        wrap: Wrap,
+        progress: Callable[[float], None],
+        sampler: str,
+    ) -> list[NDArray[np.float32]]:
+        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
+        target; any size.
+
+        Args:
+            progress: told the finished share, from 0 to 1.
+            sampler: that will look the levels up, for networks that tell samplers apart.
+
+        Raises:
+            UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.
+        """
 
 
 class Architecture(ABC):
@@ -59,6 +90,19 @@ class Architecture(ABC):
     @abstractmethod
     def build(self) -> Network:
         """A network of this architecture, as it is initialised."""
+
+    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+        """What bakes with weights: here the network in torch, unless an architecture has something faster.
+
+        Args:
+            tensors: by the names that the network's state has. pixel_filters: that they were trained for.
+
+        Raises:
+            KeyError, ValueError: the tensors do not fit the architecture.
+        """
+        from mipbake.models.torch_baker import TorchBaker, network_of
+
+        return TorchBaker(network_of(self, tensors, pixel_filters))
 
     def describe(self) -> Description | None:
         """For the model card; None where networks of this architecture are compared with and never released."""

@@ -1,21 +1,4 @@
-"""Kernels that make the levels of a stack from level 0, with the lookup that will read them taken into account.
-
-A level is read by bilinear interpolation, which blurs it once more: by a tent one of its texels wide, of variance 1/6.
-The pixel filter alone, followed by that, is too wide. So a level is filtered with the pixel filter and then with
-(-a, 1 + 2 a, -a) along both axes: its response 1 + a w^2 + O(w^4) undoes the tent's 1 - w^2 / 12, up to second order,
-where a = 1/12. The source is also interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
-(1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that: a = 1/12 - 4^-L / 24.
-
-Most lookups lie between two levels, and mix a kernel that is too narrow with one that is too wide. Variances add up to
-more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail follows
-its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
-
-Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
-
-A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
-the texels of that level cover, and films of floors look too blurred. So networks that tell samplers apart filter the
-levels above 0 a little less widely for it (`width_of`).
-"""
+"""The filters of level_filter.py on tensors: levels of images that repeat, for training, and sharpening."""
 
 from __future__ import annotations
 
@@ -26,24 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.models.level_filter import sharpening, width_of
 from mipbake.pixel_filter import level_sizes, resample_weights
-
-_BETWEEN = 1 / 60
-"""What levels are sharper by because lookups lie between them. docs/research.md has what it gains in pictures; the
-number is a guess."""
-
-_TRILINEAR = 0.8
-"""Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
-
-
-def width_of(level: int, sampler: str) -> float:
-    """Width of the pixel filter of a level, in units of its own, for a network that tells samplers apart."""
-    return _TRILINEAR if level and sampler == "trilinear" else 1.0
-
-
-def sharpening(level: int) -> float:
-    """a of a level."""
-    return 1 / 12 + _BETWEEN - 4.0**-level / 24
 
 
 def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mipbake.aim import BAKED_SAMPLERS, baked_sampler
 from mipbake.errors import UsageError
-from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
-from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
+from mipbake.material import MAX_LOG_ALPHA2, MODELS, Kind, MaterialModel, losses, model_named
+from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.moment_network import MomentNetwork
@@ -27,6 +32,11 @@ def _known(model: MaterialModel) -> bool:
 
 MADE = tuple(name for name, model in MODELS.items() if _known(model))
 """The material models that can be made."""
+
+
+def most_roughness(model: MaterialModel) -> float:
+    """The greatest roughness of a lobe: 1, or beyond it where a model stores its logarithm."""
+    return math.exp(MAX_LOG_ALPHA2 / 4) if model.of(Kind.LOG_TENSOR) else 1.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,12 @@ class MomentConfig(Architecture):
         from mipbake.models.moment_network import MomentNetwork
 
         return MomentNetwork(self)
+
+    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+        """See Architecture. In the native core."""
+        from mipbake.models.moment_baker import MomentBaker
+
+        return MomentBaker.of(self, pixel_filters, tensors)
 
     def describe(self) -> Description:
         """See Architecture."""

@@ -16,32 +16,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake import directions, material
-from mipbake.errors import UsageError
-from mipbake.models.lookup_kernel import sharpened, sharpening, width_of
+from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
+from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.models.workers import in_order
-from mipbake.pixel_filter import Wrap, filter_named, level_sizes, resample, resample_weights
-
-_FROM_TOP = 3
-"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is. A
-guess."""
-
-
-@dataclass(frozen=True)
-class Lookup:
-    """What levels are made for.
-
-    Args:
-        kernel: name of the pixel filter. sampler: that will look the levels up; None where it is not told apart.
-    """
-
-    kernel: str
-    sampler: str | None = None
-
-    def width(self, level: int) -> float:
-        """Width of the pixel filter of a level."""
-        return 1.0 if self.sampler is None else width_of(level, self.sampler)
+from mipbake.pixel_filter import Wrap, level_sizes, resample, resample_weights
 
 
 def bake(
@@ -54,13 +34,8 @@ def bake(
     progress: Callable[[float], None],
 ) -> list[NDArray[np.float32]]:
     """See MomentNetwork.bake."""
-    kernel = filter_named(lookup.kernel).name
+    checked_filter(network.config, network.pixel_filters, source, lookup.kernel)
     made, (read,) = network.config.made_from(target), network.config.encoders
-    if not network.config.takes(source):
-        raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
-    if network.pixel_filters and kernel not in network.pixel_filters:
-        filters = ", ".join(network.pixel_filters)
-        raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
     levels = bake_levels(network, material.convert(stored, source, read), lookup, wrap, progress=progress)
     if made == target:
         return levels
@@ -136,9 +111,9 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
     network, stored, lookup, wrap, tile = plan.network, plan.stored, plan.lookup, plan.wrap, plan.tile
     kernel = lookup.kernel
     sizes = plan.sizes
-    finest = list(enumerate(sizes))[1 : 1 + _FROM_TOP]
+    finest = list(enumerate(sizes))[1 : 1 + FROM_TOP]
     direct = [_sink(plan, size, kernel, lookup.width(level)) for level, size in finest]
-    coarse = len(sizes) > 1 + _FROM_TOP
+    coarse = len(sizes) > 1 + FROM_TOP
     boxes = [_sink(plan, sizes[1], "box")] if coarse else []
     taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
     a = sharpening(0)
@@ -166,8 +141,8 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
     latents = [sink.image for sink in direct]
     if boxes:
         box = boxes[0].image.numpy()
-        for level in range(1 + _FROM_TOP, len(sizes)):
-            finer = level - _FROM_TOP
+        for level in range(1 + FROM_TOP, len(sizes)):
+            finer = level - FROM_TOP
             if finer > 1:
                 box = resample(box, sizes[finer], "box", wrap)
             latents.append(torch.from_numpy(resample(box, sizes[level], kernel, wrap, lookup.width(level))))

@@ -7,7 +7,7 @@ network differs from theirs in five ways.
 
 - Part of the latent code is not learned (moments.py): what closed forms average.
 - The latent filter K_L is the pixel filter p itself, at every level, level 0 included, sharpened for the lookup that
-  will read the level (lookup_kernel.py). The encoder need not know p: one network serves all pixel filters.
+  will read the level (level_filter.py). The encoder need not know p: one network serves all pixel filters.
 - The decoder knows the level and the filter, and its output is a change of the averages, in terms that vanish where a
   material is constant: there the result is the averaged input, exactly (corrections.py).
 - The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
@@ -201,7 +201,8 @@ class MomentNetwork(Network):
         sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """See Network."""
-        from mipbake.models.moment_inference import Lookup, bake
+        from mipbake.models.level_filter import Lookup
+        from mipbake.models.moment_inference import bake
 
         return bake(self, stored, source, target, Lookup(pixel_filter, self.config.told(sampler)), wrap, progress)
 

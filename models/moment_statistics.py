@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from mipbake.material import MaterialModel
-from mipbake.models.channels import has_tensor, parts
+from mipbake.models.channels import parts
+from mipbake.models.moment_config import most_roughness
 from mipbake.models.moments import Moments, least_roughness, moment_count, moment_places
-from mipbake.models.parameters import MAX_LOG_ALPHA2
 
 _FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels; a guess
 _SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed; a guess
@@ -132,11 +132,6 @@ class Statistics:
 def feature_count(model: MaterialModel) -> int:
     """Numbers that describe a texel to a decoder."""
     return statistics(torch.zeros(1, moment_count(model)), model).features().shape[-1]
-
-
-def most_roughness(model: MaterialModel) -> float:
-    """The greatest roughness of a lobe: 1, or beyond it where a model stores its logarithm."""
-    return math.exp(MAX_LOG_ALPHA2 / 4) if has_tensor(model) else 1.0
 
 
 def statistics(means: Tensor, model: MaterialModel) -> Statistics:

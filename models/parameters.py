@@ -31,6 +31,7 @@ from mipbake.directions import Wrap
 from mipbake.material import (
     FACTS,
     LEAST_STRENGTH,
+    MAX_LOG_ALPHA2,
     MAX_LOG_GAMMA,
     MIN_LOG_ALPHA2,
     MIN_ROUGHNESS,
@@ -43,11 +44,6 @@ from mipbake.material import (
 
 MIN_HEIGHT = 0.01
 """Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
-
-MAX_LOG_ALPHA2 = 2.0
-"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface. A guess.
-
-The least one is the floor that shading has, `least_alpha2` of the model."""
 
 
 class _Clamp(torch.autograd.Function):

@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.material import MODELS
-from mipbake.models.architecture import Architecture
+from mipbake.models.architecture import Architecture, Baker
 from mipbake.models.architectures import ARCHITECTURES
 
 if TYPE_CHECKING:
     from mipbake.models.base import Network
+
+_Made = TypeVar("_Made")
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 WEIGHTS_LICENCE = "CC0-1.0"
@@ -168,14 +173,32 @@ def _best(found: Sequence[WeightsInfo], target: str, pixel_filter: str, source: 
 
 
 def load_network(info: WeightsInfo) -> Network:
-    """The network with its weights, ready for inference.
+    """The network in torch with its weights, ready for inference.
 
     Raises:
         InputError: the safetensors file is missing, or is not the one that was released.
     """
-    import torch
+    from mipbake.models.torch_baker import network_of
+
+    return _fitting(info, network_of)
+
+
+def load_baker(info: WeightsInfo) -> Baker:
+    """What bakes with the weights, in the native core where the architecture has it.
+
+    Raises:
+        InputError: the safetensors file is missing, or is not the one that was released.
+    """
+    return _fitting(info, lambda config, tensors, filters: config.baker(tensors, filters))
+
+
+def _fitting(
+    info: WeightsInfo,
+    make: Callable[[Architecture, Mapping[str, NDArray[np.float32]], tuple[str, ...]], _Made],
+) -> _Made:
+    """What is made of an architecture, its tensors and its pixel filters."""
     from safetensors import SafetensorError
-    from safetensors.torch import load
+    from safetensors.numpy import load
 
     try:
         content = info.tensors.read_bytes()
@@ -189,13 +212,10 @@ def load_network(info: WeightsInfo) -> Network:
             f"{info.tensors}: damaged or altered weights, expected SHA-256 {info.sha256[:12]}..., found "
             f"{digest[:12]}...; install the release again"
         )
-    network = info.network.build()
     try:
-        network.load_state_dict(load(content))
-    except (RuntimeError, ValueError, SafetensorError) as error:
+        return make(info.network, load(content), info.pixel_filters)
+    except (KeyError, ValueError, SafetensorError) as error:
         raise InputError(
             f"{info.tensors}: the tensors are damaged or do not fit the architecture in {info.name}.json; install the "
             "release again"
         ) from error
-    network.pixel_filters = info.pixel_filters
-    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]

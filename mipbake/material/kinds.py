@@ -21,6 +21,11 @@ MAX_LOG_GAMMA = 1.5
 MIN_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS)
 """ln alpha^2 at MIN_ROUGHNESS."""
 
+MAX_LOG_ALPHA2 = 2.0
+"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface. A guess.
+
+The least one is the floor that shading has, `least_alpha2` of the model."""
+
 LEAST_STRENGTH = 1e-3
 """Anisotropy strength that a descent starts from at least: strength is squared when it is shaded, so no gradient leads
 away from 0 itself."""

@@ -63,8 +63,8 @@ class Neural:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
-        from mipbake.models.registry import load_network
+        from mipbake.models.registry import load_baker
 
         info = self.weights(target, pixel_filter, source)
-        levels = load_network(info).bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
+        levels = load_baker(info).bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
         return PrefilterResult(levels, info.name, info.sha256, sampler=self.sampler)

@@ -1,0 +1,106 @@
+// Between the pipeline in network.cpp, compiled once, and the kernels in network_kernels.cpp, compiled per instruction
+// set. Planes: an image of some channels has one plane for each channel, rows of floats one after the other.
+#pragma once
+
+#include <cstdint>
+
+#include "core/isa.h"
+#include "ops.h"
+
+namespace mipbake {
+
+// Texels of a row that are decoded at once: a whole number of packets and of blocks of them in every instruction set.
+constexpr int kChunk = 96;
+// Rows of level 0 that are worked on together, and texels to a side of a tile of them: what the encoder holds of a tile
+// stays in a core's second cache. Guesses.
+constexpr int kBand = 16, kTile = kChunk;
+// Floats that kernels may read and write behind the end of a row of a plane: one packet of any instruction set.
+constexpr int kSlack = 16;
+
+constexpr std::int64_t rounded_up(std::int64_t count, std::int64_t step) { return (count + step - 1) / step * step; }
+
+// A layer, packed for the instruction set that is active: out = weight * in + bias.
+struct PackedLayer {
+    const float* weight;           // [block of outputs][input][output of the block]
+    const float* bias;             // for all outputs of the blocks
+    const std::int32_t* offsets;   // of each input from the place of a texel, in floats
+    std::int64_t outputs, inputs;  // outputs of whole blocks; inputs with their taps
+    bool rectified;
+};
+
+// What all kernels know of a network.
+struct MomentKernelNetwork {
+    int made;  // index among the models that are made
+    NetworkLimits limits;
+    std::int64_t moments, learned, detail, features, outputs, channels;
+    int halo;
+    // Planes of a tile: inputs, then what layers add. tile_stride: floats from row to row.
+    std::int64_t tile_stride, tile_plane;
+    const PackedLayer* encoder;
+    int encoder_layers, convolutions;
+    PackedLayer project;
+    const PackedLayer* decoder;  // the last of them makes what texels are corrected by
+    int decoder_layers;
+};
+
+// Encodes rows [row, row + rows) and texels [column, column + columns) of level 0, which lie beyond its borders too.
+struct EncodeTile {
+    const float* stored;       // (H, W, R)
+    std::int64_t width, read;  // W and R
+    const std::int64_t* rows;  // the row of level 0 that stands at each row of the tile, halo included
+    const std::int64_t* columns;
+    int height, columns_count;  // without the halo
+    float* const* out;          // a row of latents for each row of the tile: planes `plane` floats apart
+    std::int64_t plane;
+};
+
+// Filters rows of latents around a row of level 0 and decodes a part of it.
+struct TopTile {
+    const float* const* around;  // 2 reach + 1 rows of latents
+    std::int64_t from, plane;    // where in them the part begins, less reach
+    const float *sharp, *plain;  // 2 reach + 1 and 2 reach - 1 taps
+    int reach, count;            // texels
+    const float* bias;           // of the decoder's layers, one after the other
+    float* out;                  // (count, C)
+};
+
+// Texels of a coarser row from one whose channels lie side by side.
+struct AcrossTile {
+    const float* row;  // (n, stride)
+    std::int64_t stride;
+    const std::int32_t* index;   // (count, taps)
+    const float *sharp, *plain;  // (count, taps)
+    int taps, count;
+    const float* bias;
+    float* out;      // (count, C), decoded; or null, and
+    float* latents;  // planes of latents, `plane` floats apart
+    std::int64_t plane;
+};
+
+// An operation on a row of latents: `into` += weight * row, or = where it is the first.
+struct AddRow {
+    const float* row;
+    std::int64_t row_plane;
+    float* into;
+    std::int64_t into_plane;
+    float sharp, plain;
+    bool first;
+};
+
+MIPBAKE_FOR_EACH_ISA(MomentCounts network_counts(int made);
+                     // Outputs of a block, and the packed weights of a layer.
+                     int network_block(); void network_pack(const float* weight, std::int64_t outputs,
+                                                            std::int64_t inputs, std::int64_t blocks, float* packed);
+                     std::int64_t network_encode_scratch(const MomentKernelNetwork&);
+                     void network_encode(const MomentKernelNetwork&, const EncodeTile&, float* scratch);
+                     std::int64_t network_decode_scratch(const MomentKernelNetwork&, int reach);
+                     void network_top(const MomentKernelNetwork&, const TopTile&, float* scratch);
+                     void network_across(const MomentKernelNetwork&, const AcrossTile&, float* scratch);
+                     // Channels [0, channels) by `sharp`, and `detail` further ones, of the first channels, by `plain`.
+                     void network_add(const AddRow&, std::int64_t channels, std::int64_t detail, std::int64_t begin,
+                                      std::int64_t end);
+                     // (channels, plane) to (count, stride).
+                     void network_transpose(const float* planes, std::int64_t plane, std::int64_t channels,
+                                            std::int64_t begin, std::int64_t end, float* out, std::int64_t stride);)
+
+}  // namespace mipbake

@@ -1,0 +1,79 @@
+"""What the levels of a stack are filtered with by networks that correct averages, and for which lookup; without torch.
+
+A level is read by bilinear interpolation, which blurs it once more: by a tent one of its texels wide, of variance 1/6.
+The pixel filter alone, followed by that, is too wide. So a level is filtered with the pixel filter and then with
+(-a, 1 + 2 a, -a) along both axes: its response 1 + a w^2 + O(w^4) undoes the tent's 1 - w^2 / 12, up to second order,
+where a = 1/12. The source is also interpolated bilinearly, where `resample_weights` takes texels for constant: a tent
+(1/6) in place of a box (1/12), in texels of level 0. Level L is to keep that: a = 1/12 - 4^-L / 24.
+
+Most lookups lie between two levels, and mix a kernel that is too narrow with one that is too wide. Variances add up to
+more than the variance that is wanted there, ((1 - t) + 4 t > 4^t), and a slanted pixel, whose level of detail follows
+its longer side, is narrower still across. So every level is a little sharper than it should be by itself, by 1/60.
+
+Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
+
+A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
+the texels of that level cover, and films of floors look too blurred. So networks that tell samplers apart filter the
+levels above 0 a little less widely for it (`width_of`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mipbake.errors import UsageError
+from mipbake.models.architecture import Architecture
+from mipbake.pixel_filter import filter_named
+
+_BETWEEN = 1 / 60
+"""What levels are sharper by because lookups lie between them. docs/research.md has what it gains in pictures; the
+number is a guess."""
+
+_TRILINEAR = 0.8
+"""Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
+
+FROM_TOP = 3
+"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is. A
+guess."""
+
+
+def width_of(level: int, sampler: str) -> float:
+    """Width of the pixel filter of a level, in units of its own, for a network that tells samplers apart."""
+    return _TRILINEAR if level and sampler == "trilinear" else 1.0
+
+
+def sharpening(level: int) -> float:
+    """a of a level."""
+    return 1 / 12 + _BETWEEN - 4.0**-level / 24
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """What levels are made for.
+
+    Args:
+        kernel: name of the pixel filter. sampler: that will look the levels up; None where it is not told apart.
+    """
+
+    kernel: str
+    sampler: str | None = None
+
+    def width(self, level: int) -> float:
+        """Width of the pixel filter of a level."""
+        return 1.0 if self.sampler is None else width_of(level, self.sampler)
+
+
+def checked_filter(config: Architecture, pixel_filters: tuple[str, ...], source: str, pixel_filter: str) -> str:
+    """The name of the pixel filter; UsageError where weights do not take the source, or are not for that filter.
+
+    Args:
+        pixel_filters: that the weights were trained for; () where nothing says so.
+    """
+    kernel = filter_named(pixel_filter).name
+    if not config.takes(source):
+        read = ", ".join(config.encoders)
+        raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
+    if pixel_filters and kernel not in pixel_filters:
+        filters = ", ".join(pixel_filters)
+        raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
+    return kernel

@@ -1,0 +1,259 @@
+"""Baking with the weights of a MomentNetwork in the native core (csrc/cpu/network.cpp), without torch.
+
+The native core goes down level 0 in bands of rows: it encodes them, filters and decodes level 0, and adds them to the
+levels that are filtered from level 0, and to box averages half as fine, from which the coarser levels follow. Latents
+of a level are never held, but for the rows that wait for their last part.
+
+`mipbake.models.moment_inference` is the twin of it in torch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import _native, directions, material
+from mipbake.material import MaterialModel, model_named
+from mipbake.models.architecture import Baker
+from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
+from mipbake.models.moment_config import MADE, MomentConfig, most_roughness
+from mipbake.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
+
+Tensors = Mapping[str, NDArray[np.float32]]
+
+_MOST_LEVEL = 8  # that the decoder tells apart; as MomentNetwork.decode has it
+_NAMED = 3  # numbers of the code that come before the pixel filter's
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """What csrc/network says that a network for a model has."""
+
+    read: int
+    made: int
+    inputs: int
+    moments: int
+    detail: int
+    features: int
+    outputs: int
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """What texels of an axis are summed from: (n, taps) each, `sharp` by the sharpened filter and `plain` by it."""
+
+    index: NDArray[np.int32]
+    sharp: NDArray[np.float32]
+    plain: NDArray[np.float32]
+
+    @property
+    def given(self) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+        """As the native core takes it."""
+        return self.index, self.sharp, self.plain
+
+
+@dataclass(frozen=True, eq=False)
+class MomentBaker(Baker):
+    """Weights of a MomentNetwork, ready for bakes.
+
+    Args:
+        config: the architecture. pixel_filters: that the weights were trained for; () where nothing says so.
+        tensors: by the names that the network's state has.
+    """
+
+    config: MomentConfig
+    pixel_filters: tuple[str, ...]
+    tensors: Tensors
+
+    @classmethod
+    def of(cls, config: MomentConfig, pixel_filters: tuple[str, ...], tensors: Tensors) -> MomentBaker:
+        """Raises KeyError or ValueError where the tensors do not fit the architecture."""
+        out = cls(config, pixel_filters, tensors)
+        assert out.packed is not None
+        return out
+
+    def bake(
+        self,
+        stored: NDArray[np.float32],
+        source: str,
+        target: str,
+        pixel_filter: str,
+        wrap: Wrap,
+        progress: Callable[[float], None],
+        sampler: str,
+    ) -> list[NDArray[np.float32]]:
+        """See Baker."""
+        lookup = Lookup(
+            checked_filter(self.config, self.pixel_filters, source, pixel_filter), self.config.told(sampler)
+        )
+        made, (read,) = self.config.made_from(target), self.config.encoders
+        levels = self.levels(material.convert(stored, source, read), lookup, wrap, progress)
+        if made == target:
+            return levels
+        converted = [material.regularise(material.convert(level, made, target), target) for level in levels]
+        return directions.agreeing(converted, target, wrap)
+
+    def levels(
+        self,
+        stored: NDArray[np.float32],
+        lookup: Lookup,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[NDArray[np.float32]]:
+        """Every level of the stack of a material, down to 1 x 1.
+
+        Args:
+            stored: (H, W, R) float32 stored channels of the model that is read, any size.
+            lookup: what the levels are for. wrap: wrap mode along u and along v.
+            progress: told the finished share, from 0 to 1.
+
+        Returns:
+            (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
+        """
+        (made,) = self.config.decoders
+        sizes = level_sizes(*stored.shape[:2])
+        out = [np.empty((*size, model_named(made).channels), np.float32) for size in sizes]
+        plain = resample_weights(16, 16, lookup.kernel, "wrap")[1][0]  # the same for every texel of a level 0
+        a = sharpening(0)
+        bake = _native.MomentBake(
+            self.packed,
+            np.ascontiguousarray(stored, np.float32),
+            wrap[1] == "wrap",
+            wrap[0] == "wrap",
+            np.convolve(plain, [-a, 1 + 2 * a, -a]).astype(np.float32),
+            plain,
+            self._biases(0, lookup),
+            out[0],
+            list(self._sinks(out, lookup, wrap)),
+        )
+        done = 0
+        while done < sizes[0][0]:
+            done = bake.advance()
+            progress(done / sizes[0][0])
+        return directions.agreeing(out, made, wrap)
+
+    def _sinks(self, out: list[NDArray[np.float32]], lookup: Lookup, wrap: Wrap) -> Iterator[object]:
+        """What is filtered from level 0, or from box averages of it, as the native core takes it."""
+        sizes = [level.shape[:2] for level in out]
+        boxes: dict[int, int] = {}  # the place among the sinks of box averages as fine as a level
+        count = 0
+        for level in range(1, len(sizes)):
+            finer = max(0, level - FROM_TOP)
+            if finer:
+                yield boxes.get(finer - 1, -1), *_box(sizes[finer - 1], sizes[finer], wrap), None, None
+                boxes[finer] = count
+                count += 1
+            axes = _axes(sizes[finer], sizes[level], lookup, level, wrap)
+            yield boxes.get(finer, -1), *axes, out[level], self._biases(level, lookup)
+            count += 1
+
+    @cached_property
+    def _model(self) -> MaterialModel:
+        return model_named(self.config.encoders[0])
+
+    @cached_property
+    def _counts(self) -> _Counts:
+        return _Counts(*_native.moment_counts(MADE.index(self.config.decoders[0])))
+
+    @cached_property
+    def _decoder(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Weights (outputs, inputs) and biases of the decoder's layers, code included; the last one has the rows of
+        the output, of the sharpness and, where there is one, of the stretch."""
+        layers = [self._layer(f"decoder.{i}") for i in range(self.config.decoder_layers)]
+        (output, bias), (crisp, crisp_bias) = self._layer("output"), self._layer("crisp")
+        parts = [(output, bias), (crisp, crisp_bias)]
+        if self.config.anisotropic:
+            parts.append(self._layer("stretch"))
+        wide = crisp.shape[1]
+        rows = [np.pad(weight, ((0, 0), (0, wide - weight.shape[1]))) for weight, _ in parts]
+        return [*layers, (np.concatenate(rows), np.concatenate([each for _, each in parts]))]
+
+    @cached_property
+    def packed(self) -> _native.MomentNetwork:
+        """The weights as the native core has them; KeyError or ValueError where they do not fit the architecture."""
+        (made,) = self.config.decoders
+        if (self._counts.read, self._counts.made) != (self._model.channels, model_named(made).channels):
+            raise AssertionError(f"csrc/network/models.h has other channels for {made} than mipbake.material")
+        least, most = float(self._model.least_alpha2) ** 0.25, most_roughness(self._model)
+        limits = [least, most, math.log(least), math.log(most), least**4, most**4]
+        config = self.config
+        encoder = [self._layer(f"encoder.{i}") for i in range(config.convolutions + config.pointwise)]
+        decoder = [(np.ascontiguousarray(np.delete(weight, self._code, 1)), bias) for weight, bias in self._decoder]
+        if config.samplers and self.tensors["told"].shape[0] != len(config.samplers):
+            raise ValueError("as many samplers as the architecture tells apart were expected")
+        return _native.MomentNetwork(MADE.index(config.decoders[0]), limits, encoder, self._layer("project"), decoder)
+
+    def _layer(self, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(G, C) or (G, C, 3, 3) weights and (G,) biases."""
+        weight = self.tensors[f"{name}.weight"]
+        if weight.shape[2:] == (1, 1):
+            weight = weight[..., 0, 0]
+        return np.ascontiguousarray(weight), np.ascontiguousarray(self.tensors[f"{name}.bias"])
+
+    @property
+    def _code(self) -> slice:
+        """Where the level and the filter stand among the inputs of the decoder."""
+        return slice(self._counts.features, self._counts.features + _NAMED + len(FILTERS))
+
+    def _biases(self, level: int, lookup: Lookup) -> NDArray[np.float32]:
+        """Biases of the decoder's layers one after the other, with what level, filter and sampler add."""
+        named = [float(name == lookup.kernel) for name in FILTERS]
+        code = np.array([level == 0, level == 1, (min(level, _MOST_LEVEL) - 3) / 4, *named], np.float32)
+        sums = [bias + weight[:, self._code] @ code for weight, bias in self._decoder]
+        out = np.concatenate(sums)
+        if lookup.sampler is not None:
+            told = self.tensors["told"][self.config.samplers.index(lookup.sampler)]
+            out[: len(told)] += told
+        return np.ascontiguousarray(out, np.float32)
+
+
+def _box(finer: tuple[int, ...], size: tuple[int, ...], wrap: Wrap) -> tuple[object, object]:
+    """Both axes of box averages."""
+    found = []
+    for axis in (0, 1):
+        index, weights = resample_weights(finer[axis], size[axis], "box", wrap[1 - axis])
+        found.append(_Axis(index.astype(np.int32), weights, weights).given)
+    return found[0], found[1]
+
+
+def _axes(
+    finer: tuple[int, ...], size: tuple[int, ...], lookup: Lookup, level: int, wrap: Wrap
+) -> tuple[object, object]:
+    """Both axes of the latents of a level."""
+    found = []
+    for axis in (0, 1):
+        index, weights = resample_weights(finer[axis], size[axis], lookup.kernel, wrap[1 - axis], lookup.width(level))
+        found.append(_sharpened(index, weights, sharpening(level), wrap[1 - axis]).given)
+    return found[0], found[1]
+
+
+def _sharpened(index: NDArray[np.int64], weights: NDArray[np.float32], a: float, wrap: str) -> _Axis:
+    """A filter with (-a, 1 + 2 a, -a) after it, in one; an axis of one texel stays as it is."""
+    count, taps = index.shape
+    if count == 1:
+        return _Axis(index.astype(np.int32), weights, weights)
+    row = np.arange(count)
+    before, after = row - 1, row + 1
+    before, after = (each % count if wrap == "wrap" else each.clip(0, count - 1) for each in (before, after))
+    places = np.concatenate([index, index[before], index[after]], 1)
+    sharp = np.concatenate([(1 + 2 * a) * weights, -a * weights[before], -a * weights[after]], 1)
+    plain = np.concatenate([weights, np.zeros((count, 2 * taps), np.float32)], 1)
+    # Taps of one texel become one.
+    order = np.argsort(places, 1, kind="stable")
+    places, sharp, plain = (np.take_along_axis(each, order, 1) for each in (places, sharp, plain))
+    fresh = np.diff(places, axis=1, prepend=-1) != 0
+    place = np.cumsum(fresh, 1) - 1
+    wide = int(place[:, -1].max()) + 1
+    flat = (row[:, None] * wide + place).reshape(-1)
+    merged = [
+        np.bincount(flat, each.reshape(-1), count * wide).reshape(count, wide).astype(np.float32)
+        for each in (sharp, plain)
+    ]
+    kept = np.zeros((count, wide), np.int32)
+    kept[row[:, None].repeat(places.shape[1], 1)[fresh], place[fresh]] = places[fresh]
+    return _Axis(kept, *merged)
