@@ -61,7 +61,7 @@ def periodic_matrices(
 def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True, sampler: str | None = None) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
-    matrices = periodic_matrices(size, pixel_filter, sharp, sampler)
+    matrices = [each.to(image) for each in periodic_matrices(size, pixel_filter, sharp, sampler)]
     rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
     rows = rows.reshape(batch, -1, size, channels)
     parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)
