@@ -96,23 +96,29 @@ struct NetworkLimits {
     float least_roughness, most_roughness, least_log_roughness, most_log_roughness, least_alpha2, most_alpha2;
 };
 
-// A moment network (mipbake/models/moment_network.py). Its decoder sees features and learned latents, then what its
-// layers make; the last layer also what sharpening added, behind the features and the learned latents. That layer's
-// outputs are the corrections, the sharpness of three parts and, where lobes are stretched, three more.
-struct MomentNetworkArgs {
-    int made;  // 0 gltf, 1 gltf-anisotropic, 2 ggx, 3 beckmann
+// Networks whose latents are moments and learned maps (mipbake/models/moment_network.py), and networks whose latents
+// are all learned (mipbake/models/latent_network.py).
+enum class NetworkKind { moments, latents };
+
+// The decoder of a moment network sees features and learned latents, then what its layers make; the last layer also
+// what sharpening added, behind the others. That layer's outputs are the corrections, the sharpness of three parts and,
+// where lobes are stretched, three more. The decoder of a latent network sees latents, and makes parameters.
+struct NetworkArgs {
+    NetworkKind kind;
+    int read, made;  // 0 gltf, 1 gltf-anisotropic, 2 ggx, 3 beckmann; moment networks read what `made` says
     NetworkLimits limits;
+    NetworkLayer whiten;  // of latent networks
     const NetworkLayer* encoder;
     int encoder_layers;
     NetworkLayer project;
     const NetworkLayer* decoder;
     int decoder_layers;
 };
-struct MomentCounts {
+struct NetworkCounts {
     std::int64_t read, made, inputs, moments, detail, features, outputs;
 };
-// What a network for that model must have: channels that are read and made, and numbers of its parts.
-MomentCounts moment_counts(int made);
+// What such a network must have: channels that are read and made, and numbers of its parts.
+NetworkCounts network_counts(NetworkKind kind, int read, int made);
 
 // What each of `n` texels or rows of a level is summed from: (n, taps) of the finer ones, by the sharpened filter and
 // by the plain one.
@@ -122,15 +128,15 @@ struct AxisWeights {
     int n, taps;
 };
 
-// An image that is filtered from a finer one: the latents of a level, or box averages that further ones come from.
-struct MomentSink {
-    int source;  // -1 for level 0, or the index of a sink that keeps box averages
+// An image of latents that is filtered from a finer one: decoded as a level, or there for coarser ones, or both.
+struct NetworkSink {
+    int source;  // -1 for level 0, or the index of an earlier sink
     AxisWeights rows, columns;
-    float* out;         // (rows.n, columns.n, made) of a level; null for box averages
+    float* out;         // (rows.n, columns.n, made) of a level; null where nothing is decoded
     const float* bias;  // of all layers of the decoder for that level, one after the other
 };
 
-struct MomentBakeArgs {
+struct NetworkBakeArgs {
     const float* stored;  // (height, width, read)
     std::int64_t height, width;
     bool wrap_rows, wrap_columns;  // or clamped
@@ -138,25 +144,25 @@ struct MomentBakeArgs {
     int reach;
     const float* bias;  // of the decoder for level 0
     float* top;         // (height, width, made)
-    const MomentSink* sinks;
+    const NetworkSink* sinks;
     int sink_count;
 };
 
-class MomentNetwork;  // packed weights
+class Network;  // packed weights
 
 // Bakes every level of a set, some rows of level 0 at a time. What args point to must live as long. Results do not
 // depend on the number of threads.
-class MomentBake {
+class NetworkBake {
   public:
-    MomentBake(std::shared_ptr<const MomentNetwork> network, const MomentBakeArgs& args);
-    ~MomentBake();
+    NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args);
+    ~NetworkBake();
     std::int64_t rows_done() const;
     void advance();  // the next rows
   private:
     struct State;
     std::unique_ptr<State> state_;
 };
-std::shared_ptr<const MomentNetwork> moment_network(const MomentNetworkArgs& args);
+std::shared_ptr<const Network> packed_network(const NetworkArgs& args);
 
 // ---- Interpolation and antialiasing of rasterised images ----
 

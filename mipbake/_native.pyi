@@ -119,22 +119,25 @@ def antialias_backward(
     workspace: Array | None = None,
     stream: int = 0,
 ) -> None: ...
-def moment_counts(made: int) -> tuple[int, int, int, int, int, int, int]: ...
+def network_counts(kind: str, read: int, made: int) -> tuple[int, int, int, int, int, int, int]: ...
 
-class MomentNetwork:
+class Network:
     def __init__(
         self,
+        kind: str,
+        read: int,
         made: int,
         limits: Sequence[float],
+        whiten: tuple[Array, Array] | None,
         encoder: Sequence[tuple[Array, Array]],
         project: tuple[Array, Array],
         decoder: Sequence[tuple[Array, Array]],
     ) -> None: ...
 
-class MomentBake:
+class NetworkBake:
     def __init__(
         self,
-        network: MomentNetwork,
+        network: Network,
         stored: Array,
         wrap_rows: bool,
         wrap_columns: bool,

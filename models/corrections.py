@@ -13,9 +13,8 @@ from typing import Generic, TypeVar
 import torch
 from torch import Tensor
 
-from mipbake.material import Kind, MaterialModel
+from mipbake.material import Kind, MaterialModel, most_roughness
 from mipbake.models.channels import channels, count, has_log_gamma, has_metallic, has_specular, parts, places
-from mipbake.models.moment_config import most_roughness
 from mipbake.models.moment_statistics import Statistics
 from mipbake.models.moments import Moments, least_roughness, moment_places
 from mipbake.models.parameters import of_coordinates

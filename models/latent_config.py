@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, losses
-from mipbake.models.architecture import PAPER, Architecture, Description, check_counts, layers
+from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.latent_network import LatentNetwork
@@ -70,6 +74,12 @@ class LatentConfig(Architecture):
         from mipbake.models.latent_network import LatentNetwork
 
         return LatentNetwork(self)
+
+    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+        """See Architecture. In the native core."""
+        from mipbake.models.latent_baker import LatentBaker
+
+        return LatentBaker.of(self, pixel_filters, tensors)
 
     def describe(self) -> Description:
         """See Architecture."""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake import directions, material
-from mipbake.errors import UsageError
-from mipbake.models.latent import latent_weights
+from mipbake.models.latent_filter import latent_weights
 from mipbake.models.latent_network import LatentNetwork
+from mipbake.models.level_filter import checked_filter
 from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
 from mipbake.pixel_filter import Wrap, level_sizes
 
@@ -32,9 +32,7 @@ def bake(
     progress: Callable[[float], None],
 ) -> list[NDArray[np.float32]]:
     """See LatentNetwork.bake."""
-    if network.pixel_filters and pixel_filter not in network.pixel_filters:
-        filters = ", ".join(network.pixel_filters)
-        raise UsageError(f"these weights are trained for the pixel filter {filters}, not for {pixel_filter!r}")
+    checked_filter(network.config, network.pixel_filters, source, pixel_filter)
     read, made = network.config.read_as(source), network.config.made_from(target)
     channels = np.ascontiguousarray(material.convert(stored, source, read))
     levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)

@@ -1,16 +1,11 @@
-"""Baking with the weights of a MomentNetwork in the native core (csrc/cpu/network.cpp), without torch.
-
-The native core goes down level 0 in bands of rows: it encodes them, filters and decodes level 0, and adds them to the
-levels that are filtered from level 0, and to box averages half as fine, from which the coarser levels follow. Latents
-of a level are never held, but for the rows that wait for their last part.
+"""Baking with the weights of a MomentNetwork in the native core, without torch.
 
 `mipbake.models.moment_inference` is the twin of it in torch.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,42 +14,15 @@ from numpy.typing import NDArray
 
 from mipbake import _native, directions, material
 from mipbake.material import MaterialModel, model_named
+from mipbake.models import native
 from mipbake.models.architecture import Baker
 from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
-from mipbake.models.moment_config import MADE, MomentConfig, most_roughness
+from mipbake.models.moment_config import MomentConfig
+from mipbake.models.native import Axis, Layer, Sink, Tensors, Top
 from mipbake.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
-
-Tensors = Mapping[str, NDArray[np.float32]]
 
 _MOST_LEVEL = 8  # that the decoder tells apart; as MomentNetwork.decode has it
 _NAMED = 3  # numbers of the code that come before the pixel filter's
-
-
-@dataclass(frozen=True)
-class _Counts:
-    """What csrc/network says that a network for a model has."""
-
-    read: int
-    made: int
-    inputs: int
-    moments: int
-    detail: int
-    features: int
-    outputs: int
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """What texels of an axis are summed from: (n, taps) each, `sharp` by the sharpened filter and `plain` by it."""
-
-    index: NDArray[np.int32]
-    sharp: NDArray[np.float32]
-    plain: NDArray[np.float32]
-
-    @property
-    def given(self) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-        """As the native core takes it."""
-        return self.index, self.sharp, self.plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,48 +88,36 @@ class MomentBaker(Baker):
         out = [np.empty((*size, model_named(made).channels), np.float32) for size in sizes]
         plain = resample_weights(16, 16, lookup.kernel, "wrap")[1][0]  # the same for every texel of a level 0
         a = sharpening(0)
-        bake = _native.MomentBake(
-            self.packed,
-            np.ascontiguousarray(stored, np.float32),
-            wrap[1] == "wrap",
-            wrap[0] == "wrap",
-            np.convolve(plain, [-a, 1 + 2 * a, -a]).astype(np.float32),
-            plain,
-            self._biases(0, lookup),
-            out[0],
-            list(self._sinks(out, lookup, wrap)),
-        )
-        done = 0
-        while done < sizes[0][0]:
-            done = bake.advance()
-            progress(done / sizes[0][0])
+        top = Top(np.convolve(plain, [-a, 1 + 2 * a, -a]).astype(np.float32), plain, out[0], self._biases(0, lookup))
+        native.bake(self.packed, stored, wrap, top, list(self._sinks(out, lookup, wrap)), progress)
         return directions.agreeing(out, made, wrap)
 
-    def _sinks(self, out: list[NDArray[np.float32]], lookup: Lookup, wrap: Wrap) -> Iterator[object]:
-        """What is filtered from level 0, or from box averages of it, as the native core takes it."""
+    def _sinks(self, out: list[NDArray[np.float32]], lookup: Lookup, wrap: Wrap) -> Iterator[Sink]:
+        """What is filtered from level 0, or from box averages of it."""
         sizes = [level.shape[:2] for level in out]
         boxes: dict[int, int] = {}  # the place among the sinks of box averages as fine as a level
         count = 0
         for level in range(1, len(sizes)):
             finer = max(0, level - FROM_TOP)
             if finer:
-                yield boxes.get(finer - 1, -1), *_box(sizes[finer - 1], sizes[finer], wrap), None, None
+                rows, columns = (_box(sizes[finer - 1], sizes[finer], axis, wrap) for axis in (0, 1))
+                yield Sink(boxes.get(finer - 1, -1), rows, columns)
                 boxes[finer] = count
                 count += 1
-            axes = _axes(sizes[finer], sizes[level], lookup, level, wrap)
-            yield boxes.get(finer, -1), *axes, out[level], self._biases(level, lookup)
+            rows, columns = (_axis(sizes[finer], sizes[level], axis, lookup, level, wrap) for axis in (0, 1))
+            yield Sink(boxes.get(finer, -1), rows, columns, out[level], self._biases(level, lookup))
             count += 1
 
-    @cached_property
-    def _model(self) -> MaterialModel:
+    @property
+    def _read(self) -> MaterialModel:
         return model_named(self.config.encoders[0])
 
     @cached_property
-    def _counts(self) -> _Counts:
-        return _Counts(*_native.moment_counts(MADE.index(self.config.decoders[0])))
+    def _counts(self) -> native.Counts:
+        return native.counts("moments", self._read, model_named(self.config.decoders[0]))
 
     @cached_property
-    def _decoder(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    def _decoder(self) -> list[Layer]:
         """Weights (outputs, inputs) and biases of the decoder's layers, code included; the last one has the rows of
         the output, of the sharpness and, where there is one, of the stretch."""
         layers = [self._layer(f"decoder.{i}") for i in range(self.config.decoder_layers)]
@@ -174,26 +130,17 @@ class MomentBaker(Baker):
         return [*layers, (np.concatenate(rows), np.concatenate([each for _, each in parts]))]
 
     @cached_property
-    def packed(self) -> _native.MomentNetwork:
+    def packed(self) -> _native.Network:
         """The weights as the native core has them; KeyError or ValueError where they do not fit the architecture."""
-        (made,) = self.config.decoders
-        if (self._counts.read, self._counts.made) != (self._model.channels, model_named(made).channels):
-            raise AssertionError(f"csrc/network/models.h has other channels for {made} than mipbake.material")
-        least, most = float(self._model.least_alpha2) ** 0.25, most_roughness(self._model)
-        limits = [least, most, math.log(least), math.log(most), least**4, most**4]
-        config = self.config
+        config, made = self.config, model_named(self.config.decoders[0])
         encoder = [self._layer(f"encoder.{i}") for i in range(config.convolutions + config.pointwise)]
         decoder = [(np.ascontiguousarray(np.delete(weight, self._code, 1)), bias) for weight, bias in self._decoder]
         if config.samplers and self.tensors["told"].shape[0] != len(config.samplers):
             raise ValueError("as many samplers as the architecture tells apart were expected")
-        return _native.MomentNetwork(MADE.index(config.decoders[0]), limits, encoder, self._layer("project"), decoder)
+        return native.network("moments", self._read, made, None, encoder, self._layer("project"), decoder)
 
-    def _layer(self, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(G, C) or (G, C, 3, 3) weights and (G,) biases."""
-        weight = self.tensors[f"{name}.weight"]
-        if weight.shape[2:] == (1, 1):
-            weight = weight[..., 0, 0]
-        return np.ascontiguousarray(weight), np.ascontiguousarray(self.tensors[f"{name}.bias"])
+    def _layer(self, name: str) -> Layer:
+        return native.layer(self.tensors, name)
 
     @property
     def _code(self) -> slice:
@@ -212,31 +159,23 @@ class MomentBaker(Baker):
         return np.ascontiguousarray(out, np.float32)
 
 
-def _box(finer: tuple[int, ...], size: tuple[int, ...], wrap: Wrap) -> tuple[object, object]:
-    """Both axes of box averages."""
-    found = []
-    for axis in (0, 1):
-        index, weights = resample_weights(finer[axis], size[axis], "box", wrap[1 - axis])
-        found.append(_Axis(index.astype(np.int32), weights, weights).given)
-    return found[0], found[1]
+def _box(finer: tuple[int, ...], size: tuple[int, ...], axis: int, wrap: Wrap) -> Axis:
+    """Box averages along an axis."""
+    index, weights = resample_weights(finer[axis], size[axis], "box", wrap[1 - axis])
+    return Axis(index.astype(np.int32), weights, weights)
 
 
-def _axes(
-    finer: tuple[int, ...], size: tuple[int, ...], lookup: Lookup, level: int, wrap: Wrap
-) -> tuple[object, object]:
-    """Both axes of the latents of a level."""
-    found = []
-    for axis in (0, 1):
-        index, weights = resample_weights(finer[axis], size[axis], lookup.kernel, wrap[1 - axis], lookup.width(level))
-        found.append(_sharpened(index, weights, sharpening(level), wrap[1 - axis]).given)
-    return found[0], found[1]
+def _axis(finer: tuple[int, ...], size: tuple[int, ...], axis: int, lookup: Lookup, level: int, wrap: Wrap) -> Axis:
+    """The latents of a level along an axis."""
+    found = resample_weights(finer[axis], size[axis], lookup.kernel, wrap[1 - axis], lookup.width(level))
+    return _sharpened(*found, sharpening(level), wrap[1 - axis])
 
 
-def _sharpened(index: NDArray[np.int64], weights: NDArray[np.float32], a: float, wrap: str) -> _Axis:
+def _sharpened(index: NDArray[np.int64], weights: NDArray[np.float32], a: float, wrap: str) -> Axis:
     """A filter with (-a, 1 + 2 a, -a) after it, in one; an axis of one texel stays as it is."""
     count, taps = index.shape
     if count == 1:
-        return _Axis(index.astype(np.int32), weights, weights)
+        return Axis(index.astype(np.int32), weights, weights)
     row = np.arange(count)
     before, after = row - 1, row + 1
     before, after = (each % count if wrap == "wrap" else each.clip(0, count - 1) for each in (before, after))
@@ -256,4 +195,4 @@ def _sharpened(index: NDArray[np.int64], weights: NDArray[np.float32], a: float,
     ]
     kept = np.zeros((count, wide), np.int32)
     kept[row[:, None].repeat(places.shape[1], 1)[fresh], place[fresh]] = places[fresh]
-    return _Axis(kept, *merged)
+    return Axis(kept, *merged)

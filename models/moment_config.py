@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.aim import BAKED_SAMPLERS, baked_sampler
 from mipbake.errors import UsageError
-from mipbake.material import MAX_LOG_ALPHA2, MODELS, Kind, MaterialModel, losses, model_named
+from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
 
 if TYPE_CHECKING:
@@ -32,11 +31,6 @@ def _known(model: MaterialModel) -> bool:
 
 MADE = tuple(name for name, model in MODELS.items() if _known(model))
 """The material models that can be made."""
-
-
-def most_roughness(model: MaterialModel) -> float:
-    """The greatest roughness of a lobe: 1, or beyond it where a model stores its logarithm."""
-    return math.exp(MAX_LOG_ALPHA2 / 4) if model.of(Kind.LOG_TENSOR) else 1.0
 
 
 @dataclass(frozen=True)

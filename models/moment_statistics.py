@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from mipbake.material import MaterialModel
+from mipbake.material import MaterialModel, most_roughness
 from mipbake.models.channels import parts
-from mipbake.models.moment_config import most_roughness
 from mipbake.models.moments import Moments, least_roughness, moment_count, moment_places
 
 _FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels; a guess

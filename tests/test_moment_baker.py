@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
 from mipbake import _native
 from mipbake.aim import BAKED_SAMPLERS
-from mipbake.material import MIN_ROUGHNESS, convert, model_named
+from mipbake.material import convert
 from mipbake.models.level_filter import Lookup
 from mipbake.models.moment_baker import MomentBaker
 from mipbake.models.moment_config import MADE, MomentConfig
@@ -23,6 +22,7 @@ from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.registry import list_weights, load_baker, load_network
 from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
+from .baked_levels import off
 from .moment_cases import ANISOTROPIC, TORUS, bumpy, config_of, of_model, trained_like
 
 torch.set_num_threads(1)
@@ -33,24 +33,6 @@ RELEASED = [info for info in list_weights() if isinstance(info.network, MomentCo
 def baker_of(network: MomentNetwork) -> MomentBaker:
     tensors = {name: each.numpy() for name, each in network.state_dict().items()}
     return MomentBaker.of(network.config, (), tensors)
-
-
-def off(made: str, levels: list[NDArray[np.float32]], others: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """Differences of all texels; of directions, which may flip where a lobe is all but round, by what they turn, and of
-    roughness as it is shaded."""
-    found = []
-    for level, other in zip(levels, others, strict=True):
-        difference = abs(level - other)
-        lines = model_named(made).lines
-        if lines is not None:
-            strength = level[..., lines.strength]
-            x, y, u, v = (each[..., lines.direction][..., i] for each in (level, other) for i in (0, 1))
-            difference[..., lines.direction] = (abs(x * v - y * u) * strength[..., 0] ** 2)[..., None]
-            narrow, other_narrow = (each[..., lines.roughness].clip(MIN_ROUGHNESS) for each in (level, other))
-            difference[..., lines.roughness] = abs(narrow - other_narrow)
-            difference[..., lines.strength] = abs(strength**2 - other[..., lines.strength] ** 2)
-        found.append(difference.reshape(-1, difference.shape[-1]))
-    return np.concatenate(found)
 
 
 @pytest.mark.parametrize("made", MADE)

@@ -60,24 +60,24 @@ Layer packed(const NetworkLayer& given, std::vector<std::int32_t> offsets, bool 
 
 }  // namespace
 
-class MomentNetwork {
+class Network {
   public:
-    MomentNetwork(const MomentNetworkArgs& args) : counts(moment_counts(args.made)) {
+    Network(const NetworkArgs& args) : counts(network_counts(args.kind, args.read, args.made)) {
         Index convolutions = 0;
         for (int i = 0; i < args.encoder_layers; ++i) convolutions += args.encoder[i].taps == 9 ? 1 : 0;
+        kernel.kind = args.kind;
+        kernel.read = args.read;
         kernel.made = args.made;
         kernel.limits = args.limits;
         kernel.moments = counts.moments;
         kernel.learned = args.project.outputs;
         kernel.detail = counts.detail;
-        kernel.features = counts.features;
-        kernel.outputs = counts.outputs;
         kernel.channels = counts.made;
         kernel.halo = static_cast<int>(convolutions);
         kernel.convolutions = kernel.halo;
         kernel.tile_stride = rounded_up(kTile + 2 * kernel.halo, kSlack) + 2 * kSlack;
         kernel.tile_plane = (kBand + 2 * kernel.halo) * kernel.tile_stride + kSlack;
-        // Planes of the encoder: the inputs, then what each layer adds, whole blocks of it.
+        // Planes of the encoder: the inputs, whitened ones, then what each layer adds, whole blocks of it.
         std::vector<Index> seen;
         for (Index i = 0; i < counts.inputs; ++i) seen.push_back(i);
         const auto offsets = [&](int taps) {
@@ -90,6 +90,13 @@ class MomentNetwork {
             return out;
         };
         Index planes = counts.inputs;
+        if (args.kind == NetworkKind::latents) {
+            check(args.whiten, counts.inputs);
+            whiten_ = packed(args.whiten, offsets(1), false);
+            kernel.whiten = whiten_.packed;
+            for (Index i = 0; i < counts.inputs; ++i) seen[static_cast<std::size_t>(i)] = planes + i;
+            planes += whiten_.packed.outputs;
+        }
         for (int i = 0; i < args.encoder_layers; ++i) {
             const NetworkLayer& layer = args.encoder[i];
             check(layer, static_cast<Index>(seen.size()));
@@ -118,7 +125,8 @@ class MomentNetwork {
             planes += layers_.back().packed.outputs;
             biases_.push_back({args.decoder[i].outputs, layers_.back().packed.outputs});
         }
-        if (args.decoder[args.decoder_layers - 1].outputs < counts.outputs + 3)
+        if (args.decoder[args.decoder_layers - 1].outputs <
+            counts.outputs + (args.kind == NetworkKind::moments ? 3 : 0))
             throw std::invalid_argument("the last layer of a decoder makes too few numbers");
         for (const Layer& layer : layers_) packed_.push_back(layer.packed);
         kernel.encoder = packed_.data();
@@ -139,24 +147,25 @@ class MomentNetwork {
         return out;
     }
 
-    MomentCounts counts;
-    MomentKernelNetwork kernel{};
+    NetworkCounts counts;
+    KernelNetwork kernel{};
 
   private:
     static void check(const NetworkLayer& layer, Index inputs) {
         if (layer.inputs != inputs || layer.outputs < 1) throw std::invalid_argument("layers of a network do not fit");
     }
 
+    Layer whiten_;
     std::vector<Layer> layers_;
     std::vector<PackedLayer> packed_;
     std::vector<std::pair<Index, Index>> biases_;
 };
 
-MomentCounts moment_counts(int made) { return MIPBAKE_DISPATCH(network_counts)(made); }
-
-std::shared_ptr<const MomentNetwork> moment_network(const MomentNetworkArgs& args) {
-    return std::make_shared<const MomentNetwork>(args);
+NetworkCounts network_counts(NetworkKind kind, int read, int made) {
+    return MIPBAKE_DISPATCH(network_kernel_counts)(kind, read, made);
 }
+
+std::shared_ptr<const Network> packed_network(const NetworkArgs& args) { return std::make_shared<const Network>(args); }
 
 namespace {
 
@@ -173,12 +182,12 @@ struct Row {
 
 }  // namespace
 
-struct MomentBake::State {
+struct NetworkBake::State {
     struct Sink {
-        MomentSink args;
+        NetworkSink args;
         std::vector<float> bias;
         Index width;  // of the finer image
-        bool box;
+        bool decoded, feeds;
         std::vector<std::vector<Part>> parts;  // by row of the finer image
         std::vector<int> left;                 // parts that a row waits for
         std::vector<int> slot, free;           // memory of rows that have begun, and of none
@@ -186,8 +195,8 @@ struct MomentBake::State {
         Index plane;
     };
 
-    std::shared_ptr<const MomentNetwork> network;
-    MomentBakeArgs args;
+    std::shared_ptr<const Network> network;
+    NetworkBakeArgs args;
     std::vector<Sink> sinks;
     std::vector<float> bias;
     Index latents, plane, ring_rows, encoded, done = 0;
@@ -198,9 +207,9 @@ struct MomentBake::State {
     std::vector<std::unique_ptr<Floats>> scratch;
     Index scratch_floats;
 
-    State(std::shared_ptr<const MomentNetwork> given, const MomentBakeArgs& a)
+    State(std::shared_ptr<const Network> given, const NetworkBakeArgs& a)
         : network(std::move(given)), args(a), bias(network->padded(a.bias)) {
-        const MomentKernelNetwork& net = network->kernel;
+        const KernelNetwork& net = network->kernel;
         latents = net.moments + net.learned;
         plane = rounded_up(args.width + 2 * args.reach, kSlack) + kTile + 2 * kSlack;
         ring_rows = kBand + 2 * args.reach;
@@ -211,15 +220,24 @@ struct MomentBake::State {
         scratch_floats = std::max(MIPBAKE_DISPATCH(network_encode_scratch)(net),
                                   MIPBAKE_DISPATCH(network_decode_scratch)(net, args.reach));
         for (int i = 0; i < num_threads(); ++i) scratch.push_back(std::make_unique<Floats>(scratch_floats));
-        for (int i = 0; i < args.sink_count; ++i) sinks.push_back(sink(args.sinks[i]));
+        for (int i = 0; i < args.sink_count; ++i) {
+            sinks.push_back(sink(args.sinks[i]));
+            const int source = args.sinks[i].source;
+            if (source >= 0) sinks[static_cast<std::size_t>(source)].feeds = true;
+        }
     }
 
-    Sink sink(const MomentSink& given) const {
-        const bool box = given.out == nullptr;
+    Sink sink(const NetworkSink& given) const {
+        const bool decoded = given.out != nullptr;
         const Index width =
             given.source < 0 ? args.width : sinks[static_cast<std::size_t>(given.source)].args.columns.n;
         const Index height = given.source < 0 ? args.height : sinks[static_cast<std::size_t>(given.source)].args.rows.n;
-        Sink out = {given, box ? std::vector<float>() : network->padded(given.bias), width, box, {}, {}, {}, {}, {}, 0};
+        Sink out = {given, decoded ? network->padded(given.bias) : std::vector<float>(),
+                    width, decoded,
+                    false, {},
+                    {},    {},
+                    {},    {},
+                    0};
         out.parts.resize(static_cast<std::size_t>(height));
         out.left.resize(static_cast<std::size_t>(given.rows.n));
         out.slot.assign(static_cast<std::size_t>(given.rows.n), -1);
@@ -268,7 +286,7 @@ struct MomentBake::State {
     }
 
     void encode(Index begin, Index end) {
-        const MomentKernelNetwork& net = network->kernel;
+        const KernelNetwork& net = network->kernel;
         const Index halo = net.halo, wide = args.width + 2 * args.reach;
         std::vector<Index> rows, columns;
         for (Index y = begin - halo; y < end + halo; ++y) rows.push_back(placed(y, args.height, args.wrap_rows));
@@ -292,7 +310,7 @@ struct MomentBake::State {
     }
 
     void decode_top(Index begin, Index end) {
-        const MomentKernelNetwork& net = network->kernel;
+        const KernelNetwork& net = network->kernel;
         const auto kernel = MIPBAKE_DISPATCH(network_top);
         const Index tiles = (args.width + kChunk - 1) / kChunk;
         std::vector<const float*> rows;  // around the first row and on
@@ -312,16 +330,16 @@ struct MomentBake::State {
         });
     }
 
-    // Adds rows of an image to all that are filtered from it, `source` as MomentSink has it.
+    // Adds rows of an image to all that are filtered from it, `source` as NetworkSink has it.
     void feed(int source, const std::vector<Row>& rows, Index row_plane) {
         for (std::size_t index = 0; index < sinks.size(); ++index)
             if (sinks[index].args.source == source) add(static_cast<int>(index), rows, row_plane);
     }
 
     void add(int index, const std::vector<Row>& rows, Index row_plane) {
-        const MomentKernelNetwork& net = network->kernel;
+        const KernelNetwork& net = network->kernel;
         Sink& sink = sinks[static_cast<std::size_t>(index)];
-        const Index detail = sink.box ? 0 : net.detail;
+        const Index detail = sink.decoded ? net.detail : 0;
         std::vector<AddRow> adds;
         std::vector<int> finished;
         for (const Row& row : rows)
@@ -344,22 +362,18 @@ struct MomentBake::State {
         parallel_for(sink.width, kColumns, [&](Index begin, Index end) {
             for (const AddRow& each : adds) kernel(each, latents, detail, begin, end);
         });
-        if (!sink.box) {
-            for (const int row : finished) across(sink, row, nullptr, 0);
-        } else {
-            const Index wide = rounded_up(sink.args.columns.n, kSlack) + kSlack;
-            for (const int row : finished) {
-                const Floats made(latents * wide);
-                across(sink, row, made.data(), wide);
-                feed(index, {{row, made.data()}}, wide);
-            }
+        const Index wide = sink.feeds ? rounded_up(sink.args.columns.n, kSlack) + kSlack : 0;
+        for (const int row : finished) {
+            const Floats made(latents * wide);
+            across(sink, row, sink.feeds ? made.data() : nullptr, wide);
+            if (sink.feeds) feed(index, {{row, made.data()}}, wide);
         }
         for (const int row : finished) sink.free.push_back(sink.slot[static_cast<std::size_t>(row)]);
     }
 
     void across(const Sink& sink, int row, float* planes, Index planes_stride) {
-        const MomentKernelNetwork& net = network->kernel;
-        const Index channels = latents + (sink.box ? 0 : net.detail);
+        const KernelNetwork& net = network->kernel;
+        const Index channels = latents + (sink.decoded ? net.detail : 0);
         const float* const sums = sink.sums[static_cast<std::size_t>(sink.slot[static_cast<std::size_t>(row)])].data();
         const auto transpose = MIPBAKE_DISPATCH(network_transpose);
         parallel_for(sink.width, kColumns, [&](Index begin, Index end) {
@@ -370,7 +384,7 @@ struct MomentBake::State {
         parallel_for(columns.n, kChunk, [&](Index begin, Index end) {
             const Index at = begin * columns.taps;
             float* const out =
-                sink.box ? nullptr : sink.args.out + (static_cast<Index>(row) * columns.n + begin) * net.channels;
+                sink.decoded ? sink.args.out + (static_cast<Index>(row) * columns.n + begin) * net.channels : nullptr;
             const AcrossTile tile = {transposed.data(),
                                      texel,
                                      columns.index + at,
@@ -401,14 +415,14 @@ struct MomentBake::State {
     }
 };
 
-MomentBake::MomentBake(std::shared_ptr<const MomentNetwork> network, const MomentBakeArgs& args)
+NetworkBake::NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args)
     : state_(std::make_unique<State>(std::move(network), args)) {}
 
-MomentBake::~MomentBake() = default;
+NetworkBake::~NetworkBake() = default;
 
-std::int64_t MomentBake::rows_done() const { return state_->done; }
+std::int64_t NetworkBake::rows_done() const { return state_->done; }
 
-void MomentBake::advance() {
+void NetworkBake::advance() {
     if (state_->done < state_->args.height) state_->advance();
 }
 

@@ -29,17 +29,18 @@ struct PackedLayer {
 };
 
 // What all kernels know of a network.
-struct MomentKernelNetwork {
-    int made;  // index among the models that are made
+struct KernelNetwork {
+    NetworkKind kind;
+    int read, made;  // models, by their index
     NetworkLimits limits;
-    std::int64_t moments, learned, detail, features, outputs, channels;
+    std::int64_t moments, learned, detail, channels;
     int halo;
     // Planes of a tile: inputs, then what layers add. tile_stride: floats from row to row.
     std::int64_t tile_stride, tile_plane;
     const PackedLayer* encoder;
     int encoder_layers, convolutions;
-    PackedLayer project;
-    const PackedLayer* decoder;  // the last of them makes what texels are corrected by
+    PackedLayer whiten, project;  // the former of latent networks alone
+    const PackedLayer* decoder;   // the last of them makes what texels are corrected by
     int decoder_layers;
 };
 
@@ -87,15 +88,15 @@ struct AddRow {
     bool first;
 };
 
-MIPBAKE_FOR_EACH_ISA(MomentCounts network_counts(int made);
+MIPBAKE_FOR_EACH_ISA(NetworkCounts network_kernel_counts(NetworkKind kind, int read, int made);
                      // Outputs of a block, and the packed weights of a layer.
                      int network_block(); void network_pack(const float* weight, std::int64_t outputs,
                                                             std::int64_t inputs, std::int64_t blocks, float* packed);
-                     std::int64_t network_encode_scratch(const MomentKernelNetwork&);
-                     void network_encode(const MomentKernelNetwork&, const EncodeTile&, float* scratch);
-                     std::int64_t network_decode_scratch(const MomentKernelNetwork&, int reach);
-                     void network_top(const MomentKernelNetwork&, const TopTile&, float* scratch);
-                     void network_across(const MomentKernelNetwork&, const AcrossTile&, float* scratch);
+                     std::int64_t network_encode_scratch(const KernelNetwork&);
+                     void network_encode(const KernelNetwork&, const EncodeTile&, float* scratch);
+                     std::int64_t network_decode_scratch(const KernelNetwork&, int reach);
+                     void network_top(const KernelNetwork&, const TopTile&, float* scratch);
+                     void network_across(const KernelNetwork&, const AcrossTile&, float* scratch);
                      // Channels [0, channels) by `sharp`, and `detail` further ones, of the first channels, by `plain`.
                      void network_add(const AddRow&, std::int64_t channels, std::int64_t detail, std::int64_t begin,
                                       std::int64_t end);

@@ -130,6 +130,16 @@ MIPBAKE_INLINE void put_tensor(const T& log_roughness, const Pair<T>& stretch, f
     out.put(shrink * stretch.y);
 }
 
+// Cosine and sine of half an angle between -pi and pi, from those of the angle: the larger of both first.
+template <class T>
+MIPBAKE_INLINE Pair<T> half_turned(const T& cosine, const T& sine) {
+    const T zero(0.0f), half(0.5f);
+    const T more = square_root((T(1.0f) + magnitude(cosine)) * half), less = magnitude(sine) * half / more;
+    const auto ahead = cosine >= zero;
+    const T across = select(ahead, less, more);
+    return {select(ahead, more, less), select(sine < zero, -across, across)};
+}
+
 // Roughness of the narrower axis, direction of the wider one and strength, as KHR_materials_anisotropy stores them.
 template <class T>
 struct Lines {
@@ -149,13 +159,9 @@ MIPBAKE_INLINE Lines<T> lines_of(const Statistics<R, T>& found, const T& roughne
     const T squared = square_length(vector);
     const auto stretched = squared > T(kLeast);
     const T size = square_root(select(stretched, squared, one));
-    // Cosine and sine of half of the vector's angle, the larger of both first.
     const T cosine = select(stretched, vector.x / size, one), sine = select(stretched, vector.y / size, zero);
-    const T more = square_root((one + magnitude(cosine)) * half), less = magnitude(sine) * half / more;
-    const auto ahead = cosine >= zero;
-    const T across_size = select(ahead, less, more);
     Lines<T> out;
-    out.direction = {select(ahead, more, less), select(sine < zero, -across_size, across_size)};
+    out.direction = half_turned(cosine, sine);
     const T bend = select(stretched, size, zero) * half;
     out.narrow = larger(roughness * exponential(-bend), smaller(roughness, T(kMinRoughness)));
     const T across = out.narrow * out.narrow;

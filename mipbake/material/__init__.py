@@ -57,6 +57,7 @@ from mipbake.material.models import (
     least_alpha2,
     losses,
     model_named,
+    most_roughness,
     regularise,
 )
 from mipbake.material.tensors import (
@@ -113,6 +114,7 @@ __all__ = [
     "losses",
     "mean_eigenvalue",
     "model_named",
+    "most_roughness",
     "positive_definite",
     "regularise",
     "rgb",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from mipbake.errors import UsageError
 from mipbake.material.beckmann import BECKMANN
 from mipbake.material.ggx import GGX
 from mipbake.material.gltf import GLTF, GLTF_ANISOTROPIC
-from mipbake.material.kinds import Kind
+from mipbake.material.kinds import MAX_LOG_ALPHA2, Kind
 from mipbake.material.model import MaterialModel
 from mipbake.material.tensors import Array
 
@@ -36,6 +37,11 @@ def model_named(name: str) -> MaterialModel:
 def least_alpha2(model: str) -> float:
     """The least eigenvalue of S that stacks hold: narrower lobes are not shaded, or in `beckmann` their twins."""
     return model_named(model).least_alpha2
+
+
+def most_roughness(model: MaterialModel) -> float:
+    """The greatest roughness of a lobe: 1, or beyond it where a model stores its logarithm."""
+    return math.exp(MAX_LOG_ALPHA2 / 4) if model.of(Kind.LOG_TENSOR) else 1.0
 
 
 def regularise(stored: Array, model: str) -> Array:

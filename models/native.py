@@ -1,0 +1,142 @@
+"""Networks in the native core (csrc/cpu/network.cpp): packed weights, and a bake of every level.
+
+The native core goes down level 0 in bands of rows. It encodes them, filters and decodes level 0, and adds the band to
+the rows of coarser images of latents that it is a part of. A row of these that has all its parts is decoded as a row of
+its level, handed on to images that are coarser still, or both. Latents of a level are never held, but for the rows that
+wait for their last part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import _native
+from mipbake.material import MODELS, MaterialModel, most_roughness
+from mipbake.pixel_filter import Wrap
+
+Tensors = Mapping[str, NDArray[np.float32]]
+Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""(G, C) or (G, C, 3, 3) weights and (G,) biases."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What csrc/network says that a network must have: channels that are read and made, and numbers of its parts."""
+
+    read: int
+    made: int
+    inputs: int
+    moments: int
+    detail: int
+    features: int
+    outputs: int
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What texels of an axis are summed from: (n, taps) each, `sharp` by the sharpened filter and `plain` by it."""
+
+    index: NDArray[np.int32]
+    sharp: NDArray[np.float32]
+    plain: NDArray[np.float32]
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+        """As the native core takes them."""
+        return self.index, self.sharp, self.plain
+
+
+@dataclass(frozen=True, eq=False)
+class Sink:
+    """An image of latents that is filtered from a finer one.
+
+    Args:
+        source: index of the finer one among the sinks before it; -1 for level 0.
+        rows, columns: what its texels are summed from.
+        out: (H_L, W_L, C) a level that is decoded from it; None where it is there for coarser ones alone.
+        biases: of the decoder's layers one after the other, for that level.
+    """
+
+    source: int
+    rows: Axis
+    columns: Axis
+    out: NDArray[np.float32] | None = None
+    biases: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Top:
+    """Level 0.
+
+    Args:
+        sharp: (n,) taps of its filter, n odd. plain: (n - 2,) the same without sharpening; (0,) where n is 1.
+        out: (H, W, C). biases: of the decoder's layers one after the other.
+    """
+
+    sharp: NDArray[np.float32]
+    plain: NDArray[np.float32]
+    out: NDArray[np.float32]
+    biases: NDArray[np.float32]
+
+
+_INDEX = {name: index for index, name in enumerate(MODELS)}  # as csrc/cpu/network_latents.h numbers them
+
+
+def counts(kind: str, read: MaterialModel, made: MaterialModel) -> Counts:
+    """What a network of a kind, "moments" or "latents", must have."""
+    found = Counts(*_native.network_counts(kind, _INDEX[read.name], _INDEX[made.name]))
+    if (found.read, found.made) != (read.channels, made.channels):
+        raise AssertionError(f"csrc/network/models.h has other channels for {read.name} or {made.name}")
+    return found
+
+
+def layer(tensors: Tensors, name: str) -> Layer:
+    """A layer by its name; KeyError where there is none."""
+    weight = tensors[f"{name}.weight"]
+    if weight.shape[2:] == (1, 1):
+        weight = weight[..., 0, 0]
+    return np.ascontiguousarray(weight), np.ascontiguousarray(tensors[f"{name}.bias"])
+
+
+def network(
+    kind: str,
+    read: MaterialModel,
+    made: MaterialModel,
+    whiten: Layer | None,
+    encoder: Sequence[Layer],
+    project: Layer,
+    decoder: Sequence[Layer],
+) -> _native.Network:
+    """Packed weights; ValueError where layers do not fit."""
+    least, most = float(made.least_alpha2) ** 0.25, most_roughness(made)
+    limits = [least, most, math.log(least), math.log(most), least**4, most**4]
+    return _native.Network(kind, _INDEX[read.name], _INDEX[made.name], limits, whiten, encoder, project, decoder)
+
+
+def bake(
+    packed: _native.Network,
+    stored: NDArray[np.float32],
+    wrap: Wrap,
+    top: Top,
+    sinks: Sequence[Sink],
+    progress: Callable[[float], None],
+) -> None:
+    """Bakes all that `top` and `sinks` have room for.
+
+    Args:
+        stored: (H, W, R) float32 stored channels of the model that is read. wrap: wrap mode along u and along v.
+        progress: told the finished share, from 0 to 1.
+    """
+    given = [(each.source, each.rows.arrays, each.columns.arrays, each.out, each.biases) for each in sinks]
+    stored = np.ascontiguousarray(stored, np.float32)
+    wraps = wrap[1] == "wrap", wrap[0] == "wrap"
+    running = _native.NetworkBake(packed, stored, *wraps, top.sharp, top.plain, top.biases, top.out, given)
+    done = 0
+    while done < len(stored):
+        done = running.advance()
+        progress(done / len(stored))
