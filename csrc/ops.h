@@ -96,8 +96,8 @@ struct NetworkLimits {
     float least_roughness, most_roughness, least_log_roughness, most_log_roughness, least_alpha2, most_alpha2;
 };
 
-// Networks whose latents are moments and learned maps (mipbake/models/moment_network.py), and networks whose latents
-// are all learned (mipbake/models/latent_network.py).
+// Networks whose latents are moments and learned maps (models/moment_network.py), and networks whose latents
+// are all learned (models/latent_network.py).
 enum class NetworkKind { moments, latents };
 
 // The decoder of a moment network sees features and learned latents, then what its layers make; the last layer also

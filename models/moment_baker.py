@@ -21,8 +21,8 @@ from mipbake.models.moment_config import MomentConfig
 from mipbake.models.native import Axis, Layer, Sink, Tensors, Top
 from mipbake.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
 
-_MOST_LEVEL = 8  # that the decoder tells apart; as MomentNetwork.decode has it
-_NAMED = 3  # numbers of the code that come before the pixel filter's
+_MOST_LEVEL = 8  # that the decoder tells apart. Not tuned: MomentNetwork.decode has the same
+_NAMED = 3  # numbers of the code that come before the pixel filter's. Not tuned: there are so many
 
 
 @dataclass(frozen=True, eq=False)

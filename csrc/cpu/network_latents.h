@@ -1,4 +1,4 @@
-// The kernels of latent networks (mipbake/models/latent_network.py), whose latents are all learned. The first layer of
+// The kernels of latent networks (models/latent_network.py), whose latents are all learned. The first layer of
 // their encoder whitens: it has one tap and is not rectified.
 #pragma once
 

@@ -1,4 +1,4 @@
-// The kernels of moment networks (mipbake/models/moment_network.py).
+// The kernels of moment networks (models/moment_network.py).
 #pragma once
 
 #include "cpu/network_tiles.h"

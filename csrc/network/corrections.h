@@ -1,5 +1,5 @@
 // What a decoder may change about averages, and the stored channels that come of it: the C++ side of
-// mipbake/models/corrections.py and direction.py, whose names and constants it has.
+// models/corrections.py and direction.py, whose names and constants it has.
 #pragma once
 
 #include "network/statistics.h"

@@ -1,5 +1,5 @@
 // Which channels the material models have that moment networks read and make. mipbake/material has the same layouts;
-// mipbake/models/moment_baker.py checks that they agree.
+// models/moment_baker.py checks that they agree.
 #pragma once
 
 namespace mipbake {

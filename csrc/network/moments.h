@@ -1,4 +1,4 @@
-// What is averaged of a texel, and what the encoder sees of it: the C++ side of mipbake/models/moments.py, in the order
+// What is averaged of a texel, and what the encoder sees of it: the C++ side of models/moments.py, in the order
 // of its dataclass. T is float or a packet of floats, one texel a lane.
 #pragma once
 

@@ -1,5 +1,5 @@
 // Stored channels to the parameters that latent networks read and make, and back: the C++ side of
-// mipbake/models/parameters.py. A model is one of models.h, made of what it reads.
+// models/parameters.py. A model is one of models.h, made of what it reads.
 #pragma once
 
 #include "network/corrections.h"

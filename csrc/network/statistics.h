@@ -1,5 +1,5 @@
 // What averages of moments tell, and the changes of the averages that they suggest: the C++ side of
-// mipbake/models/moment_statistics.py, whose names and constants it has.
+// models/moment_statistics.py, whose names and constants it has.
 #pragma once
 
 #include "network/moments.h"
