@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from mipbake import material
 from mipbake.aim import BAKED_SAMPLERS, BakedSampler
@@ -25,7 +24,7 @@ from mipbake.judging.weights import SEEN, SINGLE_LIGHTS, TERMS, Weight, Weights,
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import method_named
-from mipbake.prefilter.search import picture_samples, texel_coordinates, texel_descent
+from mipbake.prefilter.search import crops, picture_samples, texel_coordinates, texel_descent
 from mipbake.prefilter.search.blending import best
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import closed_forms
@@ -184,11 +183,11 @@ def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
 
 @pytest.mark.parametrize("model", material.MODELS)
 def test_coordinates_go_back_to_what_they_came_from(model: str) -> None:
-    stored = torch.from_numpy(constant((1,), model)).double()
+    stored = constant((1,), model).astype(float)
     coordinates = texel_coordinates.to_coordinates(stored, model)
     assert texel_coordinates.to_stored(coordinates, model) == pytest.approx(stored, abs=1e-6)
-    far = coordinates + 50 * torch.randn(64, coordinates.shape[-1], generator=torch.Generator().manual_seed(0))
-    out = texel_coordinates.to_stored(far, model).numpy()
+    far = coordinates + 50 * np.random.default_rng(0).standard_normal((64, coordinates.shape[-1]))
+    out = texel_coordinates.to_stored(far, model)
     assert out == pytest.approx(material.regularise(out, model), abs=1e-4)
 
 
@@ -202,10 +201,10 @@ def test_windows_cover_every_texel_once_and_see_their_neighbours(wrap, size) -> 
     rng = np.random.default_rng(0)
     for region in regions:
         for index in region.levels:
-            part = texel_coordinates.Crop(levels[index], region, task, True, 4)
+            part = crops.Crop(levels[index], region, task, True, 4)
             counts[index][part.window] += 1
             uv = part.pixels(1, rng)
-            every = texel_coordinates.Crop(levels[index], whole(task), task, False, 4)
+            every = crops.Crop(levels[index], whole(task), task, False, 4)
             inside = (uv >= region.origin).all(1) & (uv <= region.origin + region.extent).all(1)
             assert inside.any()
             assert part.bilinear(uv[inside]) == pytest.approx(every.bilinear(uv[inside]), abs=1e-4)
@@ -223,7 +222,7 @@ def test_pictures_of_a_window_see_the_texels_around_it(sampler: BakedSampler) ->
         for chunk in picture_samples.picture_chunks(task, region, level, 64, 1, rng):
             for index, _ in chunk.seen:
                 around = picture_samples.texels_around(task, region, index)
-                crop = texel_coordinates.Crop(levels[index], region, task, True, around)
+                crop = crops.Crop(levels[index], region, task, True, around)
                 np.testing.assert_allclose(crop.bilinear(chunk.uv), bilinear(levels[index], chunk.uv, WRAP), atol=2e-3)
 
 

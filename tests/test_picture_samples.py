@@ -40,7 +40,7 @@ def chunks_of(task: Problem) -> tuple[list[PictureChunk], list[np.ndarray]]:
     seen = []
     for chunk in chunks:
         parts = [
-            bilinear(levels[level], chunk.uv, WRAP) * (1 if share is None else share.numpy()[:, None])
+            bilinear(levels[level], chunk.uv, WRAP) * (1 if share is None else share[:, None])
             for level, share in chunk.seen
         ]
         seen.append(np.sum(parts, 0).astype(np.float32))

@@ -23,9 +23,6 @@ TABLES = {"import": table.python_parts(), "include": table.native_parts()}
 DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster")
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster)\.(ops|reference)$|mipbake\.raster\._device$"
-    # Gradients by texels; blending.py and stages.py import them when they are called.
-    r"|mipbake\.prefilter\.search\.(gauss_newton|level_fit|pair_weights|picture_samples|pixel_samples|texel_coordinates|texel_descent)$"
-    r"|mipbake\.reference\.lobes$"
 )
 
 

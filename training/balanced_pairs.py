@@ -28,6 +28,8 @@ from mipbake.models import surface
 from mipbake.models.moments import least_roughness
 from mipbake.reference import lobes
 
+Floats = NDArray[np.float32]
+
 if TYPE_CHECKING:
     from mipbake.training.balanced_loss import BalancedLossConfig
 
@@ -63,33 +65,33 @@ def draw_pairs(patches: Tensor, source: str, config: BalancedLossConfig, rng: np
     batch, counts = len(patches), config.kinds
     near, hemisphere, narrow, wide = counts
 
-    def uniform(*shape: int) -> Tensor:
-        return torch.from_numpy(rng.random(shape, np.float32))
+    def uniform(*shape: int) -> Floats:
+        return rng.random(shape, np.float32)
 
     view, weight = _views(sum(counts), batch, config.grazing, uniform)
     narrow_lobe, wide_lobe = _lobes(patches, source, rng)
     parts = [
-        _float(near_mirror_lights(rng, view[:near].reshape(-1, 3).double().numpy())).reshape(near, batch, 3),
-        _float(cosine_directions(rng, hemisphere * batch)).reshape(hemisphere, batch, 3),
+        near_mirror_lights(rng, view[:near].reshape(-1, 3).astype(float)).astype(np.float32).reshape(near, batch, 3),
+        cosine_directions(rng, hemisphere * batch).astype(np.float32).reshape(hemisphere, batch, 3),
     ]
     start = near + hemisphere
     for lobe, count in ((narrow_lobe, narrow), (wide_lobe, wide)):
         seen = view[start : start + count]
         parts.append(lobes.reflected(seen, lobes.half_vectors(lobe, uniform(count, batch), uniform(count, batch))))
         start += count
-    light = torch.cat(parts)
+    light = np.concatenate(parts)
     densities = lobes.near_mirror_density(light, view), lobes.hemisphere_density(light)
     mixture = near * densities[0] + hemisphere * densities[1]
     for lobe, count in ((narrow_lobe, narrow), (wide_lobe, wide)):
-        mixture = mixture + count * lobes.lobe_density(lobe, light, view)
+        mixture += count * lobes.lobe_density(lobe, light, view)
     above = light[..., 2] > 0
-    weights = torch.stack(densities) * (above * weight / mixture.clamp(min=1e-9))
-    light = torch.where(above[..., None], light, torch.tensor([0.0, 0.0, 1.0]))  # weighs nothing
+    weights = np.stack(densities) * (above * weight / np.maximum(mixture, 1e-9))
+    light = np.where(above[..., None], light, np.array([0, 0, 1], np.float32))  # weighs nothing
     room_light, room_view = _rooms(batch, config, rng)
     return Pairs(
-        torch.cat([light.transpose(0, 1), room_light], 1).contiguous(),
-        torch.cat([view.transpose(0, 1), room_view], 1).contiguous(),
-        weights.transpose(1, 2).clamp(max=_MOST_WEIGHT).contiguous(),
+        torch.cat([torch.from_numpy(light).transpose(0, 1), room_light], 1).contiguous(),
+        torch.cat([torch.from_numpy(view).transpose(0, 1), room_view], 1).contiguous(),
+        torch.from_numpy(np.minimum(weights, _MOST_WEIGHT)).transpose(1, 2).contiguous(),
         config.rooms,
     )
 
@@ -98,16 +100,17 @@ def _float(directions: NDArray[np.float64]) -> Tensor:
     return torch.from_numpy(directions.astype(np.float32))
 
 
-def _views(count: int, batch: int, grazing: float, uniform: Callable[..., Tensor]) -> tuple[Tensor, Tensor]:
+def _views(count: int, batch: int, grazing: float, uniform: Callable[..., Floats]) -> tuple[Floats, Floats]:
     """(count, batch, 3) views, part of them grazing, and (count, batch) weights that make them cosine-distributed."""
     flat = uniform(count, batch) < grazing
-    cosine = torch.where(flat, GRAZING * uniform(count, batch), uniform(count, batch).sqrt()).clamp(min=_LEAST_COSINE)
-    density = (1 - grazing) * 2 * cosine + grazing / GRAZING * (cosine < GRAZING)
-    sine, angle = (1 - cosine * cosine).sqrt(), 2 * math.pi * uniform(count, batch)
-    return torch.stack([sine * angle.cos(), sine * angle.sin(), cosine], -1), 2 * cosine / density
+    cosine = np.where(flat, GRAZING * uniform(count, batch), np.sqrt(uniform(count, batch)))
+    cosine = np.maximum(cosine, _LEAST_COSINE)
+    density = (1 - grazing) * 2 * cosine + np.float32(grazing / GRAZING) * (cosine < GRAZING)
+    sine, angle = np.sqrt(1 - cosine * cosine), 2 * math.pi * uniform(count, batch)
+    return np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1), 2 * cosine / density
 
 
-def _lobes(patches: Tensor, source: str, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+def _lobes(patches: Tensor, source: str, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """(B, 4) each: the lobe of one texel of each patch, and one as wide as all of the patch together.
 
     Lobes that are stretched count as round ones of as large an area.
@@ -120,7 +123,7 @@ def _lobes(patches: Tensor, source: str, rng: np.random.Generator) -> tuple[Tens
     slopes = normals[..., :2] / normals[..., 2:].clamp(min=0.1)
     alpha2 = roughness.clamp(min=least_roughness(model)).pow(4).mean(1) + slopes.var(1).sum(-1, keepdim=True)
     each = ((normals[one], roughness[one].square()), (normal, alpha2.sqrt()))
-    narrow, wide = (torch.cat([n, (_WIDER * a).clamp(_LEAST_ALPHA, 1)], -1) for n, a in each)
+    narrow, wide = (torch.cat([n, (_WIDER * a).clamp(_LEAST_ALPHA, 1)], -1).numpy() for n, a in each)
     return narrow, wide
 
 

@@ -27,6 +27,7 @@ from mipbake.judging.weights import Weights
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.search.ingredients import Bench, Ingredient, Rival
+from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
 from mipbake.prefilter.search.settling import between, settle
 from mipbake.reference.problem import Image, Problem
 
@@ -142,8 +143,6 @@ def best(found: Gathered) -> Blend:
 
 def fitted(found: Gathered) -> list[NDArray[np.float32]]:
     """Shares of every level's blend, fitted from the coarsest level to the finest."""
-    from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
-
     bench, train = found.bench, found.train
     target, last = found.problem.target, found.problem.last
     out: list[NDArray[np.float32]] = []

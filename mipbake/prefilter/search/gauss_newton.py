@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
+
+from mipbake.prefilter.search.small_systems import Reals, factored, solved
 
 _ABSOLUTE = 1e-3  # damping in units of the mean over blocks; a guess
 _BLOCKS = 2048  # blocks whose equations are solved at a time: they stay in the cache
@@ -33,69 +33,79 @@ class System:
 
     def __init__(
         self,
-        start: Tensor,
-        own: Tensor,
-        held: Tensor | None,
-        unit: Tensor,
-        limits: tuple[Tensor, Tensor],
+        start: Reals,
+        own: Reals,
+        held: Reals | None,
+        unit: Reals,
+        limits: tuple[Reals, Reals],
         damping: float,
     ) -> None:
         self._start, self._own, self._held, self._unit = start, own, held, unit
         self._low, self._high = limits
         self._damping = damping
-        diagonal = own.diagonal(dim1=-2, dim2=-1)
-        if held is not None:
-            diagonal = diagonal + held.diagonal(dim1=-2, dim2=-1)
-        self._least = _ABSOLUTE * (diagonal * unit.square()).mean(0) + 1e-12
-        self._factors: list[tuple[Tensor, Tensor]] = []
+        diagonal = _diagonals(own) if held is None else _diagonals(own) + _diagonals(held)
+        # In double precision: NumPy adds up rows one by one, of which there may be hundreds of thousands.
+        mean = (diagonal * np.square(unit)).mean(0, dtype=np.float64)
+        self._least = (_ABSOLUTE * mean + 1e-12).astype(unit.dtype)
+        self._factors: list[tuple[Reals, Reals]] = []
 
     def damped(self, damping: float) -> System:
         """The same equations, damped otherwise."""
         return System(self._start, self._own, self._held, self._unit, (self._low, self._high), damping)
 
-    def stepped(self, here: Tensor, gradient: Tensor) -> Tensor:
+    def stepped(self, here: Reals, gradient: Reals) -> Reals:
         """(B, P) unknowns a step from `here`, none of them farther than a unit.
 
-        An unknown at a limit that the first step would lead it out of stays where it is for all of the round.
+        An unknown at a limit that the first step would lead it out of stays where it is for all of the round. Blocks
+        whose equations have no solution, as where a curvature is not finite, do not move.
         """
-        out = torch.empty_like(here)
+        out = np.empty_like(here)
         first = not self._factors
         for index, begin in enumerate(range(0, len(here), _BLOCKS)):
             some = slice(begin, begin + _BLOCKS)
             unit, pull = self._unit[some], gradient[some]
             if self._held is not None:
-                pull = pull + (self._held[some] @ (here[some] - self._start[some])[..., None])[..., 0]
+                pull = pull + _times(self._held[some], here[some] - self._start[some])
             if first:
                 leaving = ((here[some] <= self._low) & (pull > 0)) | ((here[some] >= self._high) & (pull < 0))
                 self._factors.append(self._factor(some, leaving))
             factor, free = self._factors[index]
-            step = torch.cholesky_solve((pull * unit * free)[..., None], factor)[..., 0].nan_to_num(0, 0, 0)
-            moved = here[some] - unit * step / step.abs().amax(-1, keepdim=True).clamp(min=1)
-            out[some] = moved.maximum(self._low).minimum(self._high)
+            step = solved(factor, pull * unit * free)
+            moved = here[some] - unit * step / np.maximum(np.abs(step).max(-1, keepdims=True), 1)
+            out[some] = np.clip(moved, self._low, self._high)
         return out
 
-    def energy(self, here: Tensor) -> float:
+    def energy(self, here: Reals) -> float:
         """What leaving the start costs."""
         if self._held is None:
             return 0.0
-        away = (here - self._start)[..., None]
-        return 0.5 * float((away.mT @ self._held @ away).sum())
+        away = here - self._start
+        return 0.5 * float((away * _times(self._held, away)).sum())
 
-    def _factor(self, some: slice, fixed: Tensor) -> tuple[Tensor, Tensor]:
+    def _factor(self, some: slice, fixed: NDArray[np.bool_]) -> tuple[Reals, Reals]:
         """The Cholesky factors of some blocks in units, and 1 for the unknowns that are free in them, else 0."""
-        free = 1 - fixed.to(self._unit.dtype)
+        free = (~fixed).astype(self._unit.dtype)
         matrix = self._own[some] if self._held is None else self._own[some] + self._held[some]
         scale = self._unit[some] * free
         matrix = matrix * scale[..., :, None] * scale[..., None, :]
-        diagonal = matrix.diagonal(dim1=-2, dim2=-1)
-        diagonal += self._damping * diagonal + self._least * free + (1 - free)
-        factor, _ = torch.linalg.cholesky_ex(matrix)
-        return factor, free
+        each = np.arange(matrix.shape[-1])
+        matrix[:, each, each] += self._damping * matrix[:, each, each] + self._least * free + (1 - free)
+        return factored(matrix), free
+
+
+def _diagonals(matrices: Reals) -> Reals:
+    """(B, P) of (B, P, P)."""
+    return np.diagonal(matrices, axis1=-2, axis2=-1)
+
+
+def _times(matrices: Reals, vectors: Reals) -> Reals:
+    """(B, P) products of (B, P, P) and (B, P)."""
+    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
 
 
 def accepted(
-    system: System, here: Tensor, gradient: Tensor, value: Callable[[Tensor], float], before: float, damping: float
-) -> tuple[Tensor, float, float] | None:
+    system: System, here: Reals, gradient: Reals, value: Callable[[Reals], float], before: float, damping: float
+) -> tuple[Reals, float, float] | None:
     """A step by which the value falls, the value there, and the damping to go on with; None where there is none.
 
     Args:

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from mipbake import material
@@ -79,22 +78,22 @@ def fit_level(seen: Sequence[SeenAt], scores: Scores, judge: Judge) -> NDArray[n
 
     starts = [none, *np.tile(np.eye(len(none) // count), count)]  # the best of the ingredients
     best, start = min(((value(each), each) for each in starts), key=lambda found: found[0])
-    low, high = (torch.full(none.shape, end, dtype=torch.float64) for end in _RANGE)
-    held = 2 * _RIDGE * torch.eye(none.size, dtype=torch.float64)[None]
-    begin, unit = torch.from_numpy(start)[None], torch.ones(1, none.size, dtype=torch.float64)
+    low, high = (np.full(none.shape, end) for end in _RANGE)
+    held = 2 * _RIDGE * np.eye(none.size)[None]
+    begin, unit = start[None], np.ones((1, none.size))
     here, damping = begin, _DAMPING
     for turn in range(_ITERATIONS):
-        equations = [error.equations(here[0].numpy(), np.random.default_rng(turn), turn) for error in errors]
-        slope, curvature = (torch.from_numpy(np.sum(parts, 0))[None] for parts in zip(*equations, strict=True))
+        equations = [error.equations(here[0], np.random.default_rng(turn), turn) for error in errors]
+        slope, curvature = (np.sum(parts, 0)[None] for parts in zip(*equations, strict=True))
         system = System(begin, curvature, held, unit, (low, high), damping)
-        step = accepted(system, here, slope, lambda tried: value(tried[0].numpy()), best, damping)
+        step = accepted(system, here, slope, lambda tried: value(tried[0]), best, damping)
         if step is None:
             break
         before, (here, best, damping) = best, step
         damping = max(_DAMPING, damping)
         if before - best < _ENOUGH:
             break
-    return np.asarray(here[0].numpy(), np.float32)
+    return np.asarray(here[0], np.float32)
 
 
 class _Error:

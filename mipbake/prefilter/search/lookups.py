@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
+from mipbake.prefilter.search.crops import Crop
 from mipbake.prefilter.search.picture_samples import PictureChunk
 from mipbake.prefilter.search.pixel_samples import Chunk
-from mipbake.prefilter.search.texel_coordinates import Crop
 from mipbake.reference.problem import Image
 from mipbake.sampling.adjoint import scatter_linear
 
@@ -32,7 +32,7 @@ class Lookups:
         uv: dict[int, list[Image]] = {}
         for index, chunk in enumerate(chunks):
             for level, share in chunk.seen:
-                each = None if share is None else np.asarray(share.numpy()[:, None])
+                each = None if share is None else share[:, None]
                 self._parts.setdefault(level, []).append((index, each))
                 uv.setdefault(level, []).append(crops[level].local(chunk.uv))
         self._uv = {level: np.concatenate(each) for level, each in uv.items()}

@@ -107,19 +107,15 @@ class Searching:
     ) -> PrefilterResult:
         """See Prefilter. UsageError where named weights do not fit the target or the pixel filter."""
         clock = Clock(time.monotonic(), math.inf if self.seconds is None else self.seconds)
-        from mipbake.models.workers import one_torch_thread
-
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
         search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
         done = 0.0
-        # Tensors here are small and many, and two Python threads work on them.
-        with one_torch_thread():
-            for step in self.steps:
-                search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
-                done += step.share
-            promise = promised(search)
+        for step in self.steps:
+            search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
+            done += step.share
+        promise = promised(search)
         progress(1.0)
         taken = any(self._neural.name in sources for sources in search.blend.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None

@@ -19,9 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from mipbake.judging.judge import Judge
 from mipbake.judging.pairs import SET_SIZE
@@ -30,6 +28,7 @@ from mipbake.judging.scores import Errors, Scores
 from mipbake.judging.weights import BRIGHT, SEEN, TERMS
 from mipbake.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.prefilter.search.pixel_samples import PLAIN, Chunk
+from mipbake.reference.problem import Image
 from mipbake.shading import shade
 
 _SETS = 200  # random sets that phi is a mean over; a guess
@@ -72,19 +71,19 @@ class PairWeights:
         rows = self._slopes[-len(SEEN) :] / self._seen_means
         return np.array([np.interp(level, self._lods, row) for row in rows])
 
-    def of(self, chunk: Chunk) -> Tensor:
+    def of(self, chunk: Chunk) -> Image:
         """(K, P): what the squared error of each render, summed over colours, counts in the mean over pixels."""
         common, lods = self._common[chunk.level], chunk.lods
         slopes = [np.interp(lods, self._lods, each) for each in self._by_set()]
-        typical, pooled = torch.from_numpy(np.stack(slopes).astype(np.float32)).reshape(2, len(PAIR_SETS), -1)
+        typical, pooled = np.stack(slopes).astype(np.float32).reshape(2, len(PAIR_SETS), -1)
         if chunk.common is not None:
             part = len(chunk.common) // len(typical)
-            own, every = (each.repeat_interleave(part, 0) for each in (typical, pooled))
-            weight: Tensor = common.phi[chunk.common] * own + common.pooled[chunk.common] * every
-            return weight * (SET_SIZE / part / 3)
+            own, every = (np.repeat(each, part, 0) for each in (typical, pooled))
+            weight = common.phi[chunk.common] * own + common.pooled[chunk.common] * every
+            return np.asarray(weight * (SET_SIZE / part / 3))
         assert chunk.importance is not None
         basis = self.basis(chunk.light, chunk.view)
-        out = torch.zeros_like(basis[0])
+        out = np.zeros_like(basis[0])
         for kind, importance in enumerate(chunk.importance):
             phi = 1 / (_predicted(basis, common.fits[:, kind]) + common.others[kind])
             every = common.pooled[kind * (len(common.pooled) // len(PAIR_SETS))]
@@ -99,16 +98,16 @@ class PairWeights:
             + [np.sum([by_name[f"{kind}, {name}"] for kind in BRIGHT], 0) for name in PAIR_SETS]
         )
 
-    def basis(self, light: Tensor, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def basis(self, light: Image, view: Image) -> tuple[Image, Image, Image, Image]:
         """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""
         # Shaped so that a texel, prepared once, sees many pairs.
-        pairs = [d.reshape(1, *((-1, d.shape[-2]) if d.ndim > 2 else (1, -1)), 3).numpy() for d in (light, view)]
+        pairs = [d.reshape(1, *((-1, d.shape[-2]) if d.ndim > 2 else (1, -1)), 3) for d in (light, view)]
         texels = np.broadcast_to(self._material, (pairs[0].shape[2], PLAIN.channels))
-        radiance = torch.from_numpy(shade(PLAIN.name, texels, *pairs)).mean(-1).reshape(light.shape[:-1])
+        radiance = shade(PLAIN.name, texels, *pairs).mean(-1).reshape(light.shape[:-1])
         x, y, z = (light[..., axis] + view[..., axis] for axis in range(3))
-        height = z * (x * x + y * y + z * z).clamp(min=1e-12).rsqrt()
-        cosines = [d[..., 2].clamp(min=1e-3).log() for d in (view, light)]
-        return radiance.clamp(min=1e-5).log(), cosines[0], cosines[1], (1 - height).clamp(min=1e-4).log()
+        height = z / np.sqrt(np.maximum(x * x + y * y + z * z, 1e-12))
+        cosines = [np.log(np.maximum(d[..., 2], 1e-3)) for d in (view, light)]
+        return np.log(np.maximum(radiance, 1e-5)), cosines[0], cosines[1], np.log(np.maximum(1 - height, 1e-4))
 
 
 class _Common:
@@ -122,9 +121,7 @@ class _Common:
         self._signal = self._by_set(probe.signal)
         rng = np.random.default_rng(0)
         self._others = np.stack([rng.choice(each, SET_SIZE - 1, replace=False) for _ in range(_SETS)])
-        self._features = _features(weights.basis(torch.from_numpy(light), torch.from_numpy(view))).reshape(
-            len(PAIR_SETS), each, -1
-        )
+        self._features = _features(weights.basis(light, view)).reshape(len(PAIR_SETS), each, -1)
 
     def _by_set(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """(S, K, ...) of the pairs of each pair set, of (G, S * 64, ...)."""
@@ -143,22 +140,22 @@ class _Common:
             fits.append(_gamma_regression(features, error))
             others.append(1 / (1 / rest).mean())
         rows = (np.concatenate(phis), np.concatenate(pooled), np.stack(fits, 1), np.array(others))
-        self.phi, self.pooled, self.fits, self.others = (torch.from_numpy(row.astype(np.float32)) for row in rows)
+        self.phi, self.pooled, self.fits, self.others = (row.astype(np.float32) for row in rows)
 
 
-def _features(basis: tuple[Tensor, Tensor, Tensor, Tensor]) -> NDArray[np.float64]:
+def _features(basis: tuple[Image, Image, Image, Image]) -> NDArray[np.float64]:
     """(N, F) whose combinations predict logarithms of errors: the basis, and products of its angles."""
-    radiance, a, b, c = (each.double().numpy() for each in basis)
+    radiance, a, b, c = (each.astype(np.float64) for each in basis)
     return np.stack([np.ones_like(a), radiance, a, b, c, a * a, b * b, c * c, a * b, a * c, b * c], -1)
 
 
-def _predicted(basis: tuple[Tensor, Tensor, Tensor, Tensor], fit: Tensor) -> Tensor:
+def _predicted(basis: tuple[Image, Image, Image, Image], fit: Image) -> Image:
     """(...) exponentials of `_features` times (F,) coefficients."""
     radiance, a, b, c = basis
     one, r, a1, b1, c1, aa, bb, cc, ab, ac, bc = fit.tolist()
     by_a, by_b, by_c = a1 + aa * a + ab * b + ac * c, b1 + bb * b + bc * c, c1 + cc * c
-    out: Tensor = (one + r * radiance + a * by_a + b * by_b + c * by_c).exp()
-    return out
+    with np.errstate(over="ignore"):  # far from the common pairs, an error may seem infinite: its pair weighs nothing
+        return np.asarray(np.exp(one + r * radiance + a * by_a + b * by_b + c * by_c))
 
 
 def _gamma_regression(features: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

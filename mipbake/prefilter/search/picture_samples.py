@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from mipbake.judging.shown import KINDS_SHOWN, Shown, draw_shown
 from mipbake.metrics.visible import OPPONENT, SENSITIVITY, WEIGHT, bands_adjoint
@@ -38,7 +37,7 @@ class PictureChunk:
 
     level: int
     lower: int
-    share: Tensor | None
+    share: NDArray[np.float32] | None
     uv: NDArray[np.float64]
     lookups: int
     some: NDArray[np.intp]
@@ -46,7 +45,7 @@ class PictureChunk:
     kinds: NDArray[np.int64]
 
     @property
-    def seen(self) -> list[tuple[int, Tensor | None]]:
+    def seen(self) -> list[tuple[int, NDArray[np.float32] | None]]:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
 

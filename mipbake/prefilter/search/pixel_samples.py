@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from mipbake.material import MODELS, Kind
 from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, LightViewPairs
@@ -31,7 +30,7 @@ _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from 
 _MOST_SAMPLES = 128  # of a pixel; a guess
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow; the first is a seed
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
-_STEPS = _GOLDEN ** -torch.arange(1.0, _DIMENSIONS + 1, dtype=torch.float64)
+_STEPS = _GOLDEN ** -np.arange(1.0, _DIMENSIONS + 1)
 # Lobes that pairs are drawn from, so that tails are seen and densities stay finite; guesses.
 _WIDER, _LEAST_ALPHA = 1.2, 0.004
 
@@ -57,21 +56,21 @@ class Chunk:
 
     level: int
     lower: int
-    share: Tensor | None
+    share: NDArray[np.float32] | None
     uv: NDArray[np.float64]
-    light: Tensor
-    view: Tensor
-    importance: Tensor | None
-    common: Tensor | None
+    light: Image
+    view: Image
+    importance: Image | None
+    common: NDArray[np.int64] | None
     pixels: int = 1
 
     @property
     def lods(self) -> NDArray[np.float64]:
         """(P,) levels of detail."""
-        return self.lower + (np.zeros(len(self.uv)) if self.share is None else self.share.numpy().astype(float))
+        return self.lower + (np.zeros(len(self.uv)) if self.share is None else self.share.astype(float))
 
     @property
-    def seen(self) -> list[tuple[int, Tensor | None]]:
+    def seen(self) -> list[tuple[int, NDArray[np.float32] | None]]:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
 
@@ -92,16 +91,16 @@ class Lobes:
         args = problem.stored, problem.source, PLAIN.name, problem.pixel_filter, problem.wrap, lambda _: None
         return [cls(RULES[name](*args).levels) for name in ("linear", "lean")]
 
-    def at(self, level: int, uv: NDArray[np.float64]) -> Tensor:
+    def at(self, level: int, uv: NDArray[np.float64]) -> Image:
         """(P, 4) unit normal and alpha of the texel that contains each of (P, 2) uv."""
         texels = self.levels[level]
         height, width = texels.shape[:2]
         rows = np.clip((uv[:, 1] % 1 * height).astype(np.int64), 0, height - 1)
         columns = np.clip((uv[:, 0] % 1 * width).astype(np.int64), 0, width - 1)
-        stored = torch.from_numpy(texels[rows, columns])
+        stored = texels[rows, columns]
         (roughness,) = PLAIN.of(Kind.ROUGHNESS)
-        alpha = (_WIDER * stored[:, roughness].square()).clamp(_LEAST_ALPHA, 1)
-        return torch.cat([stored[:, PLAIN.normal], alpha], -1)
+        alpha = np.clip(_WIDER * np.square(stored[:, roughness]), _LEAST_ALPHA, 1)
+        return np.concatenate([stored[:, PLAIN.normal], alpha], -1)
 
 
 def own_pairs(
@@ -120,8 +119,8 @@ def own_pairs(
     """
     shifts = np.random.default_rng([_SHIFTS, level]).random((_DIMENSIONS, len(uv)), np.float32)
     for place, lods, lower in chunked(problem, level, len(uv), count, rng):
-        lobe = torch.stack([each.at(level, uv[place]) for each in lobes])
-        light, view, importance = _draw(lobe, count, turn, torch.from_numpy(shifts[:, place]))
+        lobe = [each.at(level, uv[place]) for each in lobes]
+        light, view, importance = _draw(lobe, count, turn, shifts[:, place])
         yield Chunk(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
 
 
@@ -132,12 +131,12 @@ def common_pairs(
 
     All pairs have their turn before any comes again.
     """
-    light, view = torch.from_numpy(pairs.light), torch.from_numpy(pairs.view)
+    light, view = pairs.light, pairs.view
     each, half = len(light) // 2, count // 2
     order = np.stack([rng.permutation(each), each + rng.permutation(each)])
     for place, lods, lower in chunked(problem, level, len(uv), count, rng):
         turns = (place * half + np.arange(half)[:, None]) % each
-        index = torch.from_numpy(order[:, turns].reshape(count, -1))
+        index = order[:, turns].reshape(count, -1)
         yield Chunk(level, lower, share_of(lods, lower), uv[place], light[index], view[index], None, index)
 
 
@@ -155,52 +154,59 @@ def chunked(
                 yield some[inside], lods[inside], lower
 
 
-def levels_seen(lower: int, share: Tensor | None) -> list[tuple[int, Tensor | None]]:
+def levels_seen(lower: int, share: NDArray[np.float32] | None) -> list[tuple[int, NDArray[np.float32] | None]]:
     """The levels that pixels look up, and (P,) the share of each; None for all of it."""
     return [(lower, None)] if share is None else [(lower, 1 - share), (lower + 1, share)]
 
 
-def share_of(lods: NDArray[np.float64], lower: int) -> Tensor | None:
+def share_of(lods: NDArray[np.float64], lower: int) -> NDArray[np.float32] | None:
     """(P,) share of the coarser of two levels in lookups; None where all are 0."""
-    return torch.from_numpy((lods - lower).astype(np.float32)) if (lods > lower).any() else None
+    return (lods - lower).astype(np.float32) if (lods > lower).any() else None
 
 
-def _draw(lobes: Tensor, pairs: int, turn: int, shifts: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Light and view (K, P, 3) for lobes (M, P, 4), and (S, K, P) importance weights.
+def _draw(lobes: Sequence[Image], pairs: int, turn: int, shifts: Image) -> tuple[Image, Image, Image]:
+    """Light and view (K, P, 3) for M lobes (P, 4) of each pixel, and (S, K, P) importance weights.
 
     Views are cosine-distributed in every pair set and here; given the view, lights are drawn from a mixture, the same
     number from each density: the densities of the pair sets, and half vectors distributed like each lobe. A pair weighs
     p / q / K in the mean over pairs of density p, where q is the mixture's density.
     """
     part = pairs // (2 + len(lobes))
-    index = (torch.arange(pairs) % part + turn * part).double()
-    steps = (index * _STEPS[:, None]).frac().float()[..., None]
+    steps = _fraction((np.arange(pairs) % part + turn * part) * _STEPS[:, None]).astype(np.float32)[..., None]
 
-    def uniform(axis: int, kind: int) -> Tensor:
-        return (steps[axis, kind * part : (kind + 1) * part] + shifts[axis]).frac()
+    def uniform(axis: int, kind: int) -> Image:
+        return _fraction(steps[axis, kind * part : (kind + 1) * part] + shifts[axis])
 
-    def cosine(u: Tensor, v: Tensor) -> Tensor:
-        radius, angle = u.sqrt(), v * (2 * math.pi)
-        return torch.stack([radius * angle.cos(), radius * angle.sin(), (1 - u).clamp(min=1e-8).sqrt()], -1)
-
-    view = cosine((steps[0] + shifts[0]).frac(), (steps[1] + shifts[1]).frac())
-    mirror = view * torch.tensor([-1.0, -1, 1])
+    view = _cosine(_fraction(steps[0] + shifts[0]), _fraction(steps[1] + shifts[1]))
+    spread = np.float32(NEAR_MIRROR_SPREAD)
+    mirror = view[:part] * np.array([-1, -1, 1], np.float32)
     # Box and Muller 1958: two normal numbers are made from two uniform numbers; the fourth is not needed.
-    radii = [(-2 * (1 - uniform(axis, 0)).clamp(min=1e-7).log()).sqrt() for axis in (2, 4)]
+    radii = [np.sqrt(-2 * np.log(np.maximum(1 - uniform(axis, 0), 1e-7))) for axis in (2, 4)]
     angles = [uniform(axis, 0) * (2 * math.pi) for axis in (3, 5)]
-    noise = torch.stack([radii[0] * angles[0].cos(), radii[0] * angles[0].sin(), radii[1] * angles[1].cos()], -1)
-    lights = [around.unit(mirror[:part] + NEAR_MIRROR_SPREAD * noise), cosine(uniform(2, 1), uniform(3, 1))]
+    noise = [radii[0] * np.cos(angles[0]), radii[0] * np.sin(angles[0]), radii[1] * np.cos(angles[1])]
+    lights = [around.unit(mirror + spread * np.stack(noise, -1)), _cosine(uniform(2, 1), uniform(3, 1))]
     for kind, lobe in enumerate(lobes, 2):
         seen = view[kind * part : (kind + 1) * part]
         lights.append(around.reflected(seen, around.half_vectors(lobe, uniform(2, kind), uniform(3, kind))))
-    light = torch.cat(lights)
+    light = np.concatenate(lights)
 
     near, hemisphere = around.around_mirror_density(light, view), around.hemisphere_density(light)
     density = near + hemisphere
     for lobe in lobes:
-        density = density + around.lobe_density(lobe, light, view)
-    scale = (light[..., 2] > 0) / (density * part).clamp(min=1e-12)
-    return light, view, torch.stack([around.near_mirror_density(light, view) * scale, hemisphere * scale])
+        density += around.lobe_density(lobe, light, view)
+    scale = (light[..., 2] > 0) / np.maximum(density * np.float32(part), 1e-12)
+    return light, view, np.stack([around.near_mirror_density(light, view) * scale, hemisphere * scale])
+
+
+def _fraction(x: NDArray[np.floating]) -> NDArray[Any]:
+    """What numbers that are not negative have behind the point, in their dtype."""
+    return np.asarray(x - np.floor(x))
+
+
+def _cosine(u: Image, v: Image) -> Image:
+    """(..., 3) cosine-distributed directions, of uniform numbers (...)."""
+    radius, angle = np.sqrt(u), v * (2 * math.pi)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(np.maximum(1 - u, 1e-8))], -1)
 
 
 def samples_at(level: int, samples: int) -> int:
@@ -211,5 +217,5 @@ def samples_at(level: int, samples: int) -> int:
 def estimates(problem: Problem, chunk: Chunk, samples: int, rng: np.random.Generator) -> Image:
     """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level."""
     samples = samples_at(chunk.level, samples)
-    lighting = PixelPairs(chunk.light.numpy(), chunk.view.numpy())
+    lighting = PixelPairs(chunk.light, chunk.view)
     return np.asarray(estimate(problem.filtered, Pixels(chunk.uv, chunk.lods), lighting, samples, rng)[0])

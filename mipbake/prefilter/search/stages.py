@@ -24,6 +24,7 @@ from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import Ingredient
 from mipbake.prefilter.search.regions import COARSE, TimedRegion, timed_regions
 from mipbake.prefilter.search.settling import between, settle
+from mipbake.prefilter.search.texel_descent import Descent, descend
 from mipbake.reference.problem import Image, Problem
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out; a guess.
@@ -152,8 +153,6 @@ class Descend:
 
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
-        from mipbake.prefilter.search.texel_descent import Descent, descend
-
         work, levels = search.work, [level.copy() for level in search.levels]
         problem, last = work.problem, work.problem.last
         worst = np.array([score.decibels.min() for score in search.before])

@@ -1,78 +1,98 @@
-"""Texels as coordinates to descend on, and the part of a level that a region of them sees.
+"""Texels as coordinates to descend on: any numbers, where stored channels have limits and unit lengths.
 
-Coordinates are what `mipbake.models.parameters` makes of each map: colours as they are, roughness as ln alpha^2,
-normals as x and y, directions as they are, strengths squared. A unit is chosen for each, about as large a change
-everywhere (`mipbake.material.FACTS`): normals in units of the lobe's width alpha, since what turns a mirror over is
-nothing to a rough surface.
+Colours stay as they are, roughness becomes ln alpha^2, a normal its x and y, and a strength its square; directions stay
+as they are. A unit is chosen for each, about as large a change everywhere (`mipbake.material.FACTS`): normals in units
+of the lobe's width alpha, since what turns a mirror over is nothing to a rough surface.
+
+Functions are pure and keep dtype and leading shape. `mipbake.models.parameters` has what `to_coordinates`, `to_stored`
+and `stored_adjoint` compute in torch, for networks that are trained; tests hold both against each other.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from mipbake import material, sampling
-from mipbake.material import FACTS, LEAST_STRENGTH, Facts, Kind, MaterialModel, model_named
-from mipbake.models import parameters
-from mipbake.reference.problem import Image, Problem, Region
+from mipbake.material import (
+    FACTS,
+    LEAST_STRENGTH,
+    MAX_LOG_GAMMA,
+    MIN_LOG_ALPHA2,
+    MIN_ROUGHNESS,
+    Facts,
+    Kind,
+    MaterialModel,
+    model_named,
+    unknown,
+)
+
+Reals: TypeAlias = NDArray[Any]
+"""float32 or float64."""
+
+MIN_HEIGHT = 0.01
+"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
+
+MAX_LOG_ALPHA2 = 2.0
+"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface. A guess.
+
+The least one is the floor that shading has, `least_alpha2` of the model."""
 
 _LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
+_SHORTEST = 1e-6  # length of a direction that it is divided by, at least; a guess
+_ROUND = 1e-12  # added to a square, so that the distance of equal eigenvalues has a derivative; a guess
 
 
-def to_coordinates(stored: Tensor, model: str) -> Tensor:
-    """(..., C) valid stored channels to (..., P) coordinates."""
+def to_coordinates(stored: Reals, model: str) -> Reals:
+    """(..., C) valid stored channels to (..., P) coordinates.
+
+    Roughness is raised to MIN_ROUGHNESS, strength to LEAST_STRENGTH.
+    """
     layout = model_named(model)
     if all(FACTS[part.kind].as_stored for part in layout.parts):
         return stored
-    return torch.cat([parameters.to_coordinates(stored[..., p.channels], p.kind) for p in layout.parts], -1)
+    return np.concatenate([_to(stored[..., part.channels], part.kind) for part in layout.parts], -1)
 
 
-def to_stored(coordinates: Tensor, model: str) -> Tensor:
-    """(..., P) coordinates, any numbers, to (..., C) valid stored channels, differentiable."""
+def to_stored(coordinates: Reals, model: str) -> Reals:
+    """(..., P) coordinates, any numbers, to (..., C) valid stored channels; the inverse of `to_coordinates`."""
     layout = model_named(model)
     parts = [(coordinates[..., part.coordinates], part.kind) for part in layout.parts]
-    return torch.cat([parameters.of_coordinates(*part, layout.least_alpha2) for part in parts], -1)
+    return np.concatenate([_of(*part, layout.least_alpha2) for part in parts], -1)
 
 
-def units(coordinates: Tensor, model: str) -> Tensor:
+def stored_adjoint(coordinates: Reals, gradient: Reals, model: str) -> Reals:
+    """(..., P) gradients by the coordinates, of (..., C) gradients by what `to_stored` makes of them.
+
+    A coordinate beyond a limit has no gradient where a descent would lead it farther beyond; where it would lead back,
+    the gradient passes, so that nothing gets stuck at a limit.
+    """
+    layout = model_named(model)
+    parts = [(coordinates[..., p.coordinates], gradient[..., p.channels], p.kind) for p in layout.parts]
+    return np.concatenate([_adjoint(*part, layout.least_alpha2) for part in parts], -1)
+
+
+def units(coordinates: Reals, model: str) -> Reals:
     """(..., P): how far a coordinate moves in one step at most."""
     layout = model_named(model)
-    out = coordinates.new_tensor([facts.step for facts in _facts(layout)]).expand_as(coordinates).clone()
-    width = _log_alpha(coordinates, layout).clamp(math.log(_LEAST_ALPHA), 0).exp()
+    steps = np.array([facts.step for facts in _facts(layout)], coordinates.dtype)
+    out: Reals = np.broadcast_to(steps, coordinates.shape).copy()
+    width = np.exp(np.clip(_log_alpha(coordinates, layout), math.log(_LEAST_ALPHA), 0))
     for part in layout.parts:
         if part.kind in (Kind.NORMAL, Kind.NORMAL_XY):
             out[..., part.coordinates] *= width
     return out
 
 
-def _facts(layout: MaterialModel) -> list[Facts]:
-    """Of each coordinate."""
-    return [each.facts for each in layout.stored for _ in range(each.facts.coordinates)]
-
-
-def _log_alpha(coordinates: Tensor, layout: MaterialModel) -> Tensor:
-    """(..., 1) the logarithm of a lobe's width, the mean over its axes; of the narrower one where a model has lines."""
-    for part in layout.parts:
-        own = coordinates[..., part.coordinates]
-        if part.kind is Kind.ROUGHNESS:
-            return own / 2
-        if part.kind is Kind.LOG_TENSOR:
-            return (own[..., 0:1] + own[..., 1:2]) / 4
-    raise AssertionError(f"the width of a lobe of {layout.name} is not known")
-
-
-def limits(coordinates: Tensor, model: str) -> tuple[Tensor, Tensor]:
+def limits(coordinates: Reals, model: str) -> tuple[Reals, Reals]:
     """(P,) least and largest value of each coordinate."""
-    low, high = coordinates.new_tensor([facts.range for facts in _facts(model_named(model))]).T
+    low, high = np.array([facts.range for facts in _facts(model_named(model))], coordinates.dtype).T
     return low, high
 
 
-def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:
+def without_heights(gradient: Reals, texels: Reals, model: str) -> Reals:
     """(..., D) gradients by stored channels less the height of the normal, which x and y settle: (..., C) to D.
 
     texels: (..., C) stored channels that the gradients were taken at.
@@ -85,140 +105,177 @@ def without_heights(gradient: Tensor, texels: Tensor, model: str) -> Tensor:
         own = gradient[..., part.channels]
         if part.kind is Kind.NORMAL:
             normal = texels[..., part.channels]
-            own = own[..., 0:2] - own[..., 2:3] * (normal[..., 0:2] / normal[..., 2:3].clamp(min=parameters.MIN_HEIGHT))
+            own = own[..., 0:2] - own[..., 2:3] * (normal[..., 0:2] / np.maximum(normal[..., 2:3], MIN_HEIGHT))
         out.append(own)
-    return torch.cat(out, -1)
+    return np.concatenate(out, -1)
 
 
-def per_coordinate(coordinates: Tensor, model: str) -> Tensor:
+def per_coordinate(coordinates: Reals, model: str) -> Reals:
     """(..., P) derivative of each channel of `without_heights` by its coordinate."""
-    out = torch.ones_like(coordinates)
+    out = np.ones_like(coordinates)
     for part in model_named(model).parts:
         own = coordinates[..., part.coordinates]
         if part.kind is Kind.ROUGHNESS:
-            out[..., part.coordinates] = (own / 4).exp() / 4
+            out[..., part.coordinates] = np.exp(own / 4) / 4
         elif part.kind is Kind.STRENGTH:
-            out[..., part.coordinates] = 0.5 * own.clamp(min=LEAST_STRENGTH**2).rsqrt()
+            out[..., part.coordinates] = 0.5 / np.sqrt(np.maximum(own, LEAST_STRENGTH**2))
         elif part.kind is not Kind.NORMAL and not FACTS[part.kind].as_stored:
             raise AssertionError(f"the derivative of {part.kind} is not known")
     return out
 
 
-@dataclass
-class Axis:
-    """Where the free texels of a level lie along one axis, and what is around them.
+def _facts(layout: MaterialModel) -> list[Facts]:
+    """Of each coordinate."""
+    return [each.facts for each in layout.stored for _ in range(each.facts.coordinates)]
+
+
+def _log_alpha(coordinates: Reals, layout: MaterialModel) -> Reals:
+    """(..., 1) the logarithm of a lobe's width, the mean over its axes; of the narrower one where a model has lines."""
+    for part in layout.parts:
+        own = coordinates[..., part.coordinates]
+        if part.kind is Kind.ROUGHNESS:
+            return own / 2
+        if part.kind is Kind.LOG_TENSOR:
+            return (own[..., 0:1] + own[..., 1:2]) / 4
+    raise AssertionError(f"the width of a lobe of {layout.name} is not known")
+
+
+def _to(stored: Reals, kind: Kind) -> Reals:
+    """`to_coordinates` of the channels of one kind."""
+    match kind:
+        case Kind.ROUGHNESS:
+            out: Reals = 4 * np.log(np.clip(stored, MIN_ROUGHNESS, 1))
+        case Kind.NORMAL:
+            out = stored[..., :2]
+        case Kind.STRENGTH:
+            out = np.square(np.clip(stored, LEAST_STRENGTH, 1))
+        case Kind.REFLECTANCE | Kind.SHARE | Kind.NORMAL_XY | Kind.DIRECTION | Kind.LOG_TENSOR | Kind.LOG_GAMMA:
+            out = stored
+        case _:
+            unknown(kind)
+    return out
+
+
+def _of(own: Reals, kind: Kind, least_alpha2: float) -> Reals:
+    """`to_stored` of the coordinates of one kind."""
+    match kind:
+        case Kind.REFLECTANCE | Kind.SHARE:
+            out: Reals = np.clip(own, 0, 1)
+        case Kind.ROUGHNESS:
+            out = np.exp(np.clip(own, MIN_LOG_ALPHA2, 0) / 4)
+        case Kind.NORMAL:
+            xy = _onto_disc(own)
+            out = np.concatenate([xy, np.sqrt(_height2(xy))], -1)
+        case Kind.NORMAL_XY:
+            out = _onto_disc(own)
+        case Kind.DIRECTION:
+            out = own / np.maximum(np.sqrt(_dot(own, own)), _SHORTEST)
+        case Kind.STRENGTH:
+            out = np.sqrt(np.clip(own, LEAST_STRENGTH**2, 1))
+        case Kind.LOG_TENSOR:
+            out = _Eigenvalues(own, math.log(least_alpha2)).tensor()
+        case Kind.LOG_GAMMA:
+            out = np.clip(own, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
+        case _:
+            unknown(kind)
+    return out
+
+
+def _adjoint(own: Reals, gradient: Reals, kind: Kind, least_alpha2: float) -> Reals:
+    """`stored_adjoint` of the coordinates of one kind."""
+    match kind:
+        case Kind.REFLECTANCE | Kind.SHARE:
+            out = _inward(own, gradient, 0, 1)
+        case Kind.ROUGHNESS:
+            roughness = np.exp(np.clip(own, MIN_LOG_ALPHA2, 0) / 4)
+            out = _inward(own, gradient * roughness / 4, MIN_LOG_ALPHA2, 0)
+        case Kind.NORMAL:
+            xy = _onto_disc(own)
+            height2 = _height2(xy)
+            slope = np.where(height2 > MIN_HEIGHT**2, xy / np.sqrt(height2), 0)
+            out = _onto_disc_adjoint(own, gradient[..., :2] - gradient[..., 2:] * slope)
+        case Kind.NORMAL_XY:
+            out = _onto_disc_adjoint(own, gradient)
+        case Kind.DIRECTION:
+            length = np.sqrt(_dot(own, own))
+            divisor = np.maximum(length, _SHORTEST)
+            turned = own * (_dot(own, gradient) / np.square(divisor))
+            out = (gradient - np.where(length >= _SHORTEST, turned, 0)) / divisor
+        case Kind.STRENGTH:
+            strength = np.sqrt(np.clip(own, LEAST_STRENGTH**2, 1))
+            out = _inward(own, gradient * 0.5 / strength, LEAST_STRENGTH**2, 1)
+        case Kind.LOG_TENSOR:
+            out = _Eigenvalues(own, math.log(least_alpha2)).adjoint(gradient)
+        case Kind.LOG_GAMMA:
+            out = _inward(own, gradient, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)
+        case _:
+            unknown(kind)
+    return out
+
+
+def _inward(x: Reals, gradient: Reals, low: float, high: float) -> Reals:
+    """Gradients by x, of gradients by x clipped to [low, high]: those that point farther outside are 0."""
+    outward = ((x < low) & (gradient > 0)) | ((x > high) & (gradient < 0))
+    return np.asarray(np.where(outward, 0, gradient))
+
+
+def _dot(a: Reals, b: Reals) -> Reals:
+    """(..., 1) inner products of (..., 2) vectors."""
+    return np.asarray(a[..., :1] * b[..., :1] + a[..., 1:] * b[..., 1:])
+
+
+def _onto_disc(xy: Reals) -> Reals:
+    """(..., 2): scaled back onto the unit disc where it lies outside."""
+    return np.asarray(xy / np.sqrt(np.maximum(_dot(xy, xy), 1)))
+
+
+def _onto_disc_adjoint(xy: Reals, gradient: Reals) -> Reals:
+    """(..., 2) gradients by xy, of gradients by `_onto_disc` of it: outside, what lies along it is lost."""
+    square = _dot(xy, xy)
+    divisor2 = np.maximum(square, 1)
+    lost = np.where(square >= 1, _dot(xy, gradient) / divisor2, 0)
+    return np.asarray((gradient - xy * lost) / np.sqrt(divisor2))
+
+
+def _height2(xy: Reals) -> Reals:
+    """(..., 1) square of the height of normals whose x and y lie in the unit disc."""
+    return np.asarray(np.maximum(1 - _dot(xy, xy), MIN_HEIGHT**2))
+
+
+class _Eigenvalues:
+    """A log-roughness tensor whose eigenvalues are held between `least` and MAX_LOG_ALPHA2.
+
+    With d = (a - b) / 2 and the mean m = (a + b) / 2, the eigenvalues are m + radius and m - radius.
 
     Args:
-        size: texels of the level. first, last: of the free texels; last is not one of them.
-        mode: what the level has beyond its ends. around: texels at both ends that are looked up as well.
+        log_tensor: (..., 3) a, b, c.
     """
 
-    size: int
-    first: int
-    last: int
-    mode: str
-    around: int
+    def __init__(self, log_tensor: Reals, least: float) -> None:
+        a, b, self._c = np.moveaxis(log_tensor, -1, 0)
+        mean, self._d = (a + b) / 2, (a - b) / 2
+        self._radius = np.sqrt(self._d * self._d + self._c * self._c + _ROUND)
+        self._ends = least, MAX_LOG_ALPHA2
+        self._raw = mean + self._radius, mean - self._radius
+        high, low = (np.clip(each, *self._ends) for each in self._raw)
+        self._mean, self._shrink = (high + low) / 2, (high - low) / (2 * self._radius)
 
-    @classmethod
-    def of(cls, size: int, low: float, high: float, mode: str, around: int) -> Axis:
-        # Rounded alike for neighbours: windows share no texel and leave none out.
-        first, last = round(low * size), round(high * size)
-        return cls(size, first, last, mode, around)
+    def tensor(self) -> Reals:
+        """(..., 3) a, b, c of the tensor that is held."""
+        along, across = self._shrink * self._d, self._shrink * self._c
+        return np.stack([self._mean + along, self._mean - along, across], -1)
 
-    @property
-    def whole(self) -> bool:
-        return self.last - self.first == self.size
-
-    @property
-    def index(self) -> NDArray[np.int64]:
-        """Texels of the crop: the free ones, with a ring of more around them where the level goes on."""
-        if self.whole:
-            return np.arange(self.size)
-        index = np.arange(self.first - self.around, self.last + self.around)
-        return index % self.size if self.mode == "wrap" else np.clip(index, 0, self.size - 1)
-
-    @property
-    def inside(self) -> slice:
-        """The free texels in the crop."""
-        return slice(None) if self.whole else slice(self.around, -self.around)
-
-    @property
-    def boundary(self) -> str:
-        return self.mode if self.whole else "clamp"
-
-    def local(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coordinates in units of the texture to coordinates in units of the crop."""
-        ring = 0 if self.whole else self.around
-        return np.asarray((u * self.size - self.first + ring) / (self.last - self.first + 2 * ring))
-
-    def pixels(self) -> tuple[int, int]:
-        """First and last cell of pixels that see free texels."""
-        low, high = (self.first, self.last) if self.whole else (self.first - 1, self.last + 1)
-        return (low, high) if self.mode == "wrap" else (max(low, 0), min(high, self.size))
-
-
-class Crop:
-    """The part of a level that a region sees, its free texels in coordinates.
-
-    Args:
-        level: (H, W, C) stored channels.
-        free: whether its texels inside the region may move.
-        around: texels around the region that are looked up as well, at least 4: pixels of a finer level read three.
-    """
-
-    def __init__(self, level: Image, region: Region, problem: Problem, free: bool, around: int) -> None:
-        self.model, wrap = problem.target, problem.wrap
-        self.columns = Axis.of(level.shape[1], region.left, region.right, wrap[0], around)
-        self.rows = Axis.of(level.shape[0], region.top, region.bottom, wrap[1], around)
-        self._around = np.ascontiguousarray(level[np.ix_(self.rows.index, self.columns.index)])
-        self.free = free and self.rows.last > self.rows.first and self.columns.last > self.columns.first
-        inside = torch.from_numpy(self._around[self.rows.inside, self.columns.inside])
-        self.coordinates = to_coordinates(inside, self.model)
-        self.now: Image = self._around
-        self.boundary = self.columns.boundary, self.rows.boundary
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        """The free texels in the level."""
-        return slice(self.rows.first, self.rows.last), slice(self.columns.first, self.columns.last)
-
-    def move(self, coordinates: Tensor) -> None:
-        """Moves the free texels to (h, w, P) coordinates; those out of range stop at its end."""
-        with torch.no_grad():
-            inside = to_stored(coordinates, self.model)
-            self.coordinates = to_coordinates(inside, self.model)
-        self.now = self._around.copy()
-        self.now[self.rows.inside, self.columns.inside] = inside.numpy()
-
-    def gradient(self, by_texel: Image) -> Tensor:
-        """(h, w, P) by the coordinates, from (h', w', C) by the stored channels of `now`."""
-        with torch.enable_grad():
-            coordinates = self.coordinates.detach().requires_grad_()
-            inside = to_stored(coordinates, self.model)
-            own = torch.from_numpy(by_texel[self.rows.inside, self.columns.inside])
-            # A sum: gradients that are given to autograd make it load symbolic algebra, which takes a second.
-            (out,) = torch.autograd.grad((inside * own).sum(), coordinates)
-        return out
-
-    def values(self, coordinates: Tensor) -> Image:
-        """(h, w, C) stored channels of coordinates of the free texels, unit vectors to the last digit."""
-        with torch.no_grad():
-            return np.asarray(material.regularise(to_stored(coordinates, self.model).numpy(), self.model), np.float32)
-
-    def local(self, uv: NDArray[np.float64]) -> Image:
-        """(P, 2) uv in units of the crop."""
-        return np.stack([self.columns.local(uv[:, 0]), self.rows.local(uv[:, 1])], -1).astype(np.float32)
-
-    def bilinear(self, uv: NDArray[np.float64]) -> Image:
-        """(P, C): the level as it is now at (P, 2) uv, bilinearly."""
-        where = self.local(uv)[None, None]
-        return np.asarray(
-            sampling.texture(self.now[None], where, filter_mode="linear", boundary_mode=self.boundary)[0, 0]
+    def adjoint(self, gradient: Reals) -> Reals:
+        """(..., 3) gradients by the tensor that was given, of gradients by the tensor that is held."""
+        by_a, by_b, by_c = np.moveaxis(gradient, -1, 0)
+        by_mean, by_along = by_a + by_b, by_a - by_b
+        by_shrink = by_along * self._d + by_c * self._c
+        split = by_shrink / (2 * self._radius)
+        by_high, by_low = (
+            _inward(raw, by_mean / 2 + sign * split, *self._ends) for raw, sign in zip(self._raw, (1, -1), strict=True)
         )
-
-    def pixels(self, least: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """(P, 2) uv: a random place in every texel that the region sees, several where there are few."""
-        (top, bottom), (left, right) = self.rows.pixels(), self.columns.pixels()
-        cells = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), -1).reshape(-1, 2)
-        cells = np.tile(cells, (-(-least // len(cells)), 1))
-        return np.asarray((cells + rng.random(cells.shape)) / [self.columns.size, self.rows.size])
+        by_radius = by_high - by_low - by_shrink * self._shrink / self._radius
+        by_d = by_along * self._shrink + by_radius * self._d / self._radius
+        by_across = by_c * self._shrink + by_radius * self._c / self._radius
+        half = (by_high + by_low) / 2
+        return np.stack([half + by_d / 2, half - by_d / 2, by_across], -1)

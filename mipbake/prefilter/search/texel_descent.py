@@ -18,21 +18,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.scores import Errors, Scores, spoken_snr
 from mipbake.judging.weights import SINGLE_LIGHTS, Weights
 from mipbake.prefilter.base import Progress, say
+from mipbake.prefilter.search.crops import Crop
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.gauss_newton import System, signs
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
 from mipbake.prefilter.search.picture_samples import PictureChunk, picture_chunks, picture_slopes, texels_around
 from mipbake.prefilter.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
-from mipbake.prefilter.search.texel_coordinates import Crop, limits, per_coordinate, units, without_heights
+from mipbake.prefilter.search.texel_coordinates import limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image, Problem, Region
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
@@ -56,8 +55,8 @@ _STRIDE = 2  # one in so many pairs takes part in curvature after the first roun
 class _State:
     """State of the texels of a level between rounds."""
 
-    held: Tensor | None = None  # (h, w, P, P) curvature of past rounds
-    mean: Tensor | None = None  # (h, w, P)
+    held: Image | None = None  # (h, w, P, P) curvature of past rounds
+    mean: Image | None = None  # (h, w, P)
 
 
 class Descent:
@@ -237,7 +236,7 @@ class _Drawn:
         weights: PairWeights,
         pictures: list[PictureChunk],
     ) -> _Drawn:
-        weighed = [(chunk, estimate, (weights.of(chunk) / chunk.pixels).numpy()) for chunk, estimate in renders]
+        weighed = [(chunk, estimate, weights.of(chunk) / np.float32(chunk.pixels)) for chunk, estimate in renders]
         counts = {chunk.level: weights.seen(chunk.level) for chunk in pictures}
         return cls(weighed, pictures, counts, Lookups(crops, [*(chunk for chunk, _ in renders), *pictures]))
 
@@ -263,21 +262,22 @@ def _round(
         for i, crop in free.items():
             by_texel = drawn.lookups.scattered(i, rows)
             if by_texel is not None:
-                flat = crop.coordinates.flatten(0, 1), crop.gradient(by_texel).flatten(0, 1)
-                crop.move(systems[i].stepped(*flat).reshape(crop.coordinates.shape))
+                here, slope = (_flat(each) for each in (crop.coordinates, crop.gradient(by_texel)))
+                crop.move(systems[i].stepped(here, slope).reshape(crop.coordinates.shape))
     age = turn + trust
     memory = 1 - 1 / min(1 + _MEMORY * age, _MOST_MEMORY)
     for i, state in states.items():
         state.held = memory * (curvature[i] if state.held is None else state.held + curvature[i])
         here = free[i].coordinates
-        state.mean = here if state.mean is None else state.mean.lerp(here, (_RECENT + 1) / (_RECENT + age + 1))
+        weight = (_RECENT + 1) / (_RECENT + age + 1)
+        state.mean = here if state.mean is None else state.mean + weight * (here - state.mean)
 
 
 def _gradients(model: str, drawn: _Drawn, texels: Sequence[Image]) -> list[NDArray[np.float32]]:
     """(P, C) of each chunk: half the gradients of what is minimised by what its pixels see."""
     rows = []
     for (chunk, estimate, weight), seen in zip(drawn.renders, texels, strict=False):
-        light, view = chunk.light.numpy()[None], chunk.view.numpy()[None]
+        light, view = chunk.light[None], chunk.view[None]
         off = shade(model, seen[None], light, view)
         off -= estimate
         off *= weight[..., None]
@@ -296,7 +296,7 @@ def _curvature(
     texels: Sequence[Image],
     turn: int,
     rng: np.random.Generator,
-) -> dict[int, Tensor]:
+) -> dict[int, Image]:
     """(h, w, P, P) of each level: sum over pixels of share times J^T w J, with J the derivative by its coordinates.
 
     Of the three colour channels of a render a combination with random signs is differentiated: over many renders, the
@@ -308,41 +308,50 @@ def _curvature(
     for (chunk, _, weight), seen in zip(drawn.renders, texels, strict=False):
         turned = signs((len(weight[some]), *weight.shape[1:], 3), rng)
         turned *= np.sqrt(stride * weight[some])[..., None]
-        light, view = (d.numpy()[some, None] for d in (chunk.light, chunk.view))
+        light, view = (d[some, None] for d in (chunk.light, chunk.view))
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
-        rows = without_heights(torch.from_numpy(by_pair), torch.from_numpy(seen), model).permute(1, 2, 0)
-        packed.append(_packed(torch.bmm(rows, rows.transpose(1, 2))))
+        packed.append(_packed(without_heights(by_pair, seen, model)))
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
         # The lookups of a pixel have equal shares in it, which sum to 1.
         by_lookup = picture.adjoint(model, seen, slopes.combinations(rng)) * np.float32(np.sqrt(picture.lookups))
-        rows = without_heights(torch.from_numpy(by_lookup), torch.from_numpy(seen), model)
-        packed.append(_packed(rows[:, :, None] * rows[:, None, :]))
+        packed.append(_packed(without_heights(by_lookup, seen, model)[None]))
     out = {}
     for i, crop in free.items():
         scale = per_coordinate(crop.coordinates, model)
         size = scale.shape[-1]
-        full = torch.zeros(*scale.shape, size)
+        full = np.zeros((*scale.shape, size), np.float32)
         summed = drawn.lookups.scattered(i, packed)
         if summed is not None:
-            inside = torch.from_numpy(summed[crop.rows.inside, crop.columns.inside])
-            upper = torch.triu_indices(size, size)
+            inside = summed[crop.rows.inside, crop.columns.inside]
+            upper = np.triu_indices(size)
             full[..., upper[0], upper[1]] = inside
             full[..., upper[1], upper[0]] = inside
-        out[i] = full * scale[..., :, None] * scale[..., None, :]
+        full *= scale[..., :, None]
+        full *= scale[..., None, :]
+        out[i] = full
     return out
 
 
-def _packed(grams: Tensor) -> Image:
-    """(P, D (D + 1) / 2): the upper halves of (P, D, D) symmetric matrices."""
-    upper = torch.triu_indices(*grams.shape[1:])
-    return np.asarray(grams[:, upper[0], upper[1]].numpy())
+def _packed(rows: Image) -> Image:
+    """(P, D (D + 1) / 2): the upper halves of the sums over K of the squares v v^T of (K, P, D) vectors v."""
+    turned = np.ascontiguousarray(np.moveaxis(rows, -1, 0))
+    first, second = np.triu_indices(len(turned))
+    out = np.empty((rows.shape[1], len(first)), np.float32)
+    for index, (i, j) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        out[:, index] = np.einsum("kp,kp->p", turned[i], turned[j])
+    return out
 
 
-def _system(crop: Crop, own: Tensor, held: Tensor | None) -> System:
+def _flat(values: Image) -> Image:
+    """(h w, ...) of (h, w, ...)."""
+    return values.reshape(-1, *values.shape[2:])
+
+
+def _system(crop: Crop, own: Image, held: Image | None) -> System:
     """The equations of the texels of a crop, of (h, w, P, P) curvatures."""
-    start = crop.coordinates.flatten(0, 1)
-    before = None if held is None else held.flatten(0, 1)
+    start = _flat(crop.coordinates)
+    before = None if held is None else _flat(held)
     unit, ends = units(start, crop.model), limits(start, crop.model)
-    return System(start, own.flatten(0, 1), before, unit, ends, _DAMPING)
+    return System(start, _flat(own), before, unit, ends, _DAMPING)
