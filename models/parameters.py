@@ -33,6 +33,7 @@ from mipbake.material import (
     LEAST_STRENGTH,
     MAX_LOG_ALPHA2,
     MAX_LOG_GAMMA,
+    MIN_HEIGHT,
     MIN_LOG_ALPHA2,
     MIN_ROUGHNESS,
     Kind,
@@ -41,9 +42,6 @@ from mipbake.material import (
     model_named,
     unknown,
 )
-
-MIN_HEIGHT = 0.01
-"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
 
 
 class _Clamp(torch.autograd.Function):

@@ -107,10 +107,6 @@ def test_coordinates_of_stored_channels_agree_with_the_twin(model: MaterialModel
     np.testing.assert_allclose(here.to_coordinates(here.to_stored(found, model.name), model.name), found, atol=1e-10)
 
 
-def test_limits_are_those_of_the_twin() -> None:
-    assert here.MIN_HEIGHT == parameters.MIN_HEIGHT and here.MAX_LOG_ALPHA2 == parameters.MAX_LOG_ALPHA2
-
-
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_single_precision_stays(model: MaterialModel) -> None:
     coordinates = random_coordinates(model, 0.3).astype(np.float32)

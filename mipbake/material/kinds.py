@@ -26,6 +26,9 @@ MAX_LOG_ALPHA2 = 2.0
 
 The least one is the floor that shading has, `least_alpha2` of the model."""
 
+MIN_HEIGHT = 0.01
+"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
+
 LEAST_STRENGTH = 1e-3
 """Anisotropy strength that a descent starts from at least: strength is squared when it is shaded, so no gradient leads
 away from 0 itself."""

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from mipbake.material import (
     FACTS,
     LEAST_STRENGTH,
+    MAX_LOG_ALPHA2,
     MAX_LOG_GAMMA,
+    MIN_HEIGHT,
     MIN_LOG_ALPHA2,
     MIN_ROUGHNESS,
     Facts,
@@ -31,14 +33,6 @@ from mipbake.material import (
 
 Reals: TypeAlias = NDArray[Any]
 """float32 or float64."""
-
-MIN_HEIGHT = 0.01
-"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
-
-MAX_LOG_ALPHA2 = 2.0
-"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface. A guess.
-
-The least one is the floor that shading has, `least_alpha2` of the model."""
 
 _LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
 _SHORTEST = 1e-6  # length of a direction that it is divided by, at least; a guess
