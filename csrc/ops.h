@@ -53,22 +53,24 @@ struct ShadeArgs {
 // f(theta, l, v), cosine included, into `radiance`: (B, K, N, 3), contiguous.
 void shade_cpu(const ShadeArgs& args, void* radiance);
 
-// Points of a surface under directional lights. Strides are in elements; 0 where it broadcasts.
+// B surfaces, points of each under directional lights of its own. Strides are in elements;
+// 0 where it broadcasts.
 struct ShadeLitArgs {
     int model;
     bool is_double;        // all arrays are double, else float
-    std::int64_t N, K;     // points, lights
-    const void* material;  // (N, C) stored channels
-    std::int64_t material_strides[2];
-    StridedArray3 frame;  // (N, 3, 3): rows t, b, n, the axes of tangent space, in the space of view and light
-    const void* view;     // (N, 3) unit vectors
-    std::int64_t view_strides[2];
-    const void* light;     // (K, 3) unit vectors, contiguous
-    const void* radiance;  // (K, 3) finite, contiguous
+    std::int64_t B, N, K;  // surfaces, points, lights
+    const void* material;  // (B, N, C) stored channels
+    std::int64_t material_strides[3];
+    const void* frame;  // (B, N, 3, 3): rows t, b, n, the axes of tangent space, in the space of view and light
+    std::int64_t frame_strides[4];
+    const void* view;  // (B, N, 3) unit vectors
+    std::int64_t view_strides[3];
+    const void* light;     // (B, K, 3) unit vectors, contiguous
+    const void* radiance;  // (B, K, 3) finite, contiguous
 };
 
-// The sum over the lights of radiance * f(theta, l, v) into `out`: (N, 3), contiguous. On the CPU alone, and without a
-// gradient: renders of meshes, which use it, run on NumPy arrays.
+// The sum over the lights of radiance * f(theta, l, v) into `out`: (B, N, 3), contiguous. On the CPU alone, and without
+// a gradient: renders of meshes, which use it, run on NumPy arrays.
 void shade_lit_cpu(const ShadeLitArgs& args, void* out);
 
 // The gradient of the sum of grad_radiance * f by the material, into `grad_material`. grad_radiance is (B, K, N, 3) and

@@ -185,3 +185,26 @@ def test_wrong_arguments_are_named(change: dict[str, Any], message: str) -> None
     }
     with pytest.raises(UsageError, match=message):
         shade_lit(**(arguments | change))
+
+
+@pytest.mark.parametrize("surfaces", [1, 3])
+def test_surfaces_have_points_and_lights_of_their_own(surfaces: int) -> None:
+    """An argument without an axis for surfaces is the same for all of them."""
+    rng = np.random.default_rng(4)
+    stored, frame, view, light, radiance = inputs("gltf", 70, 5)
+    lights = np.stack([directions(rng, 5) for _ in range(surfaces)]).astype(np.float32)
+    texels = np.stack([np.roll(stored, index, 0) for index in range(surfaces)])
+    found = shade_lit("gltf", texels, frame, view, lights, radiance)
+    assert found.shape == (surfaces, 70, 3)
+    for index in range(surfaces):
+        assert np.array_equal(found[index], shade_lit("gltf", texels[index], frame, view, lights[index], radiance))
+    twin_of_all = reference.shade_lit(
+        "gltf", *(torch.from_numpy(np.asarray(a, np.float64)) for a in (texels, frame, view, lights, radiance))
+    )
+    assert relative_error(found, twin_of_all.numpy()) < 1e-5
+
+
+def test_numbers_of_surfaces_must_fit() -> None:
+    stored, frame, view, light, radiance = inputs("gltf", 4, 2)
+    with pytest.raises(UsageError, match="material has 2, light has 3"):
+        shade_lit("gltf", np.stack([stored] * 2), frame, view, np.stack([light] * 3), radiance)

@@ -121,25 +121,27 @@ void shade_backward(const std::string& model, const Input& material, const Input
 
 void shade_lit(const std::string& model, const Input& material, const Input& frame, const Input& view,
                const Input& light, const Input& radiance, const Output& out) {
-    if (material.ndim() != 2 || light.ndim() != 2) throw nb::value_error("expected materials and lights of 2 axes");
+    if (material.ndim() != 3 || light.ndim() != 3) throw nb::value_error("expected materials and lights of 3 axes");
     if (material.device_type() != nb::device::cpu::value) throw nb::value_error("expected arrays on the CPU");
     const mipbake::ModelInfo info = mipbake::model_info(index_of(model));
-    const std::size_t N = material.shape(0), K = light.shape(0);
-    require(material, material, "material", {N, static_cast<std::size_t>(info.channels)}, false);
-    require(frame, material, "frame", {N, 3, 3}, false);
-    require(view, material, "view", {N, 3}, false);
-    require(light, material, "light", {K, 3}, true);
-    require(radiance, material, "radiance", {K, 3}, true);
-    require(out, material, "out", {N, 3}, true);
+    const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
+    require(material, material, "material", {B, N, static_cast<std::size_t>(info.channels)}, false);
+    require(frame, material, "frame", {B, N, 3, 3}, false);
+    require(view, material, "view", {B, N, 3}, false);
+    require(light, material, "light", {B, K, 3}, true);
+    require(radiance, material, "radiance", {B, K, 3}, true);
+    require(out, material, "out", {B, N, 3}, true);
     const mipbake::ShadeLitArgs args = {index_of(model),
                                         is_double(material),
+                                        static_cast<std::int64_t>(B),
                                         static_cast<std::int64_t>(N),
                                         static_cast<std::int64_t>(K),
                                         material.data(),
-                                        {material.stride(0), material.stride(1)},
-                                        strided(frame),
+                                        {material.stride(0), material.stride(1), material.stride(2)},
+                                        frame.data(),
+                                        {frame.stride(0), frame.stride(1), frame.stride(2), frame.stride(3)},
                                         view.data(),
-                                        {view.stride(0), view.stride(1)},
+                                        {view.stride(0), view.stride(1), view.stride(2)},
                                         light.data(),
                                         radiance.data()};
     void* const to = out.data();
@@ -165,10 +167,11 @@ void bind_shading(nb::module_& m) {
           nb::arg("radiance"), nb::arg("stream") = 0,
           "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) or both (B, K, N, 3) into radiance "
           "(B, K, N, 3).");
-    m.def("shade_lit", &shade_lit, nb::arg("model"), nb::arg("material"), nb::arg("frame"), nb::arg("view"),
-          nb::arg("light"), nb::arg("radiance"), nb::arg("out"),
-          "Writes the sum over lights (K, 3) of radiance (K, 3) * f(theta, l, v) of material (N, C) with frame "
-          "(N, 3, 3), view (N, 3) into out (N, 3).");
+    m.def(
+        "shade_lit", &shade_lit, nb::arg("model"), nb::arg("material"), nb::arg("frame"), nb::arg("view"),
+        nb::arg("light"), nb::arg("radiance"), nb::arg("out"),
+        "Writes the sum over lights (B, K, 3) of radiance (B, K, 3) * f(theta, l, v) of material (B, N, C) with frame "
+        "(B, N, 3, 3), view (B, N, 3) into out (B, N, 3).");
     m.def(
         "shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
         nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,

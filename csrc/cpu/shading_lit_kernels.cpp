@@ -24,17 +24,20 @@ struct LitKernel {
     static constexpr int lanes = Lanes<S>::count;
 
     // The points of the lanes from n on; lanes past n1 repeat the last one.
-    static Seen load(const ShadeLitArgs& args, std::int64_t n, std::int64_t n1) {
+    static Seen load(const ShadeLitArgs& args, std::int64_t b, std::int64_t n, std::int64_t n1) {
         S material[C][lanes], frame[9][lanes], view[3][lanes];
         for (int lane = 0; lane < lanes; ++lane) {
             const std::int64_t at = n + lane < n1 ? n + lane : n1 - 1;
-            const S* const channels = static_cast<const S*>(args.material) + at * args.material_strides[0];
-            for (int c = 0; c < C; ++c) material[c][lane] = channels[c * args.material_strides[1]];
-            const S* const axes = static_cast<const S*>(args.frame.data) + at * args.frame.strides[0];
+            const auto point = [&](const void* data, const std::int64_t* strides) {
+                return static_cast<const S*>(data) + b * strides[0] + at * strides[1];
+            };
+            const S* const channels = point(args.material, args.material_strides);
+            for (int c = 0; c < C; ++c) material[c][lane] = channels[c * args.material_strides[2]];
+            const S* const axes = point(args.frame, args.frame_strides);
             for (int i = 0; i < 9; ++i)
-                frame[i][lane] = axes[i / 3 * args.frame.strides[1] + i % 3 * args.frame.strides[2]];
-            const S* const to_view = static_cast<const S*>(args.view) + at * args.view_strides[0];
-            for (int i = 0; i < 3; ++i) view[i][lane] = to_view[i * args.view_strides[1]];
+                frame[i][lane] = axes[i / 3 * args.frame_strides[2] + i % 3 * args.frame_strides[3]];
+            const S* const to_view = point(args.view, args.view_strides);
+            for (int i = 0; i < 3; ++i) view[i][lane] = to_view[i * args.view_strides[2]];
         }
         W channels[C];
         for (int c = 0; c < C; ++c) channels[c] = load_widened(material[c], W());
@@ -72,9 +75,11 @@ struct LitKernel {
         return sum;
     }
 
-    static void points(const ShadeLitArgs& args, std::int64_t n0, std::int64_t n1, const Light<S>* lights, S* out) {
+    static void points(const ShadeLitArgs& args, std::int64_t b, std::int64_t n0, std::int64_t n1,
+                       const Light<S>* lights, S* all) {
+        S* const out = all + 3 * args.N * b;
         for (std::int64_t n = n0; n < n1; n += lanes) {
-            const Vec3<T> sum = shade(load(args, n, n1), lights, args.K);
+            const Vec3<T> sum = shade(load(args, b, n, n1), lights, args.K);
             if (n + lanes <= n1) {
                 store_interleaved(out + 3 * n, sum);
             } else {
@@ -88,7 +93,7 @@ struct LitKernel {
 
 template <class S>
 void make_lights(const ShadeLitArgs& args, Light<S>* lights) {
-    for (std::int64_t k = 0; k < args.K; ++k) {
+    for (std::int64_t k = 0; k < args.B * args.K; ++k) {
         const S* const l = static_cast<const S*>(args.light) + 3 * k;
         const S* const r = static_cast<const S*>(args.radiance) + 3 * k;
         lights[k].direction = {static_cast<double>(l[0]), static_cast<double>(l[1]), static_cast<double>(l[2])};
@@ -109,14 +114,15 @@ void shade_make_lights(const ShadeLitArgs& args, void* lights) {
     }
 }
 
-void shade_points(const ShadeLitArgs& args, std::int64_t n0, std::int64_t n1, const void* lights, void* out) {
+void shade_points(const ShadeLitArgs& args, std::int64_t surface, std::int64_t n0, std::int64_t n1, const void* lights,
+                  void* out) {
     Models::visit(args.model, [&](auto model) {
         using M = decltype(model);
         if (args.is_double) {
-            LitKernel<M, double>::points(args, n0, n1, static_cast<const Light<double>*>(lights),
+            LitKernel<M, double>::points(args, surface, n0, n1, static_cast<const Light<double>*>(lights),
                                          static_cast<double*>(out));
         } else {
-            LitKernel<M, float>::points(args, n0, n1, static_cast<const Light<float>*>(lights),
+            LitKernel<M, float>::points(args, surface, n0, n1, static_cast<const Light<float>*>(lights),
                                         static_cast<float*>(out));
         }
     });

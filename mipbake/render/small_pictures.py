@@ -100,13 +100,11 @@ class SmallPictures:
 
     def radiance(self, model: str, texels: Image) -> Image:
         """(N, PIXELS, 3) linear radiance of (N, PIXELS, C) looked-up texels."""
-        frame = np.broadcast_to(np.eye(3, dtype=np.float32), (texels.shape[1], 3, 3))
         out = np.empty((*texels.shape[:2], 3), np.float32)
-        for index, count in enumerate(self.lights.tolist()):
-            view = np.broadcast_to(self.view[index, 0], (texels.shape[1], 3))
-            out[index] = shade_lit(
-                model, texels[index], frame, view, self.light[index, :count], self.power[index, :count]
-            )
+        frame = np.broadcast_to(np.eye(3, dtype=np.float32), (texels.shape[1], 3, 3))
+        for some, light, _ in self._alike():
+            view = np.broadcast_to(self.view[some, :1], (len(some), texels.shape[1], 3))
+            out[some] = shade_lit(model, texels[some], frame, view, light, self.power[some, : light.shape[1]])
         return out
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 from mipbake.material import model_named
-from mipbake.shading._arguments import batch_shape, check_lit, per_texel
+from mipbake.shading._arguments import LIT_AXES, batch_shape, lit_batch, per_texel
 
 __all__ = ["models", "shade", "shade_lit"]
 
@@ -80,6 +80,9 @@ def shade_lit(
     f is the same as in `shade`. The points turn lights and viewer into their own tangent spaces, and nothing of K x N
     is ever stored. For NumPy arrays, on the CPU, without gradients.
 
+    Any argument but the model may have a leading axis for B surfaces, each with points and lights of its own; arguments
+    without it are the same for all.
+
     Args:
         model: a name in `mipbake.material.MODELS`.
         material: (N, C) stored channels of the model, float32 or float64, any strides; limits as in `shade`.
@@ -90,7 +93,7 @@ def shade_lit(
         radiance: (K, 3) of each light, its solid angle included: the irradiance of what faces it. Finite.
 
     Returns:
-        (N, 3) in the dtype of the material. Each point's sum runs over the lights in order, in that dtype; 0 where no
+        (N, 3), or (B, N, 3), in the dtype of the material. Each point's sum runs over the lights in order, in that dtype; 0 where no
         light is. In float32 within 1e-5 of the exact value of the same arguments, relatively, for alpha >= 0.002 and
         radiance of one sign. The same bits on every instruction set and for any number of threads.
 
@@ -102,14 +105,19 @@ def shade_lit(
 
     texels = _texels(material)
     axes, to_view, to_light, power = _like(texels, frame=frame, view=view, light=light, radiance=radiance)
-    check_lit(model_named(model).channels, texels.shape, axes.shape, to_view.shape, to_light.shape, power.shape)
+    given = (texels, axes, to_view, to_light, power)
+    batch = lit_batch(model_named(model).channels, *(array.shape for array in given))
     if not np.isfinite(power).all():
         raise UsageError(f"radiance holds a value that is not finite in {texels.dtype}: expected finite numbers")
-    out = np.empty((len(texels), 3), texels.dtype)
+    B = 1 if batch is None else batch
+    texels, axes, to_view, to_light, power = (
+        np.broadcast_to(_readable(array), (B, *array.shape[-axes_of:]))
+        for array, axes_of in zip(given, LIT_AXES.values(), strict=True)
+    )
+    out = np.empty((*texels.shape[:2], 3), texels.dtype)
     if out.size:
-        lights = contiguous(to_light), contiguous(power)
-        _native.shade_lit(model, _readable(texels), _readable(axes), _readable(to_view), *lights, out)
-    return out
+        _native.shade_lit(model, texels, axes, to_view, contiguous(to_light), contiguous(power), out)
+    return out[0] if batch is None else out
 
 
 def _texels(material: ArrayLike) -> NDArray[Any]:

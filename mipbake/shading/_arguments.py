@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mipbake.errors import UsageError
 
 Shape = tuple[int, ...]
@@ -32,15 +34,36 @@ def batch_shape(channels: int, material: Shape, light: Shape, view: Shape) -> tu
     given = {
         name: shape[0] for name, shape in (("material", material), ("light", light), ("view", view)) if len(shape) > 2
     }
+    return _batch_size(given), pair_count(light), material[-2]
+
+
+LIT_AXES = {"material": 2, "frame": 3, "view": 2, "light": 2, "radiance": 2}
+"""Arguments of `shade_lit`, and axes of each without one for surfaces."""
+
+
+def lit_batch(channels: int, *shapes: Shape) -> int | None:
+    """The number of surfaces B of the arguments of `shade_lit`, or None where none has an axis for surfaces.
+
+    UsageError where the shapes do not fit. `channels` is what the material model stores; `shapes` are in the order of
+    LIT_AXES.
+    """
+    given = {
+        name: shape[0] for (name, axes), shape in zip(LIT_AXES.items(), shapes, strict=True) if len(shape) == axes + 1
+    }
+    _check_lit(channels, *(shape[1:] if name in given else shape for name, shape in zip(LIT_AXES, shapes, strict=True)))
+    return _batch_size(given)
+
+
+def _batch_size(given: Mapping[str, int]) -> int | None:
+    """The one batch size of the arguments that have one, or None; UsageError where there are several."""
     sizes = {size for size in given.values() if size != 1}
     if len(sizes) > 1:
         listed = ", ".join(f"{name} has {size}" for name, size in given.items())
         raise UsageError(f"batch sizes do not fit: {listed}; expected each to be 1 or the same number")
-    return (sizes.pop() if sizes else 1) if given else None, pair_count(light), material[-2]
+    return (sizes.pop() if sizes else 1) if given else None
 
 
-def check_lit(channels: int, material: Shape, frame: Shape, view: Shape, light: Shape, radiance: Shape) -> None:
-    """UsageError where the shapes of `shade_lit` do not fit; `channels` is what the material model stores."""
+def _check_lit(channels: int, material: Shape, frame: Shape, view: Shape, light: Shape, radiance: Shape) -> None:
     if len(material) != 2 or material[1] != channels:
         raise UsageError(
             f"material has shape {_text(material)}: expected (N, {channels}), the model's {channels} stored channels"

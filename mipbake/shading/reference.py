@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from mipbake.material import DIELECTRIC_F0, MAX_LOG_GAMMA, MIN_ROUGHNESS, model_named
-from mipbake.shading._arguments import batch_shape, check_lit
+from mipbake.shading._arguments import LIT_AXES, batch_shape, lit_batch
 
 __all__ = ["MODELS", "beckmann_distribution", "distribution", "shade", "shade_lit"]
 
@@ -44,7 +44,13 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
 
 def shade_lit(model: str, material: Tensor, frame: Tensor, view: Tensor, light: Tensor, radiance: Tensor) -> Tensor:
     """The sum over lights of radiance f(theta, l, v): arguments, shapes and result of `mipbake.shading.shade_lit`."""
-    check_lit(model_named(model).channels, *(tuple(a.shape) for a in (material, frame, view, light, radiance)))
+    given = (material, frame, view, light, radiance)
+    surfaces = lit_batch(model_named(model).channels, *(tuple(each.shape) for each in given))
+    if surfaces is not None:
+        every = [
+            each.expand(surfaces, *each.shape[-axes:]) for each, axes in zip(given, LIT_AXES.values(), strict=True)
+        ]
+        return torch.stack([shade_lit(model, *one) for one in zip(*every, strict=True)])
     local_light = torch.einsum("nij,kj->kni", frame, light)
     local_view = torch.einsum("nij,nj->ni", frame, view).expand_as(local_light)
     f = shade(model, material, local_light[None], local_view[None])[0]

@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,10 +126,13 @@ def blend(found: Gathered, shares: Sequence[NDArray[np.float32]] | None = None) 
     shares = fitted(found) if shares is None else shares
     safe = [found.safe(level) for level in range(found.problem.last + 1)]
 
+    @cache
+    def made(index: int, level: int) -> Image:
+        return found.bench.fitted(1, index, level, shares[level])
+
     def texels(index: int, level: int, kept: float) -> Image:
         own = found.bench.seen(safe[level], 1, index, level)
-        made = found.bench.fitted(1, index, level, shares[level]) if kept else own
-        return between(own, made, kept, found.problem.target)
+        return between(own, made(index, level), kept, found.problem.target) if kept else own
 
     kept = settle(found.judge, found.check, texels, len(safe))
     return _made(found, [found.bench.mixture(*each) for each in zip(shares, safe, kept, strict=True)])

@@ -28,9 +28,14 @@ def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[flo
     """
     kept = [1.0] * levels
 
+    known: dict[tuple[int, tuple[float, ...]], Score] = {}  # many choices are looked at again and again
+
     def score(index: int) -> Score:
-        seen = [texels(index, level, kept[level]) for level in check.probes[index].levels]
-        return check.of(between_levels(seen), index)
+        much = tuple(kept[level] for level in check.probes[index].levels)
+        if (index, much) not in known:
+            seen = [texels(index, *each) for each in zip(check.probes[index].levels, much, strict=True)]
+            known[index, much] = check.of(between_levels(seen), index)
+        return known[index, much]
 
     now = [score(index) for index in range(len(check.probes))]
     for _ in range(2):
