@@ -119,3 +119,6 @@ def antialias_backward(
     workspace: Array | None = None,
     stream: int = 0,
 ) -> None: ...
+def resample(
+    image: Array, row_index: Array, row_weights: Array, column_index: Array, column_weights: Array, out: Array
+) -> None: ...

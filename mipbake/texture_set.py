@@ -42,6 +42,9 @@ from mipbake.material import GLTF_MODELS, MODELS, convert
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+_ORDER = ("base_color", "metallic", "roughness", "normal")
+"""Maps in the order in which the models of glTF store them; anisotropy follows where a set has it."""
+
 _Options = TypeVar("_Options", bound="DataclassInstance")
 
 __all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
@@ -104,11 +107,16 @@ class TextureSet:
 
     def material(self, model: str) -> NDArray[np.float32]:
         """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""
-        order = ("base_color", "metallic", "roughness", "normal")
-        maps = [*(self.maps[role].pixels for role in order), *([self._lines] if self.anisotropic else [])]
-        stored = np.concatenate(maps, -1)
-        converted = convert(stored, self.source_model, model)
+        converted = convert(self._stored(), self.source_model, model)
         return np.ascontiguousarray(converted, np.float32)
+
+    def _stored(self) -> NDArray[np.float32]:
+        """(H, W, C) of the source's own model: what the maps lie in, where they lie in one array."""
+        maps = [*(self.maps[role].pixels for role in _ORDER), *([self._lines] if self.anisotropic else [])]
+        whole = maps[0].base
+        if whole is not None and _lie_in(whole, maps):
+            return whole
+        return np.concatenate(maps, -1)
 
     @classmethod
     def from_arrays(
@@ -215,6 +223,8 @@ def load(
     if lost is not None:
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
+    del decoded, normals, texture, lost
+    _join(maps)
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
         warnings.append("the alpha cutoff is left out, because the set has no opacity")
@@ -231,6 +241,35 @@ def load(
         found.ignored,
         options.alpha_cutoff,
     )
+
+
+def _join(maps: dict[str, TextureMap]) -> None:
+    """Makes the maps that shade views of one array, which is level 0 as methods take it.
+
+    Methods and measures ask for it again and again, and copies of it would be as large as all those maps together.
+    Each map is let go of as soon as it has been copied.
+    """
+    shading = [role for role in (*_ORDER, "anisotropy") if role in maps]
+    widths = [maps[role].pixels.shape[-1] for role in shading]
+    height, width = maps[shading[0]].pixels.shape[:2]
+    whole = np.empty((height, width, sum(widths)), np.float32)
+    start = 0
+    for role, channels in zip(shading, widths, strict=True):
+        view = whole[..., start : start + channels]
+        view[...] = maps[role].pixels
+        maps[role] = replace(maps[role], pixels=view)
+        start += channels
+
+
+def _lie_in(whole: NDArray[Any], maps: list[NDArray[np.float32]]) -> bool:
+    """Whether maps are the channels of an array, one after the other, all of them."""
+    start = 0
+    for pixels in maps:
+        expected = whole[..., start : start + pixels.shape[-1]] if whole.ndim == 3 else whole
+        if pixels.base is not whole or pixels.__array_interface__ != expected.__array_interface__:
+            return False
+        start += pixels.shape[-1]
+    return start == whole.shape[-1] and whole.flags.c_contiguous and whole.dtype == np.float32
 
 
 def source_model(anisotropic: bool) -> str:

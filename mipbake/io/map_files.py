@@ -6,9 +6,9 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from mipbake.io.publish import IsOurs, check_room, published
 _BLOCK = 1 << 18  # texels
 
 Levels: TypeAlias = list[NDArray[np.float32]]
+Texels: TypeAlias = Sequence[NDArray[np.generic]]
+"""What a container stores of every level of a file, (H_L, W_L, channels)."""
 
 CONVENTIONS = {
     "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, v = (i + 1/2) / height",
@@ -34,11 +36,13 @@ CONVENTIONS = {
 
 @dataclass(frozen=True, eq=False)
 class MapFile:
-    """A file to be written: how, what its channels are, and its levels, (H_L, W_L, channels) each, finest first."""
+    """A file to be written, or one that was: how, what its channels are, and its levels, (H_L, W_L, channels) each,
+    finest first. They may be views of a stack, or `StoredLevels`.
+    """
 
     container: Container
     layout: FileLayout
-    levels: Levels
+    levels: Sequence[NDArray[np.float32]]
 
     def __repr__(self) -> str:
         """A description in one line."""
@@ -47,11 +51,35 @@ class MapFile:
         return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"
 
 
+class StoredLevels(Sequence[NDArray[np.float32]]):
+    """What the texels of a file stand for, level by level, each made when it is asked for: floating-point numbers take
+    twice the memory of halves, and four times that of bytes.
+    """
+
+    def __init__(self, container: Container, layout: FileLayout, texels: Texels) -> None:
+        self.texels = texels
+        self._container, self._layout = container, layout
+
+    def __len__(self) -> int:
+        return len(self.texels)
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> StoredLevels: ...
+
+    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | StoredLevels:
+        if isinstance(index, slice):
+            return StoredLevels(self._container, self._layout, self.texels[index])
+        return stood_for(self.texels[index], self._container, self._layout)
+
+
 def save_maps(
     place: Path,
     manifest_name: str,
     manifest: Mapping[str, Any],
-    write: Callable[[Path], None],
+    write: Callable[[Path], object],
     is_ours: IsOurs,
 ) -> list[Path]:
     """Publishes a folder of maps with the manifest that describes them; gives its files, the manifest first.
@@ -71,24 +99,30 @@ def save_maps(
 
 
 def write_files(
-    files: Sequence[MapFile], wrap: tuple[str, str], about: str, progress: Callable[[float], None]
-) -> Callable[[Path], None]:
+    files: Sequence[MapFile],
+    wrap: tuple[str, str],
+    about: str,
+    progress: Callable[[float], None],
+    keep: bool = False,
+) -> Callable[[Path], list[MapFile]]:
     """What writes files into a folder, side by side, and reads every level back to compare.
 
     Args:
         about: how they were made, as JSON, for containers that have a place for it.
+        keep: whether the function returns the files as they were read back, in the same order; else it returns none.
 
     Raises:
         UsageError: when called, for a value that a container cannot hold.
         OutputError: when called, for what cannot be written or does not read back.
     """
 
-    def write_one(folder: Path, file: MapFile) -> None:
+    def write_one(folder: Path, file: MapFile) -> MapFile | None:
         quantised = quantised_levels(file)
         file.container.write(folder, file.layout, quantised, wrap, about)
-        _verify(folder, file, quantised)
+        found = _verified(folder, file, quantised)
+        return replace(file, levels=StoredLevels(file.container, file.layout, found)) if keep else None
 
-    def write(folder: Path) -> None:
+    def write(folder: Path) -> list[MapFile]:
         # Libraries let go of the interpreter while they encode; more files at once than cores only hold more memory.
         with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
             waiting = [pool.submit(write_one, folder, file) for file in files]
@@ -99,6 +133,7 @@ def write_files(
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
+            return [written for each in waiting if (written := each.result()) is not None]
 
     return write
 
@@ -124,8 +159,7 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
         texels = stored.read(folder, layout, sizes)
-        levels = [stood_for(t, stored, layout) for t in texels]
-        files.append(MapFile(stored, layout, levels))
+        files.append(MapFile(stored, layout, StoredLevels(stored, layout, texels)))
     return files
 
 
@@ -246,12 +280,23 @@ def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
 def _quantised(level: NDArray[np.float32], file: MapFile) -> NDArray[np.generic]:
     """What a container stores of one level of a file."""
     srgb = file.container.srgb(file.layout)
-    blocks = (to_file(block, file.layout.encodings, srgb) for block in row_blocks(level))
-    return np.concatenate([file.container.quantise(block, file.layout) for block in blocks])
+    out: NDArray[np.generic] | None = None
+    at = 0
+    for block in row_blocks(level):
+        texels = file.container.quantise(to_file(block, file.layout.encodings, srgb), file.layout)
+        if out is None:
+            out = np.empty((len(level), *texels.shape[1:]), texels.dtype)
+        out[at : at + len(texels)] = texels
+        at += len(texels)
+    assert out is not None
+    return out
 
 
-def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) -> None:
-    """Reads a file back and compares: writers are known to report success for files that are incomplete."""
+def _verified(folder: Path, file: MapFile, levels: Texels) -> Texels:
+    """Reads a file back and compares: writers are known to report success for files that are incomplete.
+
+    Returns what was read; of containers that are exact, what was to be written, which is the same.
+    """
     name = file.layout.name
     try:
         found = file.container.read(folder, file.layout, [(level.shape[0], level.shape[1]) for level in levels])
@@ -260,7 +305,14 @@ def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) 
         check_room(folder / first, sum(level.nbytes for level in levels))
         raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
     if not file.container.exact:  # it has compared what it compressed itself
-        return
+        return found
     for index, (level, back) in enumerate(zip(levels, found, strict=True)):
-        if not np.array_equal(level, back):
+        if not _equal(level, back):
             raise OutputError(f"level {index} of the map {name} changed while it was written: check the disk")
+    return levels
+
+
+def _equal(level: NDArray[np.generic], back: NDArray[np.generic]) -> bool:
+    return level.shape == back.shape and all(
+        np.array_equal(*both) for both in zip(row_blocks(level), row_blocks(back), strict=True)
+    )

@@ -23,6 +23,10 @@ DECIDED_CONFIDENCE = 0.75
 """Confidence from which the integrability test is believed; a guess."""
 
 
+_AT_ONCE = 1 << 15
+"""Texels whose temporaries stay in the cache. A guess."""
+
+
 @dataclass(frozen=True)
 class DecodedNormals:
     """Normals as the source means them.
@@ -70,16 +74,23 @@ def decode_normals(pixels: NDArray[np.generic], path: Path) -> DecodedNormals:
         notes.append("stores signed components")
         xyz = xyz.copy()
     else:
-        xyz = xyz * np.float32(2) - np.float32(1)
+        if pixels.dtype.kind == "f":
+            xyz = xyz.copy()
+        xyz *= np.float32(2)
+        xyz -= np.float32(1)
     if xyz.shape[-1] == 2 or _has_constant_blue(xyz):
         notes.append("holds x and y only: z is reconstructed")
         vectors, length = _with_z(xyz[..., :2]), None
         _check_looks_like_normals(vectors, path)
     else:
         _check_looks_like_normals(xyz, path)
-        length = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))
-        vectors = normalised(xyz, length)
-        np.minimum(length, 1, out=length)
+        length = np.empty(xyz.shape[:2], np.float32)
+        vectors = np.empty(xyz.shape, np.float32)
+        rows = max(1, _AT_ONCE // xyz.shape[1])
+        for some in (slice(start, start + rows) for start in range(0, len(xyz), rows)):
+            of = np.sqrt(np.einsum("hwc,hwc->hw", xyz[some], xyz[some]))
+            vectors[some] = normalised(xyz[some], of)
+            np.minimum(of, 1, out=length[some])
     return DecodedNormals(vectors, length, tuple(notes))
 
 
