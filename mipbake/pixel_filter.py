@@ -214,13 +214,17 @@ def filtered_levels(
     wrap: Wrap,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[NDArray[np.float32]]:
-    """Averages of (H, W, C) under the pixel filter at every level of a complete chain, level 0 included."""
+    """Averages of (H, W, C) under the pixel filter at every level of a complete chain, level 0 included.
+
+    With `box` level 0 is the image itself, not a copy.
+    """
     sizes = level_sizes(*image.shape[:2])
     finer = image
     levels = []
     for level, size in enumerate(sizes):
         if level > PRE_REDUCED:
             finer = resample(finer, reduced_size(sizes, level, wrap), "box", wrap)
-        levels.append(resample(finer, size, pixel_filter, wrap))
+        unchanged = level == 0 and pixel_filter == "box"
+        levels.append(image if unchanged else resample(finer, size, pixel_filter, wrap))
         progress((level + 1) / len(sizes))
     return levels

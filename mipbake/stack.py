@@ -122,18 +122,17 @@ class MipStack(Content):
         if wants_glb and glb is None:
             glb = encoded(replace(self, tile=0), None, levels)
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
-        # Texels of several outputs would be the most that a bake holds: these are read once more, one by one.
-        keep = measured is not None and len(plans) == 1
-        write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress, keep)
+        write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
 
         def write(folder: Path) -> None:
-            written = write_all(folder)
+            written = iter(write_all(folder))
             progress(1.0)
             if measured is not None:
-                for (output, _), entry in zip(plans, manifest["outputs"], strict=True):
-                    found = written if keep else read_back(folder, entry)
+                for (output, files), entry in zip(plans, manifest["outputs"], strict=True):
+                    back = [next(written) for _ in files]
+                    known = [file for file in back if file is not None]
+                    found = known if len(known) == len(back) else read_back(folder, entry)
                     entry["measured"] = measured.files(output, found)
-                    written.clear()
             if glb is not None:
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
 

@@ -199,7 +199,8 @@ def load(
     """
     options = with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
-    decoded = _read(found)
+    places = _places(found)
+    decoded = _read(found, places)
     normals = decoded["normal"].map.pixels
     found = settle_convention(found, tiles(normals), is_constant(normals))
     warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
@@ -224,7 +225,7 @@ def load(
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
     del decoded, normals, texture, lost
-    _join(maps)
+    _put(maps, places)
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
         warnings.append("the alpha cutoff is left out, because the set has no opacity")
@@ -243,22 +244,23 @@ def load(
     )
 
 
-def _join(maps: dict[str, TextureMap]) -> None:
-    """Makes the maps that shade views of one array, which is level 0 as methods take it.
+def _places(found: Discovery) -> dict[str, NDArray[np.float32]]:
+    """Where each map that shades lies in one array, which is level 0 as methods take it.
 
     Methods and measures ask for it again and again, and copies of it would be as large as all those maps together.
-    Each map is let go of as soon as it has been copied.
     """
-    shading = [role for role in (*_ORDER, "anisotropy") if role in maps]
-    widths = [maps[role].pixels.shape[-1] for role in shading]
-    height, width = maps[shading[0]].pixels.shape[:2]
-    whole = np.empty((height, width, sum(widths)), np.float32)
-    start = 0
-    for role, channels in zip(shading, widths, strict=True):
-        view = whole[..., start : start + channels]
-        view[...] = maps[role].pixels
-        maps[role] = replace(maps[role], pixels=view)
-        start += channels
+    widths = {role: _ARRAY_CHANNELS[role] for role in (*_ORDER, "anisotropy") if role in found.sources}
+    whole = np.empty((found.height, found.width, sum(widths.values())), np.float32)
+    ends = np.cumsum([0, *widths.values()])
+    return {role: whole[..., start : start + widths[role]] for role, start in zip(widths, ends[:-1], strict=True)}
+
+
+def _put(maps: dict[str, TextureMap], places: Mapping[str, NDArray[np.float32]]) -> None:
+    """Moves the maps that do not lie in their places yet; each is let go of as soon as it has been copied."""
+    for role, place in places.items():
+        if maps[role].pixels is not place:
+            place[...] = maps[role].pixels
+            maps[role] = replace(maps[role], pixels=place)
 
 
 def _lie_in(whole: NDArray[Any], maps: list[NDArray[np.float32]]) -> bool:
@@ -287,8 +289,8 @@ def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
     return replace(options, **overrides)
 
 
-def _read(found: Discovery) -> dict[str, DecodedMap]:
-    """Every source decoded at its own size; each file is read once, files side by side."""
+def _read(found: Discovery, places: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
+    """Every source decoded at its own size; each file is read once, files side by side. `places`: see `_places`."""
     by_file: dict[Path, list[MapSource]] = {}
     decoded: dict[str, DecodedMap] = {}
     for role, source in found.sources.items():
@@ -301,7 +303,7 @@ def _read(found: Discovery) -> dict[str, DecodedMap]:
 
     def read_file(item: tuple[Path, list[MapSource]]) -> dict[str, DecodedMap]:
         image = read_image(item[0])
-        return {s.role: decode_map(s, image, found.options.normal_length) for s in item[1]}
+        return {s.role: decode_map(s, image, found.options.normal_length, places.get(s.role)) for s in item[1]}
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:

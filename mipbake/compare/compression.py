@@ -4,9 +4,7 @@ it small.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import ceil
 from typing import TypeAlias, overload
@@ -23,7 +21,7 @@ from mipbake.errors import InputError
 from mipbake.io.containers import FORMATS, Container
 from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.layout import ENCODINGS, to_file
-from mipbake.io.map_files import MapFile, StoredLevels, quantised_levels, row_blocks, stood_for
+from mipbake.io.map_files import MapFile, RoundedLevels, quantised_levels, row_blocks, stood_for
 from mipbake.metrics import PAIR_SETS
 from mipbake.opacity import coverage
 from mipbake.output import Output
@@ -149,12 +147,9 @@ def cost(
     """
     planned = {file.layout.name: file for file in stack.files(output)}
     psnr = {}
-    with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        names = [file.layout.name for file in written]
-        pairs = ((planned[file.layout.name], ranges.meant(file)) for file in written)
-        for index, (name, found) in enumerate(zip(names, pool.map(_psnr, *zip(*pairs, strict=True)), strict=True)):
-            psnr[name] = found
-            progress((index + 1) / len(written) / 2)
+    for index, file in enumerate(written):
+        psnr[file.layout.name] = _psnr(planned[file.layout.name], ranges.meant(file))
+        progress((index + 1) / len(written) / 2)
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
     del planned  # as large as the stack, where channels were packed
     levels = written_levels([ranges.shown(file) for file in written], stack)
@@ -270,16 +265,14 @@ def _added(loss: Mapping[str, float]) -> NDArray[np.float64]:
 def _psnr(planned: MapFile, written: MapFile) -> float:
     if len(planned.levels) < len(written.levels):
         raise InputError(f"{written.layout.name} came back with more levels than were written: bake it again")
-    squares, count = 0.0, 0
-    encodings, srgb = written.layout.encodings, written.container.srgb(written.layout)
-    for index in range(len(written.levels)):
-        wanted = (to_file(block, encodings, srgb) for block in row_blocks(planned.levels[index]))
-        if isinstance(written.levels, StoredLevels):
-            found = (written.container.dequantise(block) for block in row_blocks(written.levels.texels[index]))
-        else:
-            found = (to_file(block, encodings, srgb) for block in row_blocks(written.levels[index]))
-        for values, others in zip(wanted, found, strict=True):
-            error = np.subtract(values, others, out=values)
-            squares += float(np.einsum("hwc,hwc->", error, error))
-            count += error.size
+    if isinstance(written.levels, RoundedLevels):
+        squares, count = written.levels.squares, sum(level.size for level in planned.levels[: len(written.levels)])
+    else:
+        squares, count = 0.0, 0
+        srgb = written.container.srgb(written.layout)
+        for wanted, found in zip(planned.levels, written.levels, strict=False):
+            for both in zip(row_blocks(found), row_blocks(wanted), strict=True):
+                error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in both))
+                squares += float(np.square(error).sum())
+                count += error.size
     return float("inf") if squares == 0 else float(-10 * np.log10(squares / count))

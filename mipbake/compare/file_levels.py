@@ -9,10 +9,9 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.io.layout import LAYOUTS, from_file
-from mipbake.io.map_files import Levels, MapFile, StoredLevels
+from mipbake.io.layout import LAYOUTS
+from mipbake.io.map_files import GivenBack, Levels, MapFile
 from mipbake.packing import unpacked
-from mipbake.render import lookup
 from mipbake.stack import MipStack
 
 
@@ -29,11 +28,9 @@ def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
     return levels
 
 
-class _WrittenLevels(Sequence[NDArray[np.float32]]):
-    """`stored_channels`, which are looked up in the texels of the files: nothing of the size of a level is made.
-
-    Each level is made where it is asked for itself. Interpolation commutes with what turns file values into channels,
-    to rounding, so lookups interpolate file values.
+class WrittenLevels(Sequence[NDArray[np.float32]]):
+    """`stored_channels` of files that give single texels back: lookups ask for what they need, and nothing of the size
+    of a level is made. Each level is made where it is asked for itself.
     """
 
     def __init__(self, files: Sequence[MapFile], stack: MipStack) -> None:
@@ -56,35 +53,48 @@ class _WrittenLevels(Sequence[NDArray[np.float32]]):
 
     def lookup(self, uv: NDArray[np.float64], lod: float, wrap: tuple[str, str]) -> NDArray[np.float32]:
         """(P, C) stored channels at (P, 2) uv; see `mipbake.render.texture_space.lookup`."""
-        out = np.empty((len(uv), self._stack.levels[0].shape[-1]), np.float32)
+        clamped = min(max(lod, 0.0), len(self) - 1.0)
+        finer = int(clamped)
+        texels = self._bilinear(finer, uv, wrap)
+        if clamped > finer:
+            texels += np.float32(clamped - finer) * (self._bilinear(finer + 1, uv, wrap) - texels)
+        return texels
+
+    def _bilinear(self, index: int, uv: NDArray[np.float64], wrap: tuple[str, str]) -> NDArray[np.float32]:
+        """(P, C) of one level."""
+        height, width = self._stack.levels[index].shape[:2]
+        columns, x = _neighbours(uv[:, 0], width, wrap[0])
+        rows, y = _neighbours(uv[:, 1], height, wrap[1])
+        near = self._texels(index, np.repeat(rows, 2, 0), np.tile(columns, (2, 1)))
+        left, right = near[0] + y * (near[2] - near[0]), near[1] + y * (near[3] - near[1])
+        return np.asarray(left + x * (right - left), np.float32)
+
+    def _texels(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(N, P, C) stored channels of the texels of (N, P) rows and columns of a level."""
+        out = np.array(self._stack.levels[index][rows, columns])
         for file in self._files:
-            assert isinstance(file.levels, StoredLevels)
-            values = lookup(file.levels.texels[: len(self)], uv, lod, wrap)
-            texels = from_file(values, file.layout.encodings, srgb=False)
-            found = unpacked([(file.layout, [texels])], self._stack.model)
+            assert isinstance(file.levels, GivenBack)
+            found = unpacked([(file.layout, [file.levels.at(index, rows, columns)])], self._stack.model)
             for layout in LAYOUTS[self._stack.model]:
                 if layout.name in found:
-                    (out[:, layout.channels],) = found[layout.name]
+                    (out[..., layout.channels],) = found[layout.name]
         return out
 
 
-def written_levels(files: Sequence[MapFile], stack: MipStack) -> Sequence[NDArray[np.float32]]:
-    """Stored channels of a stack, with the maps that files hold in place of its own; where files hold floating-point
-    numbers, levels that are looked up in their texels.
+def _neighbours(at: NDArray[np.float64], size: int, mode: str) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """(2, P) texels on both sides of (P,) coordinates along an axis, and (P, 1) the way from the first to the second.
+
+    Coordinates are rounded as those of native lookups are, beside which these are measured.
     """
-    held = {(channel.map, channel.index) for file in files for channel in file.layout.channels}
-    whole = all((layout.name, i) in held for layout in LAYOUTS[stack.model] for i in range(len(layout.encodings)))
+    place = at.astype(np.float32).astype(np.float64) * size - 0.5
+    first = np.floor(place)
+    both = first.astype(np.int64) + np.array([[0], [1]])
+    return both % size if mode == "wrap" else np.clip(both, 0, size - 1), (place - first).astype(np.float32)[:, None]
+
+
+def written_levels(files: Sequence[MapFile], stack: MipStack) -> Sequence[NDArray[np.float32]]:
+    """Stored channels of a stack, with the maps that files hold in place of its own."""
     shading = [file for file in files if file.layout.shades]
-    linear = all(
-        isinstance(file.levels, StoredLevels)
-        and file.levels.texels[0].dtype.kind == "f"
-        and not (file.container.srgb(file.layout) and file.layout.is_colour)
-        and file.levels.texels[0].shape[:2] == stack.levels[0].shape[:2]
-        for file in shading
-    )
-    together = all(sum(_holds(file, each.name) for file in files) == 1 for each in LAYOUTS[stack.model])
-    return _WrittenLevels(shading, stack) if whole and linear and together else stored_channels(files, stack)
-
-
-def _holds(file: MapFile, name: str) -> bool:
-    return any(channel.map == name for channel in file.layout.channels)
+    if not all(isinstance(file.levels, GivenBack) for file in shading):
+        return stored_channels(files, stack)
+    return WrittenLevels(shading, stack)
