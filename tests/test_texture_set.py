@@ -383,7 +383,8 @@ def test_acescg_in_a_name_becomes_linear_rec709(tmp_path: Path) -> None:
 @pytest.mark.parametrize("anisotropic", [False, True])
 def test_level_0_is_the_maps_themselves(tmp_path: Path, anisotropic: bool) -> None:
     """Copies of it would be as large as all maps that shade: they lie in one array, in the order of the model."""
-    folder = plain_set(tmp_path / "wall", **({"anisotropy": "anisotropy"} if anisotropic else {}))
+    strength = np.full((32, 32), 99, np.uint8)  # grey, along +X: signs that agree
+    folder = plain_set(tmp_path / "wall", **({"anisotropy": strength} if anisotropic else {}))
     result = load(folder)
     stored = result.material(result.source_model)
     maps = [result.maps[role].pixels for role in ("base_color", "metallic", "roughness", "normal")]

@@ -84,7 +84,7 @@ class WrittenLevels(Sequence[NDArray[np.float32]]):
 def _neighbours(at: NDArray[np.float64], size: int, mode: str) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """(2, P) texels on both sides of (P,) coordinates along an axis, and (P, 1) the way from the first to the second.
 
-    Coordinates are rounded as those of native lookups are, beside which these are measured.
+    Coordinates are rounded to float32, as native lookups round their own.
     """
     place = at.astype(np.float32).astype(np.float64) * size - 0.5
     first = np.floor(place)

@@ -72,7 +72,7 @@ class GivenBack(Sequence[NDArray[np.float32]]):
         return stood_for(self._texels(range(len(self))[index]), self._container, self._layout)
 
     def at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(..., channels) of single texels of a level: those of (...) rows and columns."""
+        """(..., channels) of the texels of a level that lie in (...) rows and columns."""
         texels = self._texels_at(index, rows, columns)
         srgb = self._container.srgb(self._layout)
         return from_file(self._container.dequantise(texels), self._layout.encodings, srgb)
@@ -153,7 +153,7 @@ def write_files(
 ) -> Callable[[Path], list[MapFile | None]]:
     """What writes files into a folder, side by side, and reads every level back to compare.
 
-    It returns the files as they were read back, in the same order; None for those of containers that are not exact.
+    It returns the files as they were read back, in the same order; None for files of containers that are not exact.
 
     Args:
         about: how they were made, as JSON, for containers that have a place for it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,6 @@ class Band(NamedTuple):
     texels: NDArray[np.generic]
 
 
-def whole_levels(levels: Iterable[NDArray[np.generic]]) -> Iterator[Band]:
+def whole_levels(levels: Sequence[NDArray[np.generic]]) -> Iterator[Band]:
     """Levels as a band each."""
     return (Band(index, slice(0, len(level)), level) for index, level in enumerate(levels))
