@@ -30,6 +30,7 @@ from mipbake.io.decode import (
     widened,
 )
 from mipbake.io.discover import find, settle_convention
+from mipbake.io.joined import ORDER, lie_in, places, put
 from mipbake.io.matches import BASE_ALPHA, alpha_note
 from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
@@ -41,9 +42,6 @@ from mipbake.material import GLTF_MODELS, MODELS, convert
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-_ORDER = ("base_color", "metallic", "roughness", "normal")
-"""Maps in the order in which the models of glTF store them; anisotropy follows where a set has it."""
 
 _Options = TypeVar("_Options", bound="DataclassInstance")
 
@@ -112,9 +110,9 @@ class TextureSet:
 
     def _stored(self) -> NDArray[np.float32]:
         """(H, W, C) of the source's own model: what the maps lie in, where they lie in one array."""
-        maps = [*(self.maps[role].pixels for role in _ORDER), *([self._lines] if self.anisotropic else [])]
+        maps = [*(self.maps[role].pixels for role in ORDER), *([self._lines] if self.anisotropic else [])]
         whole = maps[0].base
-        if whole is not None and _lie_in(whole, maps):
+        if whole is not None and lie_in(whole, maps):
             return whole
         return np.concatenate(maps, -1)
 
@@ -199,8 +197,8 @@ def load(
     """
     options = with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
-    places = _places(found)
-    decoded = _read(found, places)
+    into = places(found, _ARRAY_CHANNELS)
+    decoded = _read(found, into)
     normals = decoded["normal"].map.pixels
     found = settle_convention(found, tiles(normals), is_constant(normals))
     warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
@@ -225,7 +223,7 @@ def load(
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
     del decoded, normals, texture, lost
-    _put(maps, places)
+    put(maps, into)
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
         warnings.append("the alpha cutoff is left out, because the set has no opacity")
@@ -244,36 +242,6 @@ def load(
     )
 
 
-def _places(found: Discovery) -> dict[str, NDArray[np.float32]]:
-    """Where each map that shades lies in one array, which is level 0 as methods take it.
-
-    Methods and measures ask for it again and again, and copies of it would be as large as all those maps together.
-    """
-    widths = {role: _ARRAY_CHANNELS[role] for role in (*_ORDER, "anisotropy") if role in found.sources}
-    whole = np.empty((found.height, found.width, sum(widths.values())), np.float32)
-    ends = np.cumsum([0, *widths.values()])
-    return {role: whole[..., start : start + widths[role]] for role, start in zip(widths, ends[:-1], strict=True)}
-
-
-def _put(maps: dict[str, TextureMap], places: Mapping[str, NDArray[np.float32]]) -> None:
-    """Moves the maps that do not lie in their places yet; each is let go of as soon as it has been copied."""
-    for role, place in places.items():
-        if maps[role].pixels is not place:
-            place[...] = maps[role].pixels
-            maps[role] = replace(maps[role], pixels=place)
-
-
-def _lie_in(whole: NDArray[Any], maps: list[NDArray[np.float32]]) -> bool:
-    """Whether maps are the channels of an array, one after the other, all of them."""
-    start = 0
-    for pixels in maps:
-        expected = whole[..., start : start + pixels.shape[-1]] if whole.ndim == 3 else whole
-        if pixels.base is not whole or pixels.__array_interface__ != expected.__array_interface__:
-            return False
-        start += pixels.shape[-1]
-    return start == whole.shape[-1] and whole.flags.c_contiguous and whole.dtype == np.float32
-
-
 def source_model(anisotropic: bool) -> str:
     """The material model of sources that have an anisotropy map, or that have none."""
     (model,) = (name for name in GLTF_MODELS if MODELS[name].anisotropic == anisotropic)
@@ -289,8 +257,8 @@ def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
     return replace(options, **overrides)
 
 
-def _read(found: Discovery, places: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
-    """Every source decoded at its own size; each file is read once, files side by side. `places`: see `_places`."""
+def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
+    """Every source decoded at its own size; each file is read once, files side by side. `into`: from `places`."""
     by_file: dict[Path, list[MapSource]] = {}
     decoded: dict[str, DecodedMap] = {}
     for role, source in found.sources.items():
@@ -303,7 +271,7 @@ def _read(found: Discovery, places: Mapping[str, NDArray[np.float32]]) -> dict[s
 
     def read_file(item: tuple[Path, list[MapSource]]) -> dict[str, DecodedMap]:
         image = read_image(item[0])
-        return {s.role: decode_map(s, image, found.options.normal_length, places.get(s.role)) for s in item[1]}
+        return {s.role: decode_map(s, image, found.options.normal_length, into.get(s.role)) for s in item[1]}
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
