@@ -26,7 +26,8 @@ from timing import cpu_name
 import mipbake
 from mipbake import MipStack, TextureSet
 from mipbake.compare.candidates import opened
-from mipbake.compare.compression import chosen, losses, stored_channels
+from mipbake.compare.compression import chosen, losses
+from mipbake.compare.file_levels import stored_channels
 from mipbake.compare.ranges import chosen_ranges
 from mipbake.glb import encoded, output
 from mipbake.io import uastc

@@ -119,6 +119,9 @@ def antialias_backward(
     workspace: Array | None = None,
     stream: int = 0,
 ) -> None: ...
+def resample(
+    image: Array, row_index: Array, row_weights: Array, column_index: Array, column_weights: Array, out: Array
+) -> None: ...
 def network_counts(kind: str, read: int, made: int) -> tuple[int, int, int, int, int, int, int]: ...
 
 class Network:

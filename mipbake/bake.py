@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from mipbake._version import __version__
-from mipbake.content import Provenance
+from mipbake.content import Provenance, not_finite
 from mipbake.errors import UsageError
 from mipbake.io.layout import channels_of
 from mipbake.material import GLTF_MODELS, MODELS
@@ -95,7 +93,7 @@ def bake(
     seen = shown(texture_set)
     stored, opacity = seen.material(source), opacity_of(texture_set)
     result = prefilter(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
-    if not all(np.isfinite(level).all() for level in result.levels):
+    if any(not_finite(level) for level in result.levels):
         raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
     levels, promise = result.levels, result.promise
     if opacity is not None and model in GLTF_MODELS:

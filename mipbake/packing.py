@@ -148,7 +148,8 @@ def pack(
     normals: Normals = Normals(),
     wrap: Wrap = ("wrap", "wrap"),
 ) -> list[tuple[FileLayout, Levels]]:
-    """The files of a stack, with levels (H_L, W_L, channels of the file).
+    """The files of a stack, with levels (H_L, W_L, channels of the file): views of the maps where a file holds
+    neighbouring channels of one map.
 
     Args:
         maps: of the stack.
@@ -223,15 +224,19 @@ def _file(
     leading = [chain for name, chain in chains.items() if maps[name][0].shades] or list(chains.values())
     size = max((chain[0].shape[:2] for chain in leading), key=lambda s: s[0] * s[1])
     chains = {name: _at_size(chain, (size[0], size[1]), wrap) for name, chain in chains.items()}
-    count = min(len(chain) for chain in chains.values())
+    channels = tuple(_channel(piece, maps) for piece in pieces)
+    packed = FileLayout(file.name, channels, any(maps[name][0].shades for name in chains))
     first = next(iter(chains.values()))
+    run = slice(pieces[0].index, pieces[0].index + len(pieces))
+    if all(p.map == pieces[0].map and p.index == run.start + i for i, p in enumerate(pieces)):
+        return packed, [level[..., run] for level in first]  # views: copies would be as large as the stack
+    count = min(len(chain) for chain in chains.values())
     stacked = []
     for index in range(count):
         constant = np.ones(first[index].shape[:2], np.float32)
         parts = [chains[p.map][index][..., p.index] if p.map else constant * np.float32(p.default or 0) for p in pieces]
         stacked.append(np.stack(parts, -1))
-    channels = tuple(_channel(piece, maps) for piece in pieces)
-    return FileLayout(file.name, channels, any(maps[name][0].shades for name in chains)), stacked
+    return packed, stacked
 
 
 def _as_asked(piece: Piece, normals: Normals) -> Piece:
@@ -270,7 +275,7 @@ def _resampled(chain: Levels, size: tuple[int, int], wrap: Wrap) -> NDArray[np.f
     return resample(np.ascontiguousarray(larger), size, "box", wrap)
 
 
-def unpacked(files: Sequence[tuple[FileLayout, Levels]], model: str) -> dict[str, Levels]:
+def unpacked(files: Sequence[tuple[FileLayout, Sequence[NDArray[np.float32]]]], model: str) -> dict[str, Levels]:
     """Maps with their levels from the files that hold them; the third channel of normals where files have two of it.
 
     Args:
@@ -278,7 +283,8 @@ def unpacked(files: Sequence[tuple[FileLayout, Levels]], model: str) -> dict[str
         model: material model of the stack, a name in `mipbake.io.layout.LAYOUTS`.
     """
     channels: dict[str, dict[int, Levels]] = {}
-    for layout, levels in files:
+    for layout, chain in files:
+        levels = list(chain)  # once, where levels are made as they are asked for
         for place, channel in enumerate(layout.channels):
             if channel.map:
                 channels.setdefault(channel.map, {})[channel.index] = [level[..., place] for level in levels]

@@ -7,13 +7,14 @@ al. 2023, with the integrand constant over a texel).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 
 Wrap = tuple[str, str]
@@ -137,19 +138,31 @@ def resample_weights(
     return index, weights.astype(np.float32)
 
 
-_BAND = 1 << 18  # floats in a band of rows: a band and its temporaries stay in the cache
+Taps = tuple[NDArray[np.int64], NDArray[np.float32]]
+"""One axis of a resampling, as resample_weights gives it."""
 
 
-def _resample_rows(
-    image: NDArray[np.float32], index: NDArray[np.int64], weights: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    if index.shape[1] == 1:
-        return image[index[:, 0]]
-    out = np.zeros((len(index), *image.shape[1:]), np.float32)
-    for tap in range(index.shape[1]):
-        part = image[index[:, tap]]
-        part *= weights[:, tap].reshape(-1, *(1,) * (image.ndim - 1))
-        out += part
+def threads() -> int:
+    """How many threads resampling may use, the caller included."""
+    from mipbake import _native
+
+    return _native.num_threads()
+
+
+def resample_taps(image: NDArray[np.float32], rows: Taps, columns: Taps) -> NDArray[np.float32]:
+    """(H, W, C) float32 to (h, w, C): rows first, then columns, each output the weighted sum of its taps.
+
+    Args:
+        image: whose rows may lie apart; it is copied where the texels of a row do.
+        rows, columns: indices below H and W, and weights. An axis of one tap is copied, whatever its weights.
+    """
+    from mipbake import _native
+
+    texel = image.itemsize * image.shape[2]
+    if image.strides[1:] != (texel, image.itemsize) or image.strides[0] % image.itemsize or not image.flags.aligned:
+        image = contiguous(image)
+    out = np.empty((len(rows[0]), len(columns[0]), image.shape[2]), np.float32)
+    _native.resample(image, *rows, *columns, out)
     return out
 
 
@@ -157,19 +170,12 @@ def resample(
     image: NDArray[np.float32], size: tuple[int, int], pixel_filter: str, wrap: Wrap, width: float = 1.0
 ) -> NDArray[np.float32]:
     """(H, W, C) to (size[0], size[1], C), no larger than the input, each axis with resample_weights."""
-    index, weights = resample_weights(image.shape[0], size[0], pixel_filter, wrap[1], width)
+    rows = resample_weights(image.shape[0], size[0], pixel_filter, wrap[1], width)
     columns = resample_weights(image.shape[1], size[1], pixel_filter, wrap[0], width)
-    out = np.empty((*size, image.shape[2]), np.float32)
-    step = max(1, _BAND // (image.shape[1] * image.shape[2]))
-    for start in range(0, size[0], step):
-        some = slice(start, start + step)
-        band = _resample_rows(image, index[some], weights[some])
-        band = _resample_rows(np.ascontiguousarray(band.swapaxes(0, 1)), *columns)
-        out[some] = band.swapaxes(0, 1)
-    return out
+    return resample_taps(image, rows, columns)
 
 
-_PRE_REDUCED = 3
+PRE_REDUCED = 3
 """A level is filtered from box averages 2^3 times finer than itself: it costs the eighth part of a texel in the
 filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels. A
 guess."""
@@ -192,22 +198,33 @@ def slanted_axes(view: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.stack([along, across], -2).astype(view.dtype)
 
 
+def reduced_size(sizes: Sequence[tuple[int, int]], level: int, wrap: Wrap) -> tuple[int, int]:
+    """(height, width) of the box averages that a level above PRE_REDUCED is filtered from.
+
+    Not smaller along a clamped axis: what lies beyond its border is the edge texel of level 0, not the edge average.
+    """
+    reduced = sizes[level - PRE_REDUCED]
+    rows, columns = (reduced[i] if wrap[1 - i] == "wrap" else sizes[0][i] for i in (0, 1))
+    return rows, columns
+
+
 def filtered_levels(
     image: NDArray[np.float32],
     pixel_filter: str,
     wrap: Wrap,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[NDArray[np.float32]]:
-    """Averages of (H, W, C) under the pixel filter at every level of a complete chain, level 0 included."""
+    """Averages of (H, W, C) under the pixel filter at every level of a complete chain, level 0 included.
+
+    With `box` level 0 is the image itself, not a copy.
+    """
     sizes = level_sizes(*image.shape[:2])
     finer = image
     levels = []
     for level, size in enumerate(sizes):
-        if level > _PRE_REDUCED:
-            # Not along a clamped axis: what lies beyond its border is the edge texel of level 0, not the edge average.
-            reduced = sizes[level - _PRE_REDUCED]
-            rows, columns = (reduced[i] if wrap[1 - i] == "wrap" else image.shape[i] for i in (0, 1))
-            finer = resample(finer, (rows, columns), "box", wrap)
-        levels.append(resample(finer, size, pixel_filter, wrap))
+        if level > PRE_REDUCED:
+            finer = resample(finer, reduced_size(sizes, level, wrap), "box", wrap)
+        unchanged = level == 0 and pixel_filter == "box"
+        levels.append(image if unchanged else resample(finer, size, pixel_filter, wrap))
         progress((level + 1) / len(sizes))
     return levels

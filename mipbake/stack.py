@@ -125,11 +125,14 @@ class MipStack(Content):
         write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
 
         def write(folder: Path) -> None:
-            write_all(folder)
+            written = iter(write_all(folder))
             progress(1.0)
             if measured is not None:
-                for (output, _), entry in zip(plans, manifest["outputs"], strict=True):
-                    entry["measured"] = measured.files(output, read_back(folder, entry))
+                for (output, files), entry in zip(plans, manifest["outputs"], strict=True):
+                    back = [next(written) for _ in files]
+                    known = [file for file in back if file is not None]
+                    found = known if len(known) == len(back) else read_back(folder, entry)
+                    entry["measured"] = measured.files(output, found)
             if glb is not None:
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
 

@@ -30,6 +30,7 @@ from mipbake.io.decode import (
     widened,
 )
 from mipbake.io.discover import find, settle_convention
+from mipbake.io.joined import ORDER, lie_in, places, put
 from mipbake.io.matches import BASE_ALPHA, alpha_note
 from mipbake.io.normal import is_constant, normalised, tiles
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
@@ -104,11 +105,16 @@ class TextureSet:
 
     def material(self, model: str) -> NDArray[np.float32]:
         """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""
-        order = ("base_color", "metallic", "roughness", "normal")
-        maps = [*(self.maps[role].pixels for role in order), *([self._lines] if self.anisotropic else [])]
-        stored = np.concatenate(maps, -1)
-        converted = convert(stored, self.source_model, model)
+        converted = convert(self._stored(), self.source_model, model)
         return np.ascontiguousarray(converted, np.float32)
+
+    def _stored(self) -> NDArray[np.float32]:
+        """(H, W, C) of the source's own model: what the maps lie in, where they lie in one array."""
+        maps = [*(self.maps[role].pixels for role in ORDER), *([self._lines] if self.anisotropic else [])]
+        whole = maps[0].base
+        if whole is not None and lie_in(whole, maps):
+            return whole
+        return np.concatenate(maps, -1)
 
     @classmethod
     def from_arrays(
@@ -191,7 +197,8 @@ def load(
     """
     options = with_overrides(options or LoadOptions(), overrides)
     found = find(path, options)
-    decoded = _read(found)
+    into = places(found, _ARRAY_CHANNELS)
+    decoded = _read(found, into)
     normals = decoded["normal"].map.pixels
     found = settle_convention(found, tiles(normals), is_constant(normals))
     warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
@@ -215,6 +222,8 @@ def load(
     if lost is not None:
         variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
         maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
+    del decoded, normals, texture, lost
+    put(maps, into)
     notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
     if options.alpha_cutoff is not None and "opacity" not in maps:
         warnings.append("the alpha cutoff is left out, because the set has no opacity")
@@ -248,8 +257,8 @@ def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
     return replace(options, **overrides)
 
 
-def _read(found: Discovery) -> dict[str, DecodedMap]:
-    """Every source decoded at its own size; each file is read once, files side by side."""
+def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
+    """Every source decoded at its own size; each file is read once, files side by side. `into`: from `places`."""
     by_file: dict[Path, list[MapSource]] = {}
     decoded: dict[str, DecodedMap] = {}
     for role, source in found.sources.items():
@@ -262,7 +271,7 @@ def _read(found: Discovery) -> dict[str, DecodedMap]:
 
     def read_file(item: tuple[Path, list[MapSource]]) -> dict[str, DecodedMap]:
         image = read_image(item[0])
-        return {s.role: decode_map(s, image, found.options.normal_length) for s in item[1]}
+        return {s.role: decode_map(s, image, found.options.normal_length, into.get(s.role)) for s in item[1]}
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:

@@ -163,7 +163,7 @@ def test_finite_input_never_gives_nan(model: str, dtype: Any) -> None:
     [
         ({"model": "phong"}, "unknown material model 'phong'.*gltf.*ggx"),
         ({"material": np.zeros((4, 8), np.float32)}, r"material has shape \(4, 8\): expected \(N, 11\)"),
-        ({"material": np.zeros((1, 4, 11), np.float32)}, r"material has shape \(1, 4, 11\)"),
+        ({"material": np.zeros((1, 1, 4, 11), np.float32)}, r"material has shape \(1, 1, 4, 11\)"),
         ({"material": np.zeros((4, 11), np.int32)}, "material is int32: expected float32 or float64"),
         ({"frame": np.zeros((3, 3))}, r"frame has shape \(3, 3\) where the material has 4 points.*\(4, 3, 3\)"),
         ({"view": np.zeros((5, 3))}, r"view has shape \(5, 3\) where the material has 4 points: expected \(4, 3\)"),
@@ -191,7 +191,7 @@ def test_wrong_arguments_are_named(change: dict[str, Any], message: str) -> None
 def test_surfaces_have_points_and_lights_of_their_own(surfaces: int) -> None:
     """An argument without an axis for surfaces is the same for all of them."""
     rng = np.random.default_rng(4)
-    stored, frame, view, light, radiance = inputs("gltf", 70, 5)
+    stored, frame, view, _, radiance = inputs("gltf", 70, 5)
     lights = np.stack([directions(rng, 5) for _ in range(surfaces)]).astype(np.float32)
     texels = np.stack([np.roll(stored, index, 0) for index in range(surfaces)])
     found = shade_lit("gltf", texels, frame, view, lights, radiance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,6 @@ def test_a_complete_set_is_decoded(tmp_path: Path) -> None:
             expected = srgb_to_linear(pixels / 255) if role in ("base_color", "emissive") else pixels / 255
         np.testing.assert_allclose(texture.pixels, expected, atol=1e-6)
         assert texture.pixels.dtype == np.float32
-        assert texture.pixels.flags.c_contiguous
         assert texture.source.path == folder / f"{stem}.png"
         assert (texture.source.depth, len(texture.source.sha256)) == ("uint8", 64)
     assert list(result.plain_maps) == ["occlusion", "height", "emissive", "opacity"]
@@ -378,3 +378,20 @@ def test_acescg_in_a_name_becomes_linear_rec709(tmp_path: Path) -> None:
     assert (result.maps["base_color"].pixels[0, 0] == (0, 1, 0)).all()
     assert "wood_diffuse_ACEScg.exr: its name says ACEScg" in result.notes
     assert any("1 texel outside [0, 1] in linear Rec.709 clipped" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("anisotropic", [False, True])
+def test_level_0_is_the_maps_themselves(tmp_path: Path, anisotropic: bool) -> None:
+    """Copies of it would be as large as all maps that shade: they lie in one array, in the order of the model."""
+    strength = np.full((32, 32), 99, np.uint8)  # grey, along +X: signs that agree
+    folder = plain_set(tmp_path / "wall", **({"anisotropy": strength} if anisotropic else {}))
+    result = load(folder)
+    stored = result.material(result.source_model)
+    maps = [result.maps[role].pixels for role in ("base_color", "metallic", "roughness", "normal")]
+    maps += [result.maps["anisotropy"].pixels] if anisotropic else []
+    np.testing.assert_array_equal(stored, np.concatenate(maps, -1))
+    assert stored.flags.c_contiguous and np.shares_memory(stored, maps[0])
+    other = replace(result, maps={**result.maps, "metallic": replace(result.maps["metallic"], pixels=maps[1].copy())})
+    apart = other.material(result.source_model)
+    assert not np.shares_memory(apart, maps[0])
+    np.testing.assert_array_equal(apart, stored)

@@ -8,6 +8,7 @@ namespace nb = nanobind;
 
 void bind_shading(nb::module_& m);
 void bind_texture(nb::module_& m);
+void bind_resample(nb::module_& m);
 void bind_raster(nb::module_& m);
 void bind_interpolate(nb::module_& m);
 void bind_antialias(nb::module_& m);
@@ -29,6 +30,7 @@ NB_MODULE(_native, m) {
     m.def("cuda_available", &mipbake::cuda_available, "Whether it also finds a CUDA device to run them on.");
     bind_shading(m);
     bind_texture(m);
+    bind_resample(m);
     bind_raster(m);
     bind_interpolate(m);
     bind_antialias(m);

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.costs import LIMIT, Cost, Coverage
+from mipbake.compare.file_levels import stored_channels, written_levels
 from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.compare.written import measure_written
 from mipbake.errors import InputError
 from mipbake.io.containers import FORMATS, Container
 from mipbake.io.gltf.ranges import Ranges
-from mipbake.io.layout import ENCODINGS, LAYOUTS, to_file
-from mipbake.io.map_files import Levels, MapFile, quantised_levels, row_blocks, stood_for
+from mipbake.io.layout import ENCODINGS, to_file
+from mipbake.io.map_files import MapFile, RoundedLevels, quantised_levels, row_blocks, stood_for
 from mipbake.metrics import PAIR_SETS
 from mipbake.opacity import coverage
 from mipbake.output import Output
-from mipbake.packing import unpacked
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
@@ -151,14 +151,14 @@ def cost(
         psnr[file.layout.name] = _psnr(planned[file.layout.name], ranges.meant(file))
         progress((index + 1) / len(written) / 2)
     covered = _coverage(planned, written, texture_set.alpha_cutoff)
-    del planned  # as large as the stack
-    found = {"written": stored_channels([ranges.shown(file) for file in written], stack)}
-    stack = replace(stack, levels=stack.levels[: len(found["written"])])
-    between = measure_written(texture_set, stack, found["written"], part_of(progress, 2, 4))
+    del planned  # as large as the stack, where channels were packed
+    levels = written_levels([ranges.shown(file) for file in written], stack)
+    stack = replace(stack, levels=stack.levels[: len(levels)])
+    between = measure_written(texture_set, stack, levels, part_of(progress, 2, 4))
     return Cost(
         format=spoken or _spoken(written),
         psnr=psnr,
-        loss=losses(texture_set, opened(stack), found, part_of(progress, 3, 4))["written"],
+        loss=losses(texture_set, opened(stack), {"written": levels}, part_of(progress, 3, 4))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
         coverage=covered,
         written=between,
@@ -230,19 +230,6 @@ class Decoded(Sequence[NDArray[np.float32]]):
         return stored_channels([self._ranges.shown(replace(self._file, levels=[level]))], stack)[0]
 
 
-def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
-    """Stored channels of a stack, with the maps that files hold in place of its own."""
-    count = min(len(stack.levels), *(len(file.levels) for file in files))
-    levels = [level.copy() for level in stack.levels[:count]]
-    for file in files:
-        for index, level in enumerate(levels):
-            found = unpacked([(file.layout, [file.levels[index]])], stack.model)
-            for layout in LAYOUTS[stack.model]:
-                if layout.name in found:
-                    (level[..., layout.channels],) = found[layout.name]
-    return levels
-
-
 def losses(
     texture_set: TextureSet,
     baked: Candidate,
@@ -259,7 +246,7 @@ def losses(
     """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     kernel = baked.method.kernel
-    effort = MeasureEffort(_SEED, _POINTS, _SAMPLES)
+    effort = MeasureEffort(_SEED, _POINTS, _SAMPLES, intervals=False)
     measured = measure(texture_set, [baked, *others], kernel, LODS, (), effort, lambda _phase, share: progress(share))
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:
@@ -278,11 +265,14 @@ def _added(loss: Mapping[str, float]) -> NDArray[np.float64]:
 def _psnr(planned: MapFile, written: MapFile) -> float:
     if len(planned.levels) < len(written.levels):
         raise InputError(f"{written.layout.name} came back with more levels than were written: bake it again")
-    squares, count = 0.0, 0
-    srgb = written.container.srgb(written.layout)
-    for wanted, found in zip(planned.levels, written.levels, strict=False):
-        for both in zip(row_blocks(found), row_blocks(wanted), strict=True):
-            error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in both))
-            squares += float(np.square(error).sum())
-            count += error.size
+    if isinstance(written.levels, RoundedLevels):
+        squares, count = written.levels.squares, sum(level.size for level in planned.levels[: len(written.levels)])
+    else:
+        squares, count = 0.0, 0
+        srgb = written.container.srgb(written.layout)
+        for wanted, found in zip(planned.levels, written.levels, strict=False):
+            for both in zip(row_blocks(found), row_blocks(wanted), strict=True):
+                error = np.subtract(*(to_file(block, written.layout.encodings, srgb) for block in both))
+                squares += float(np.square(error).sum())
+                count += error.size
     return float("inf") if squares == 0 else float(-10 * np.log10(squares / count))

@@ -37,6 +37,7 @@ from mipbake.metrics import (
 )
 from mipbake.metrics.images import displayed
 from mipbake.metrics.pairs import BLOCK, PAIRS
+from mipbake.metrics.snr import snr_from_sums
 from mipbake.pixel_filter import level_sizes
 from mipbake.reference.estimate import reference
 from mipbake.reference.sequences import random_points
@@ -150,12 +151,14 @@ class MeasureEffort:
         samples: of the reference per pixel, in each of two estimates.
         changes: the same two numbers for flicker, from the pixels that the set has at a level of detail, `points` and
             `samples`.
+        intervals: whether the SNR of the curve has confidence intervals, which take thousands of draws.
     """
 
     seed: int = DEFAULT_SEED
     points: int = DEFAULT_POINTS
     samples: int = DEFAULT_SAMPLES
     changes: Callable[[float, int, int], tuple[int, int]] = change_draws
+    intervals: bool = True
 
 
 def measure(
@@ -232,8 +235,11 @@ def measure(
     snr |= {(name, view, scale): rows for (measure, name, view, scale), rows in pooled.items() if measure == "snr"}
     middle = {scale: (at[0] + at[-1]) / 2 for scale, at in at_scale.items()}
     figures = tuple(_figure(*key, middle[key[-1]], rows) for key, rows in pooled.items())
+    of_curve = _figure if effort.intervals else _bare_snr
     return TextureSpace(
-        curve=tuple(_figure("snr", name, view, "", lod, snr[name, view, lod]) for name, view in named for lod in curve),
+        curve=tuple(
+            of_curve("snr", name, view, "", lod, snr[name, view, lod]) for name, view in named for lod in curve
+        ),
         figures=figures,
         lods=curve,
         notes=(*notes, *_unresolved(figures)),
@@ -256,6 +262,11 @@ _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
 def _figure(measure: str, method: str, view: str, scale: str, lod: float, sums: Sums) -> Figure:
     interval = _MEASURES[measure](sums)
     return Figure(method, measure, view, scale, lod, interval.estimate, interval.low, interval.high)
+
+
+def _bare_snr(measure: str, method: str, view: str, scale: str, lod: float, sums: Sums) -> Figure:
+    """An SNR without its interval."""
+    return Figure(method, measure, view, scale, lod, float(snr_from_sums(sums.sum(0))), math.nan, math.nan)
 
 
 def _unresolved(figures: Sequence[Figure]) -> list[str]:

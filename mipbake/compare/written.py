@@ -117,7 +117,9 @@ def measure_written(
 
     def measured(at: Sequence[float], points: int, samples: int, seed: int) -> TextureSpace:
         told = (lambda _phase, share: progress(share)) if at is lods else (lambda _phase, _share: None)
-        return measure(texture_set, [found], kernel, at, (), MeasureEffort(seed, points, samples), told)
+        return measure(
+            texture_set, [found], kernel, at, (), MeasureEffort(seed, points, samples, intervals=False), told
+        )
 
     first = measured(lods, points, _SAMPLES, _SEED)
     dips = []

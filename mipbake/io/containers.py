@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from mipbake.io.layout import FileLayout
 from mipbake.io.mip_exr import MipExr
 from mipbake.io.mip_png import MipPng
 from mipbake.io.mip_tx import MipTx
+from mipbake.io.read_back import Band
 
 DEFAULT_FORMAT = "exr"
 
@@ -100,6 +101,9 @@ class Container(Protocol):
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """Reads what write wrote: a level of (H_L, W_L, C) for each (height, width). InputError when that fails."""
+
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+        """The same, some rows at a time where the container can: to be compared with what is in memory anyway."""
 
     def info(self, path: Path) -> FileInfo:
         """What is in a file of this kind, whoever wrote it, with no texels decoded. InputError when it is broken."""

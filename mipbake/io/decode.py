@@ -22,6 +22,9 @@ Pixels = NDArray[np.float32]
 _RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "opacity"), (0.0, 1.0))
 _RANGES["emissive"] = (0.0, np.inf)
 
+_AT_ONCE = 1 << 16
+"""Texels that are decoded at a time. A guess."""
+
 _FAR = 1.5
 """A median this many times the top of a range belongs to values in other units; a guess."""
 
@@ -34,7 +37,7 @@ class TextureMap:
     """One decoded map: `pixels` (H, W, C) float32 in linear units, and where they come from.
 
     C is 3 for base_color and emissive (linear Rec.709), normal (unit, green up) and anisotropy (direction x and y,
-    unit; strength), 1 for everything else.
+    unit; strength), 1 for everything else. Maps of a set may be views of one array: texels then lie apart.
     """
 
     pixels: Pixels
@@ -56,18 +59,23 @@ class DecodedMap:
     lost_variance: Pixels | None = None
 
 
-def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMap:
-    """The values of one role out of a file's image; InputError when they cannot be that role's."""
+def decode_map(source: MapSource, image: Image, normal_length: str, out: Pixels | None = None) -> DecodedMap:
+    """The values of one role out of a file's image; InputError when they cannot be that role's.
+
+    `out`: (H, W, C) where they may be written, which saves a copy; not where they are written in any case.
+    """
     stored = taken(source, image)
     source = replace(source, sha256=image.sha256)
     if source.role == "normal":
-        return _normal(source, stored, normal_length)
+        return _normal(source, stored, normal_length, out)
     if source.role == "anisotropy":
         return _anisotropy(source, stored)
     if source.role in COLOUR_ROLES or source.converted:
-        pixels = decode(np.broadcast_to(stored, (*stored.shape[:2], 3)), source.encoding)
+        colours = np.broadcast_to(stored, (*stored.shape[:2], 3))
+        whole = source.encoding not in (SRGB, LINEAR)  # a product of matrices has other bits, row by row
+        pixels = decode(colours, source.encoding) if whole else _by_rows(colours, source.encoding, out)
     else:
-        pixels = unit_range(stored)
+        pixels = _by_rows(stored, LINEAR, out)
     warnings: tuple[str, ...] = ()
     if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
         warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
@@ -82,8 +90,18 @@ def decode_map(source: MapSource, image: Image, normal_length: str) -> DecodedMa
             "maximum?",
         )
     if source.inverted:
-        pixels = np.float32(1) - pixels
-    return DecodedMap(TextureMap(np.ascontiguousarray(pixels), source), warnings)
+        np.subtract(np.float32(1), pixels, out=pixels)
+    return DecodedMap(TextureMap(pixels, source), warnings)
+
+
+def _by_rows(stored: NDArray[np.generic], colour_space: str, out: Pixels | None) -> Pixels:
+    """`decode`, some rows at a time: what lies in between stays in the cache. `out`: where it is written if it fits."""
+    if out is None or out.shape != stored.shape:
+        out = np.empty(stored.shape, np.float32)
+    rows = max(1, _AT_ONCE // stored.shape[1])
+    for some in (slice(start, start + rows) for start in range(0, len(stored), rows)):
+        out[some] = decode(stored[some], colour_space)
+    return out
 
 
 def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
@@ -146,10 +164,11 @@ def widened(roughness: Pixels, variance: Pixels) -> Pixels:
     return np.asarray(np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1)))
 
 
-def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str) -> DecodedMap:
+def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str, out: Pixels | None) -> DecodedMap:
     if source.path is None:
         raise InputError("a normal map from a file needs its path")
-    decoded = decode_normals(stored, source.path)
+    fits = out is not None and out.shape[:2] == stored.shape[:2]
+    decoded = decode_normals(stored, source.path, out if fits else None)
     vectors, count = held(decoded.vectors, decoded.length)
     broken = () if count == 0 else (warning(source.path.name, count, vectors.shape[0] * vectors.shape[1]),)
     notes = [f"{source.path.name}: {n}" for n in decoded.notes]

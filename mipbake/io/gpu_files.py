@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
 from mipbake.io.oiio_levels import ABOUT
 from mipbake.io.quantise import dequantised, quantised
+from mipbake.io.read_back import Band, whole_levels
 
 _BC = ("BC4_UNORM_BLOCK", "BC5_UNORM_BLOCK", "BC7_UNORM_BLOCK", "BC7_UNORM_BLOCK")
 _FORMATS = {
@@ -216,6 +217,10 @@ class GpuFile:
                 "bake it again"
             )
         return [level[..., : len(layout.channels)] for level in from_blocks(texture)]
+
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+        """See Container: levels as a whole."""
+        return whole_levels(self.read(folder, layout, sizes))
 
     def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
         """See Container."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,11 @@ from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, Fi
 from mipbake.io.messages import listed
 from mipbake.io.publish import IsOurs, check_room, published
 
-_BLOCK = 1 << 18  # texels
+_BLOCK = 1 << 16  # texels; a guess
 
 Levels: TypeAlias = list[NDArray[np.float32]]
+Texels: TypeAlias = Sequence[NDArray[np.generic]]
+"""What a container stores of every level of a file, (H_L, W_L, channels)."""
 
 CONVENTIONS = {
     "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, v = (i + 1/2) / height",
@@ -34,11 +37,13 @@ CONVENTIONS = {
 
 @dataclass(frozen=True, eq=False)
 class MapFile:
-    """A file to be written: how, what its channels are, and its levels, (H_L, W_L, channels) each, finest first."""
+    """A file to be written, or one that was: how, what its channels are, and its levels, (H_L, W_L, channels) each,
+    finest first. They may be views of a stack, or `StoredLevels`.
+    """
 
     container: Container
     layout: FileLayout
-    levels: Levels
+    levels: Sequence[NDArray[np.float32]]
 
     def __repr__(self) -> str:
         """A description in one line."""
@@ -47,11 +52,84 @@ class MapFile:
         return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"
 
 
+class GivenBack(Sequence[NDArray[np.float32]]):
+    """What a file gives back, level by level; each level is made when it is asked for, because all of them together
+    would be as large as what was baked.
+    """
+
+    def __init__(self, container: Container, layout: FileLayout) -> None:
+        self._container, self._layout = container, layout
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
+
+    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return stood_for(self._texels(range(len(self))[index]), self._container, self._layout)
+
+    def at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(..., channels) of the texels of a level that lie in (...) rows and columns."""
+        texels = self._texels_at(index, rows, columns)
+        srgb = self._container.srgb(self._layout)
+        return from_file(self._container.dequantise(texels), self._layout.encodings, srgb)
+
+    @abstractmethod
+    def _texels(self, index: int) -> NDArray[np.generic]: ...
+
+    @abstractmethod
+    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]: ...
+
+
+class StoredLevels(GivenBack):
+    """What the texels stand for that were read from a file."""
+
+    def __init__(self, container: Container, layout: FileLayout, texels: Texels) -> None:
+        super().__init__(container, layout)
+        self._stored = texels
+
+    def __len__(self) -> int:
+        return len(self._stored)
+
+    def _texels(self, index: int) -> NDArray[np.generic]:
+        return self._stored[index]
+
+    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]:
+        return self._stored[index][rows, columns]
+
+
+class RoundedLevels(GivenBack):
+    """What a file of an exact container was found to hold: its levels, rounded, which are not kept a second time.
+
+    Args:
+        file: that was written.
+        squares: sum over all levels of the squared error of what the file holds.
+    """
+
+    def __init__(self, file: MapFile, squares: float) -> None:
+        super().__init__(file.container, file.layout)
+        self._file, self.squares = file, squares
+
+    def __len__(self) -> int:
+        return len(self._file.levels)
+
+    def _texels(self, index: int) -> NDArray[np.generic]:
+        return _quantised(self._file.levels[index], self._file)
+
+    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]:
+        layout, container = self._layout, self._container
+        texels = self._file.levels[index][rows, columns]
+        return container.quantise(to_file(texels, layout.encodings, container.srgb(layout)), layout)
+
+
 def save_maps(
     place: Path,
     manifest_name: str,
     manifest: Mapping[str, Any],
-    write: Callable[[Path], None],
+    write: Callable[[Path], object],
     is_ours: IsOurs,
 ) -> list[Path]:
     """Publishes a folder of maps with the manifest that describes them; gives its files, the manifest first.
@@ -72,8 +150,10 @@ def save_maps(
 
 def write_files(
     files: Sequence[MapFile], wrap: tuple[str, str], about: str, progress: Callable[[float], None]
-) -> Callable[[Path], None]:
+) -> Callable[[Path], list[MapFile | None]]:
     """What writes files into a folder, side by side, and reads every level back to compare.
+
+    It returns the files as they were read back, in the same order; None for files of containers that are not exact.
 
     Args:
         about: how they were made, as JSON, for containers that have a place for it.
@@ -83,12 +163,14 @@ def write_files(
         OutputError: when called, for what cannot be written or does not read back.
     """
 
-    def write_one(folder: Path, file: MapFile) -> None:
-        quantised = quantised_levels(file)
+    def write_one(folder: Path, file: MapFile) -> MapFile | None:
+        errors: list[float] = []
+        quantised = [_quantised(level, file, errors.append) for level in file.levels]
         file.container.write(folder, file.layout, quantised, wrap, about)
         _verify(folder, file, quantised)
+        return replace(file, levels=RoundedLevels(file, sum(errors))) if file.container.exact else None
 
-    def write(folder: Path) -> None:
+    def write(folder: Path) -> list[MapFile | None]:
         # Libraries let go of the interpreter while they encode; more files at once than cores only hold more memory.
         with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
             waiting = [pool.submit(write_one, folder, file) for file in files]
@@ -99,6 +181,7 @@ def write_files(
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
+            return [each.result() for each in waiting]
 
     return write
 
@@ -124,8 +207,7 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
         texels = stored.read(folder, layout, sizes)
-        levels = [stood_for(t, stored, layout) for t in texels]
-        files.append(MapFile(stored, layout, levels))
+        files.append(MapFile(stored, layout, StoredLevels(stored, layout, texels)))
     return files
 
 
@@ -243,24 +325,38 @@ def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
         yield level[start : start + rows]
 
 
-def _quantised(level: NDArray[np.float32], file: MapFile) -> NDArray[np.generic]:
-    """What a container stores of one level of a file."""
-    srgb = file.container.srgb(file.layout)
-    blocks = (to_file(block, file.layout.encodings, srgb) for block in row_blocks(level))
-    return np.concatenate([file.container.quantise(block, file.layout) for block in blocks])
+def _quantised(
+    level: NDArray[np.float32], file: MapFile, error: Callable[[float], None] = lambda _: None
+) -> NDArray[np.generic]:
+    """What a container stores of one level of a file. `error`: told sums of squared errors, of exact containers."""
+    container, layout = file.container, file.layout
+    srgb = container.srgb(layout)
+    out: NDArray[np.generic] | None = None
+    at = 0
+    for block in row_blocks(level):
+        values = to_file(block, layout.encodings, srgb)
+        texels = container.quantise(values, layout)
+        if out is None:
+            out = np.empty((len(level), *texels.shape[1:]), texels.dtype)
+        out[at : at + len(texels)] = texels
+        at += len(texels)
+        if container.exact:
+            apart = np.subtract(values, container.dequantise(texels), out=values).ravel()
+            error(float(np.einsum("i,i->", apart, apart)))  # a product of BLAS would start threads
+    assert out is not None
+    return out
 
 
-def _verify(folder: Path, file: MapFile, levels: Sequence[NDArray[np.generic]]) -> None:
+def _verify(folder: Path, file: MapFile, levels: Texels) -> None:
     """Reads a file back and compares: writers are known to report success for files that are incomplete."""
-    name = file.layout.name
+    name, exact = file.layout.name, file.container.exact
+    sizes = [(level.shape[0], level.shape[1]) for level in levels]
     try:
-        found = file.container.read(folder, file.layout, [(level.shape[0], level.shape[1]) for level in levels])
+        for band in file.container.bands(folder, file.layout, sizes):
+            # Containers that are not exact have compared what they compressed themselves.
+            if exact and not np.array_equal(levels[band.level][band.rows], band.texels):
+                raise OutputError(f"level {band.level} of the map {name} changed while it was written: check the disk")
     except InputError as error:
         first = file.container.files(file.layout, len(levels))[0]
         check_room(folder / first, sum(level.nbytes for level in levels))
         raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
-    if not file.container.exact:  # it has compared what it compressed itself
-        return
-    for index, (level, back) in enumerate(zip(levels, found, strict=True)):
-        if not np.array_equal(level, back):
-            raise OutputError(f"level {index} of the map {name} changed while it was written: check the disk")

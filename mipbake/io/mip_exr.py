@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.io.layout import ENCODINGS, FileLayout
-from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, specification, take_all, writer
+from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, specification, take_all, take_bands, writer
+from mipbake.io.read_back import Band
 
 _TILE = 64
+
+_LEVEL = 2
+"""Of ZIP's compression, from 1 to 9. The default of the library, 4, takes a tenth more time and saves 1 % of bytes, and
+1 costs up to 7 % of bytes: measured on 23 sets."""
 
 
 class MipExr(PlainTexels):
@@ -53,7 +58,7 @@ class MipExr(PlainTexels):
                 spec.tile_width = spec.tile_height = _TILE
                 # Without this attribute OpenImageIO stores level 0 only, and reports no error.
                 spec.attribute("textureformat", "Plain Texture")
-            spec.attribute("compression", "zip")
+            spec.attribute("compression", f"zip:{_LEVEL}")
             spec.attribute(ABOUT, about)
             if layout.is_colour:
                 spec.attribute("oiio:ColorSpace", "lin_rec709")
@@ -64,3 +69,11 @@ class MipExr(PlainTexels):
         """See Container."""
         path = folder / f"{layout.name}.exr"
         return take_all(path, sizes, layout.channel_names, len(layout.channels), self.stored)
+
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+        """See Container."""
+        if not self._mipmapped:
+            yield from super().bands(folder, layout, sizes)
+            return
+        path = folder / f"{layout.name}.exr"
+        yield from take_bands(path, sizes, layout.channel_names, len(layout.channels), self.stored, _TILE)

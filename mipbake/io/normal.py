@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,10 @@ guess."""
 
 DECIDED_CONFIDENCE = 0.75
 """Confidence from which the integrability test is believed; a guess."""
+
+
+_AT_ONCE = 1 << 15
+"""Texels whose temporaries stay in the cache. A guess."""
 
 
 @dataclass(frozen=True)
@@ -56,31 +61,42 @@ class Integrability:
         return self.confidence >= DECIDED_CONFIDENCE
 
 
-def decode_normals(pixels: NDArray[np.generic], path: Path) -> DecodedNormals:
+def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None = None) -> DecodedNormals:
     """File values (H, W, C >= 2) to unit vectors; InputError when they are not tangent-space normals.
 
     Values are n = 2 v - 1, unless a floating-point file stores signed components. Two channels, or three with a
-    constant blue, hold x and y only: z = sqrt(1 - x^2 - y^2).
+    constant blue, hold x and y only: z = sqrt(1 - x^2 - y^2). `out`, (H, W, 3): where the vectors are written.
     """
     if pixels.shape[-1] < 2:
         raise InputError(f"{path} has one channel: expected a normal map with red, green and blue; is it a height map?")
     notes = []
-    xyz = unit_range(pixels[..., :3])
-    if pixels.dtype.kind == "f" and _is_signed(xyz):
+    stored = pixels[..., :3]
+    signed = pixels.dtype.kind == "f" and _is_signed(stored)
+    if signed:
         notes.append("stores signed components")
-        xyz = xyz.copy()
-    else:
-        xyz = xyz * np.float32(2) - np.float32(1)
-    if xyz.shape[-1] == 2 or _has_constant_blue(xyz):
+
+    def vectors_of(some: NDArray[np.generic]) -> Vectors:
+        values = unit_range(some)
+        return values if signed else values * np.float32(2) - np.float32(1)
+
+    out = np.empty((*pixels.shape[:2], 3), np.float32) if out is None else out
+    rows = max(1, _AT_ONCE // pixels.shape[1])
+    blocks = [slice(start, start + rows) for start in range(0, len(pixels), rows)]
+    length: NDArray[np.float32] | None = None
+    if stored.shape[-1] == 2 or _has_constant_blue(stored, vectors_of):
         notes.append("holds x and y only: z is reconstructed")
-        vectors, length = _with_z(xyz[..., :2]), None
-        _check_looks_like_normals(vectors, path)
+        for some in blocks:
+            out[some] = _with_z(vectors_of(stored[some])[..., :2])
+        _check_looks_like_normals(_sampled(out), out, path)
     else:
-        _check_looks_like_normals(xyz, path)
-        length = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))
-        vectors = normalised(xyz, length)
-        np.minimum(length, 1, out=length)
-    return DecodedNormals(vectors, length, tuple(notes))
+        _check_looks_like_normals(vectors_of(_sampled(stored)), stored, path)
+        length = np.empty(pixels.shape[:2], np.float32)
+        for some in blocks:
+            xyz = vectors_of(stored[some])
+            of = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))
+            out[some] = normalised(xyz, of)
+            np.minimum(of, 1, out=length[some])
+    return DecodedNormals(out, length, tuple(notes))
 
 
 def normalised(vectors: Vectors, length: NDArray[np.float32] | None = None) -> Vectors:
@@ -166,18 +182,21 @@ def _sampled(image: NDArray[Any]) -> NDArray[Any]:
     return image[::step, ::step].reshape(-1, image.shape[-1])
 
 
-def _is_signed(xyz: NDArray[np.float32]) -> bool:
-    texels = _sampled(xyz)
+def _is_signed(stored: NDArray[np.generic]) -> bool:
+    texels = unit_range(_sampled(stored))
     return bool(texels[:, :2].min() < -0.01 or np.abs(texels[:, :2].mean(0)).max() < 0.25)
 
 
-def _has_constant_blue(xyz: NDArray[np.float32]) -> bool:
+def _has_constant_blue(
+    stored: NDArray[np.generic], vectors_of: Callable[[NDArray[np.generic]], NDArray[np.float32]]
+) -> bool:
     """Blue the same everywhere while red or green vary: 0 and 1 are what two-channel formats decode to."""
-    blue = float(xyz[0, 0, 2])
-    if blue not in (-1.0, 0.0, 1.0) or np.ptp(_sampled(xyz[..., 2:])) > 0:
+    blue = float(vectors_of(stored[0, 0])[2])
+    texels = _sampled(stored)
+    if blue not in (-1.0, 0.0, 1.0) or np.ptp(texels[:, 2]) > 0:
         return False
-    varies = np.ptp(_sampled(xyz[..., :2]), axis=0).max() > 0
-    return bool(varies and np.ptp(xyz[..., 2]) == 0)
+    varies = np.ptp(texels[:, :2], axis=0).max() > 0
+    return bool(varies and np.ptp(stored[..., 2]) == 0)
 
 
 def _with_z(xy: NDArray[np.float32]) -> Vectors:
@@ -187,17 +206,19 @@ def _with_z(xy: NDArray[np.float32]) -> Vectors:
     return np.concatenate([xy / over[..., None], z[..., None]], -1)
 
 
-def _check_looks_like_normals(xyz: Vectors, path: Path) -> None:
+def _check_looks_like_normals(texels: Vectors, whole: NDArray[Any], path: Path) -> None:
     """Refuses what cannot be a tangent-space normal map.
+
+    Args:
+        texels: (N, 3) vectors of some texels. whole: (H, W, 3) values that all vectors follow from, one by one.
 
     The limits were set on 130 scanned normal maps and 130 base colours. Normals: z > 0 in every texel, mean tilt (mean
     xy over mean z) at most 0.27, least correlation between two channels at most 0.27. Colours: z > 0 in fewer than 0.91
     of the texels or a tilt above 0.6, and mostly correlations above 0.8. Greys have a tilt of sqrt(2) or no z > 0.
     """
-    texels = _sampled(xyz)
     mean = texels.mean(0, dtype=np.float64)
     expected = "expected tangent-space normals, (0.5, 0.5, 1) where the surface is flat"
-    if np.ptp(texels, axis=0).max() == 0 and np.ptp(xyz.reshape(-1, 3), axis=0).max() == 0:
+    if np.ptp(texels, axis=0).max() == 0 and np.ptp(whole, axis=(0, 1)).max() == 0:
         if np.abs(mean[:2]).max() > 0.02 or mean[2] < 0.9:
             stored = ", ".join(f"{(m + 1) / 2:.3g}" for m in mean)
             raise InputError(f"{path} is constant at ({stored}): {expected}")

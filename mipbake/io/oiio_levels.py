@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from mipbake.io.messages import told_by
 from mipbake.io.publish import check_room
 from mipbake.io.quantise import dequantised, quantised
 from mipbake.io.read import PNG_SIGNATURE, check_png
+from mipbake.io.read_back import Band, whole_levels
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -33,6 +34,10 @@ _PNG_HEAD = 128
 
 ABOUT = "mipbake"
 """Attribute, key or chunk that holds how a file was made, as JSON."""
+
+
+_BAND = 1 << 20
+"""Texels that are read at a time where a file is read in bands. A guess."""
 
 
 class PlainTexels:
@@ -87,6 +92,14 @@ class PlainTexels:
         """See Container."""
         del layout
         return list(levels)
+
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+        """See Container: levels as a whole."""
+        return whole_levels(self.read(folder, layout, sizes))
+
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        raise NotImplementedError
 
     def info(self, path: Path) -> FileInfo:
         """See Container."""
@@ -213,6 +226,13 @@ def take(
     Raises:
         InputError: it has another size or other channels, or cannot be read.
     """
+    _check_level(source, path, index, size, names)
+    return _texels(source, path, index, size, names, source.read_image(*place, 0, source.spec().nchannels, stored))
+
+
+def _check_level(
+    source: OpenImageIO.ImageInput, path: Path, index: int, size: tuple[int, int], names: tuple[str, ...] | None
+) -> None:
     spec = source.spec()
     found = list(spec.channelnames)
     height, width = size
@@ -222,10 +242,21 @@ def take(
             f"level {index} of {path} is {spec.width} x {spec.height} with channels {', '.join(found)}, "
             f"expected {width} x {height}{expected}: bake or convert it again"
         )
-    pixels = source.read_image(*place, 0, len(found), stored)
+
+
+def _texels(
+    source: OpenImageIO.ImageInput,
+    path: Path,
+    index: int,
+    size: tuple[int, int],
+    names: tuple[str, ...] | None,
+    pixels: NDArray[np.generic] | None,
+) -> NDArray[np.generic]:
+    """What a reader gave, (height, width, C), with channels in the order of their names; InputError for nothing."""
     if pixels is None or source.has_error:
         raise InputError(f"cannot read level {index} of {path}: {told_by(source.geterror)}")
-    texels: NDArray[np.generic] = np.asarray(pixels).reshape(height, width, len(found))
+    found = list(source.spec().channelnames)
+    texels: NDArray[np.generic] = np.asarray(pixels).reshape(*size, len(found))
     # OpenEXR sorts channels by name.
     return texels if names is None or names == tuple(found) else texels[..., [found.index(n) for n in names]]
 
@@ -244,20 +275,45 @@ def take_all(
     """
     source = reader(path)
     try:
-        levels = []
-        for index, size in enumerate(sizes):
-            if not source.seek_subimage(0, index):
-                raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
-            if source.spec().nchannels != channels:
-                raise InputError(
-                    f"{path} has {source.spec().nchannels} channels, expected {channels}: bake or convert it again"
-                )
-            levels.append(take(source, path, index, size, names, stored, (0, index)))
-        if source.seek_subimage(0, len(sizes)):
-            raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
-        return levels
+        every = enumerate(_levels(source, path, sizes, channels))
+        return [take(source, path, index, size, names, stored, (0, index)) for index, size in every]
     finally:
         source.close()
+
+
+def take_bands(
+    path: Path, sizes: Sequence[tuple[int, int]], names: tuple[str, ...] | None, channels: int, stored: str, tile: int
+) -> Iterator[Band]:
+    """As `take_all`, some rows of tiles at a time, of a file whose tiles have so many rows."""
+    source = reader(path)
+    try:
+        for index, size in enumerate(_levels(source, path, sizes, channels)):
+            _check_level(source, path, index, size, names)
+            height, width = size
+            step = max(1, _BAND // (width * tile)) * tile
+            for start in range(0, height, step):
+                end = min(height, start + step)
+                pixels = source.read_tiles(0, index, 0, width, start, end, 0, 1, 0, channels, stored)
+                texels = _texels(source, path, index, (end - start, width), names, pixels)
+                yield Band(index, slice(start, end), texels)
+    finally:
+        source.close()
+
+
+def _levels(
+    source: OpenImageIO.ImageInput, path: Path, sizes: Sequence[tuple[int, int]], channels: int
+) -> Iterator[tuple[int, int]]:
+    """Sizes, each after the reader stands at its level; InputError for more or fewer levels, or other channels."""
+    for index, size in enumerate(sizes):
+        if not source.seek_subimage(0, index):
+            raise InputError(f"{path} has {index} levels, expected {len(sizes)}: bake or convert it again")
+        if source.spec().nchannels != channels:
+            raise InputError(
+                f"{path} has {source.spec().nchannels} channels, expected {channels}: bake or convert it again"
+            )
+        yield size
+    if source.seek_subimage(0, len(sizes)):
+        raise InputError(f"{path} has more levels than the {len(sizes)} expected: bake or convert it again")
 
 
 def image_info(path: Path) -> FileInfo:

@@ -25,7 +25,7 @@ def quantised(values: NDArray[np.float64], kind: str, what: str) -> NDArray[np.g
     """
     most = _MOST[kind]
     if kind in ("half", "float"):
-        largest = float(np.abs(values).max())
+        largest = float(max(values.max(), -values.min()))
         if not largest <= most:
             raise UsageError(
                 f"{what} holds the value {largest:g}, beyond what a {kind} file stores ({most:g}): scale the source "

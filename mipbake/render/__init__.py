@@ -4,6 +4,6 @@ Texture space is here; `mipbake.render.mesh_render` renders meshes (`mesh`, `sha
 them under an `environment`.
 """
 
-from mipbake.render.texture_space import candidate
+from mipbake.render.texture_space import LooksUp, candidate, lookup
 
-__all__ = ["candidate"]
+__all__ = ["LooksUp", "candidate", "lookup"]

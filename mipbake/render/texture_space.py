@@ -6,6 +6,7 @@ Lighting and viewing directions are constant over a pixel (section 3.2 of Kemppi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,14 @@ from numpy.typing import NDArray
 from mipbake import sampling, shading
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.pixel_filter import Wrap
+
+
+@runtime_checkable
+class LooksUp(Protocol):
+    """Levels that are looked up in their own way, because they do not lie in memory as they are meant."""
+
+    def lookup(self, uv: NDArray[np.float64], lod: float, wrap: Wrap) -> NDArray[np.float32]:
+        """(P, C) float32, as `lookup` gives it."""
 
 
 def candidate(
@@ -27,6 +36,12 @@ def candidate(
 
     Returns (K, P, 3) float32 linear radiance.
     """
+    texels = levels.lookup(uv, lod, wrap) if isinstance(levels, LooksUp) else lookup(levels, uv, lod, wrap)
+    return shading.shade(model, texels, pairs.light, pairs.view)
+
+
+def lookup(levels: Sequence[NDArray[Any]], uv: NDArray[np.float64], lod: float, wrap: Wrap) -> NDArray[np.float32]:
+    """(P, C) float32: one trilinear lookup of levels (H_L, W_L, C) of float32 or float16 at each of (P, 2) uv."""
     finest, *coarser = (level[None] for level in levels)
     texels = sampling.texture(
         finest,
@@ -36,4 +51,4 @@ def candidate(
         filter_mode="linear-mipmap-linear",
         boundary_mode=wrap,
     )
-    return shading.shade(model, texels[0, 0], pairs.light, pairs.view)
+    return np.asarray(texels[0, 0], np.float32)

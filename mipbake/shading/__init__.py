@@ -93,9 +93,9 @@ def shade_lit(
         radiance: (K, 3) of each light, its solid angle included: the irradiance of what faces it. Finite.
 
     Returns:
-        (N, 3), or (B, N, 3), in the dtype of the material. Each point's sum runs over the lights in order, in that dtype; 0 where no
-        light is. In float32 within 1e-5 of the exact value of the same arguments, relatively, for alpha >= 0.002 and
-        radiance of one sign. The same bits on every instruction set and for any number of threads.
+        (N, 3), or (B, N, 3), in the dtype of the material. Each point's sum runs over the lights in order, in that
+        dtype; 0 where no light is. In float32 within 1e-5 of the exact value of the same arguments, relatively, for
+        alpha >= 0.002 and radiance of one sign. The same bits on every instruction set and for any number of threads.
 
     Raises:
         UsageError: an unknown model, an argument whose dtype or shape does not fit, or radiance that is not finite, by

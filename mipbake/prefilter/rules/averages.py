@@ -21,12 +21,7 @@ from mipbake import directions, material
 from mipbake.material import Kind
 from mipbake.pixel_filter import Wrap, filtered_levels, resample
 from mipbake.prefilter.base import PrefilterResult, Progress
-
-Array = NDArray[np.floating]
-Image = NDArray[np.float32]
-
-BAND = 1 << 17
-"""Texels worked on at a time: a dozen channels and their temporaries stay below 64 MiB. A guess."""
+from mipbake.prefilter.rules.bands import Array, Image, closed_form_levels, texelwise, texelwise_mean
 
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""
@@ -71,7 +66,6 @@ class RoughnessRule:
         weight: the weight of a normal in the average, from its alpha^2; None for equal weights.
         top_blur: width in texels of the box that normals are averaged with at level 0, for the roughness alone, where
             the averaging kernel is `box`, which leaves level 0 as it is; 1 for none.
-        band: texels worked on at a time.
     """
 
     name: str
@@ -81,7 +75,6 @@ class RoughnessRule:
     widened: Callable[[Array, Array], Array]
     weight: Callable[[Array], Array] | None = None
     top_blur: float = 1.0
-    band: int = BAND
     averages: ClassVar[bool] = True
 
     def __call__(
@@ -115,16 +108,16 @@ class RoughnessRule:
             alpha2 = of_eigenvalues(averages.alpha2, lambda value: self._level(value, variance))
             return stored_channels(averages.colours, mean + centre, alpha2, target)
 
-        averaged = by_rows(read, stored, band=self.band)
-        blurred = None
-        if self.top_blur != 1.0 and pixel_filter == "box":
+        if self.top_blur == 1.0 or pixel_filter != "box":
+            levels = closed_form_levels(stored, read, write, pixel_filter, wrap, progress)
+        else:
+            averaged = texelwise(read, stored)
             size = (stored.shape[0], stored.shape[1])
-            blurred = resample(np.ascontiguousarray(named(averaged).normals), size, "box", wrap, self.top_blur)
-        levels = filtered_levels(averaged, pixel_filter, wrap, progress)
-        del averaged
-        for index, level in enumerate(levels):
-            images = (level, blurred) if index == 0 and blurred is not None else (level,)
-            levels[index] = by_rows(write, *images, band=self.band)
+            blurred = resample(named(averaged).normals, size, "box", wrap, self.top_blur)
+            levels = filtered_levels(averaged, pixel_filter, wrap, progress)
+            del averaged
+            levels[0] = texelwise(_beside(write, levels[0].shape[-1]), np.concatenate([levels[0], blurred], -1))
+            levels[1:] = [texelwise(write, level) for level in levels[1:]]
         return PrefilterResult(directions.agreeing(levels, target, wrap))
 
     def _spread(self, normals: Array) -> tuple[Array, Array]:
@@ -203,33 +196,11 @@ def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -
     return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
 
 
-def by_rows(function: Callable[..., Array], *images: Image, band: int = BAND) -> Image:
-    """function(*images), which must work texel by texel, in bands of rows: temporaries stay small.
-
-    Args:
-        function: of (rows, W, C) arrays, one for each image; gives one (rows, W, D) array.
-        images: (H, W, C), each with its own C.
-        band: texels of a band, which has at least one row.
-    """
-    height, width = images[0].shape[:2]
-    step = max(1, band // width)
-    out = np.empty(0, np.float32)
-    for start in range(0, height, step):
-        part = function(*(image[start : start + step] for image in images))
-        if start == 0:
-            out = np.empty((height, *part.shape[1:]), np.float32)
-        out[start : start + step] = part
-    return out
-
-
-def mean_by_rows(function: Callable[[Array], Array], image: Image) -> NDArray[np.float32]:
-    """(D,) mean over all texels of the results of a function that takes (rows, W, C) bands of an image."""
-    height, width = image.shape[:2]
-    step = max(1, BAND // width)
-    sums = [function(image[start : start + step]).sum((0, 1), dtype=np.float64) for start in range(0, height, step)]
-    return np.asarray(np.sum(sums, 0) / (height * width), np.float32)
+def _beside(write: Callable[[Array, Array], Array], channels: int) -> Callable[[Array], Array]:
+    """A function of two images as one of both in one, the first with so many channels."""
+    return lambda both: write(*split(both, channels))
 
 
 def normal_centre(stored: Image, model: str) -> NDArray[np.float32]:
     """(3,) the mean of the unit normals: moments about it are exact for flat maps, tilted ones too."""
-    return mean_by_rows(material.model_named(model).unit_normals, stored)
+    return texelwise_mean(material.model_named(model).unit_normals, stored)

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
-from mipbake.pixel_filter import Wrap, filtered_levels
+from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.averages import Array, by_rows, mean_by_rows, split, stored_channels
+from mipbake.prefilter.rules.averages import split, stored_channels
+from mipbake.prefilter.rules.bands import Array, closed_form_levels, texelwise_mean
 
 
 class Averages(NamedTuple):
@@ -46,7 +47,7 @@ class Lean:
         # A target with the lobe of `ggx` takes S from `ggx`, where alpha has its floor. Others have their own alpha.
         lobes_of = material.MODELS[material.COMMON] if wanted.lobe is material.GGX_LOBE else wanted
         # Moments about the mean slope of the whole map: a tilted map would leave its covariance to cancellation.
-        tilt = mean_by_rows(lambda texels: _slopes(texels, source), stored)
+        tilt = texelwise_mean(lambda texels: _slopes(texels, source), stored)
 
         def read(texels: Array) -> Array:
             slopes = _slopes(texels, source) - tilt
@@ -66,9 +67,7 @@ class Lean:
             normal = np.concatenate([slopes + tilt, np.ones_like(slopes[..., :1])], -1)
             return stored_channels(colours, normal, tensor, target)
 
-        levels = filtered_levels(by_rows(read, stored), pixel_filter, wrap, progress)
-        for index, level in enumerate(levels):
-            levels[index] = by_rows(write, level)
+        levels = closed_form_levels(stored, read, write, pixel_filter, wrap, progress)
         return PrefilterResult(directions.agreeing(levels, target, wrap))
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
-from mipbake.pixel_filter import Wrap, filtered_levels
+from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.averages import by_rows
+from mipbake.prefilter.rules.bands import Array, closed_form_levels
 
 
 class Linear:
@@ -25,9 +25,10 @@ class Linear:
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter."""
-        channels = by_rows(lambda texels: material.convert(texels, source, target), stored)
-        levels = filtered_levels(channels, pixel_filter, wrap, progress)
-        del channels
-        for index, level in enumerate(levels):
-            levels[index] = by_rows(lambda texels: material.regularise(texels, target), level)
+        read = None if source == target else lambda texels: material.convert(texels, source, target)
+
+        def write(texels: Array) -> Array:
+            return material.regularise(texels, target)
+
+        levels = closed_form_levels(stored, read, write, pixel_filter, wrap, progress)
         return PrefilterResult(directions.agreeing(levels, target, wrap))

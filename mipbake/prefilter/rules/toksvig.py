@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import Array, RoughnessRule, length
+from mipbake.prefilter.rules.averages import RoughnessRule, length
+from mipbake.prefilter.rules.bands import Array
 
 
 def excess(variance: Array) -> Array:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import Array, RoughnessRule
+from mipbake.prefilter.rules.averages import RoughnessRule
+from mipbake.prefilter.rules.bands import Array
 from mipbake.prefilter.rules.toksvig import excess, widened
 
 _DEAD_ZONE = 4e-5  # Unreal Engine's own number

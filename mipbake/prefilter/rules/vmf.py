@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import Array, RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.bands import Array
 
 _NEWTON_STEPS = 4  # a guess
 
