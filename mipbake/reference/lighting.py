@@ -1,4 +1,4 @@
-"""What lights the pixels of an estimate: light-view pairs of groups, or of each pixel.
+"""What lights the pixels of an estimate: light-view pairs of groups, or of each pixel, or many lights at once.
 
 Every illumination shades samples of pixels. The samples keep an axis of their own, so that one function weighs and
 averages the samples of all illuminations (estimate.py).
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.reference.samples import Span
-from mipbake.shading import shade
+from mipbake.shading import shade, shade_lit
 
 Image = NDArray[np.float32]
 
@@ -32,7 +32,7 @@ class Illumination(Protocol):
 
     @property
     def lights(self) -> int:
-        """Lights that a sample of a pixel in a group is shaded under: what it costs."""
+        """Radiances that are held of a sample of a pixel in a group."""
 
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         """Radiance of (R, S, n, C) texels, S samples of n pixels in R groups: (R, K, S, 1, n, 3) or (R, 1, S, K, n, 3).
@@ -102,3 +102,37 @@ class PixelPairs:
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         # Samples are the batch: the pairs of a pixel repeat for each of them.
         return shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])[None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class SummedLights:
+    """Directional lights of each of G groups, seen from one side and all at once: one render, their sum.
+
+    Args:
+        light: (G, L, 3) unit vectors. view: (G, 3) unit vectors. power: (G, L, 3) irradiance of each light.
+    """
+
+    light: Image
+    view: Image
+    power: Image
+
+    @property
+    def groups(self) -> int:
+        return len(self.light)
+
+    @property
+    def renders(self) -> int:
+        return 1
+
+    @property
+    def lights(self) -> int:
+        return 1  # the sum is all that is held of a sample
+
+    def shaded(self, model: str, texels: Image, span: Span) -> Image:
+        rows, samples, count, channels = texels.shape
+        light, view, power = (each[span.groups] for each in (self.light, self.view, self.power))
+        points = samples * count
+        frame = np.broadcast_to(np.eye(3, dtype=np.float32), (points, 3, 3))
+        seen = np.broadcast_to(view[:, None], (len(view), points, 3))
+        lit = shade_lit(model, texels.reshape(rows, points, channels), frame, seen, light, power)
+        return lit.reshape(rows, 1, samples, 1, count, 3)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mipbake.metrics.visible import SIDE
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.estimate import estimate
-from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.lighting import SummedLights
 from mipbake.reference.samples import Pixels
 from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import Lighting
@@ -82,10 +82,10 @@ class SmallPictures:
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
         """(N, PIXELS, 3) linear radiance, an unbiased estimate."""
         out = np.empty((*self.uv.shape[:2], 3), np.float32)
-        for some, light, view in self._alike():
+        for some, light, _ in self._alike():
             pixels = Pixels(self.uv[some], self.longer[some, None], self.axes[some, None])
-            seen = estimate(source, pixels, GroupPairs(light, view), samples, rng)
-            out[some] = np.einsum("nlpc,nlc->npc", seen, self.power[some, : light.shape[1]], optimize=True)
+            lighting = SummedLights(light, self.view[some, 0], self.power[some, : light.shape[1]])
+            out[some] = estimate(source, pixels, lighting, samples, rng)[:, 0]
         return out
 
     def places(self, count: int) -> NDArray[np.float32]:
