@@ -45,7 +45,7 @@ def check_extra(name: str, user: str) -> None:
     """UsageError, as of `extra`, where a package of an extra is not installed. For before long work; imports none."""
     missing = [distribution for module, distribution in EXTRAS[name].items() if find_spec(module) is None]
     if missing:
-        raise UsageError(_sentence(name, user, " and ".join(missing)))
+        raise UsageError(_sentence(name, user, ", ".join(missing)))
 
 
 def _sentence(name: str, user: str, missing: str) -> str:

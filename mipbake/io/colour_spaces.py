@@ -23,7 +23,7 @@ class ColourSpace:
     """A colour space of red, green and blue.
 
     Args:
-        to_rec709: (3, 3) matrix from its linear values to those of Rec.709, with Bradford's chromatic adaptation.
+        to_rec709: (3, 3) matrix from its linear values to linear Rec.709, with Bradford's chromatic adaptation.
         decoded: encoded values to linear ones; None where values are stored linear.
     """
 
