@@ -100,7 +100,7 @@ def _decode_named(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32
     return np.asarray(values @ np.asarray(matrix, np.float32).T, np.float32)
 
 
-def _conversion(name: str) -> tuple[ArrayLike, Callable[[NDArray[np.float64]], NDArray[np.float64]] | None]:
+def _conversion(name: str) -> tuple[ArrayLike, Callable[[NDArray[np.floating]], NDArray[np.floating]] | None]:
     """The matrix to linear Rec.709, and what decodes values; None where they are linear."""
     own = COLOUR_SPACES.get(name)
     if own is not None:

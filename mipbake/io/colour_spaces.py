@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mipbake._srgb import srgb_to_linear
 
-Values = NDArray[np.float64]
+Values = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

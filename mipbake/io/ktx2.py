@@ -259,7 +259,7 @@ def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
         told = library.get_frame_info(stored).decompressed_size
         if told not in (None, size):  # None: the stream does not tell
             raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
-        level = library.ZstdDecompressor().decompress(stored, size + 1)
+        level: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
     except library.ZstdError as error:
         raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
     if len(level) != size:
