@@ -16,6 +16,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from mipbake._allocator import keep_freed_memory
+from mipbake._extras import told_of
 from mipbake.cli.commands import Commands
 from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
@@ -137,6 +138,9 @@ def _stopped_message(code: int) -> str:
 
 def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error that is not mipbake's own means, and returns the exit code."""
+    wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
+    if wanting is not None:
+        return session.fail(wanting, EXIT_USAGE)
     if _lacks_memory(error):
         return session.fail(
             f"there is not enough memory for this ({str(error) or 'the system gives no more'}): ask for less, for "

@@ -16,6 +16,7 @@ EXTRAS: Mapping[str, Mapping[str, str]] = {
         "scipy": "scipy",
         "skimage": "scikit-image",
     },
+    "train": {"torch": "torch"},
     "uastc": {"alktx2": "alktx2"},
 }
 """Extra to the modules that the code imports, and what each is called where it is installed from."""
@@ -39,6 +40,13 @@ def extra(name: str, user: str) -> Iterator[None]:
         if missing not in EXTRAS[name]:
             raise  # a package that is installed lacks something itself
         raise UsageError(_sentence(name, user, EXTRAS[name][missing])) from None
+
+
+def told_of(error: ModuleNotFoundError) -> str | None:
+    """What to type, as a sentence, where an extra brings what was not found; None where none does."""
+    missing = (error.name or "").partition(".")[0]
+    bringing = (name for name, packages in EXTRAS.items() if missing in packages)
+    return next((_sentence(name, "this", EXTRAS[name][missing]) for name in bringing), None)
 
 
 def check_extra(name: str, user: str) -> None:

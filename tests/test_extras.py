@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mipbake._extras import EXTRAS, check_extra, extra
+from mipbake._extras import EXTRAS, check_extra, extra, told_of
 from mipbake.errors import UsageError
 
 BLOCKED = sorted(module for packages in EXTRAS.values() for module in packages)
@@ -58,6 +58,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
             "the colour space 'ProPhoto RGB', which is none of sRGB, linear Rec.709, ACEScg, ACES2065-1, ACEScc, "
             "ACEScct, Display P3, ITU-R BT.2020, Adobe RGB (1998), needs colour-science",
         ),
+        (("bake", SET, "-o", "{tmp}", "--method", "optimum"), 'pip install "mipbake[train]"'),
         (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "ktx2:uastc"), 'pip install "mipbake[uastc]"'),
         (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "glb"), 'pip install "mipbake[uastc]"'),
     ],
@@ -77,3 +78,7 @@ def test_packages_that_are_broken_are_not_called_missing() -> None:
     with pytest.raises(UsageError, match="this needs scipy, which"), extra("compare", "this"):
         raise ModuleNotFoundError(name="scipy.ndimage")
     check_extra("compare", "this")
+    assert told_of(ModuleNotFoundError(name="no_such_package")) is None
+    assert "this needs torch, which mipbake's extra `train` brings" in (
+        told_of(ModuleNotFoundError(name="torch")) or ""
+    )
