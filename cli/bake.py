@@ -14,7 +14,8 @@ from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
 from mipbake.cli.bake_output import Printer, told
-from mipbake.cli.options import one_of, some_of
+from mipbake.cli.methods import some_of
+from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import Sources
 from mipbake.compare.costs import LIMIT

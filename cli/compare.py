@@ -14,7 +14,8 @@ from mipbake.aim import DEFAULT_AIM
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
-from mipbake.cli.options import one_of, some_of
+from mipbake.cli.methods import some_of
+from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table

@@ -15,17 +15,12 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mipbake import MipbakeError
 from mipbake._allocator import keep_freed_memory
-from mipbake.cli.bake import bake
-from mipbake.cli.compare import compare
-from mipbake.cli.convert import convert
-from mipbake.cli.info import info
-from mipbake.cli.inspect import inspect
-from mipbake.cli.presets import presets
+from mipbake._extras import told_of
+from mipbake.cli.commands import Commands
 from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
-from mipbake.cli.validate import validate
+from mipbake.errors import MipbakeError
 from mipbake.io import disk
 from mipbake.io.leftovers import unfinished
 from mipbake.io.messages import listed
@@ -44,14 +39,12 @@ _EPILOG = (
 
 app = typer.Typer(
     name="mipbake",
+    cls=Commands,
     add_completion=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog=_EPILOG,
 )
-for command in (bake, compare, validate, convert, inspect, info, presets):
-    app.command(epilog=_EPILOG)(command)
-
 # typer's own errors share an ancestor that is not part of its documented interface: older versions take it from click.
 _PARSING_ERROR: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
@@ -145,6 +138,9 @@ def _stopped_message(code: int) -> str:
 
 def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error that is not mipbake's own means, and returns the exit code."""
+    wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
+    if wanting is not None:
+        return session.fail(wanting, EXIT_USAGE)
     if _lacks_memory(error):
         return session.fail(
             f"there is not enough memory for this ({str(error) or 'the system gives no more'}): ask for less, for "
@@ -191,11 +187,10 @@ def _parsing_message(error: Exception) -> str:
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "mipbake"
-    commands = getattr(context.command, "commands", None) if context else None
     expected = ""
-    if commands and "command" in message.lower():
+    if context and isinstance(context.command, Commands) and "command" in message.lower():
         message = message.partition(" Did you mean")[0]
-        expected = f": expected one of {', '.join(commands)}"
+        expected = f": expected one of {', '.join(context.command.list_commands(context))}"
     message = " ".join(message.split()).rstrip(".?")
     return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"
 

@@ -9,10 +9,9 @@ from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
-from mipbake import UsageError
 from mipbake.cli.session import Session
+from mipbake.errors import UsageError
 from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
-from mipbake.prefilter import OPTIONS
 
 DEFAULTS = LoadOptions()
 
@@ -20,12 +19,6 @@ DEFAULTS = LoadOptions()
 def one_of(names: Iterable[str]) -> str:
     """Names as a placeholder for help texts: a|b|c. The library checks what is passed and lists them again."""
     return "|".join(names)
-
-
-def some_of(option: str) -> str:
-    """The methods that have an option, as a sentence lists them."""
-    *others, last = OPTIONS[option]
-    return f"{', '.join(others)} or {last}" if others else last
 
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.

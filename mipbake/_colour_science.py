@@ -7,11 +7,17 @@ import sys
 import warnings
 from types import ModuleType
 
+from mipbake._extras import extra
 
-def colour_science() -> ModuleType:
-    """The package `colour`."""
+
+def colour_science(user: str) -> ModuleType:
+    """The package `colour`; UsageError, which says what to type, where it is not installed.
+
+    Args:
+        user: what needs it, as the beginning of a sentence.
+    """
     first = "colour" not in sys.modules
-    with warnings.catch_warnings():  # it warns of packages that plot or fit, which nothing here uses
+    with warnings.catch_warnings(), extra("compare", user):  # it warns of packages that plot or fit: none is used here
         warnings.simplefilter("ignore")
         import colour
     if first and "colour.io.image" in sys.modules:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,9 @@ from mipbake.io.map_files import Levels, row_blocks
 from mipbake.material import MODELS
 from mipbake.packing import PackedFile
 from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter.promise import Promise
+
+if TYPE_CHECKING:
+    from mipbake.prefilter.promise import Promise
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from mipbake.errors import InputError, UsageError
 from mipbake.io.archives import SUFFIX, Archive
@@ -20,9 +20,11 @@ from mipbake.io.safe_names import unique_name
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import name_with
 from mipbake.packing import source_files
-from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet, load
 from mipbake.udim import CLAMPED, Mosaic, joined, split
+
+if TYPE_CHECKING:
+    from mipbake.stack import MipStack
 
 _T = TypeVar("_T")
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,10 @@ from mipbake.io.sources import DATA, MapSource, NormalConvention, spoken
 from mipbake.io.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
 from mipbake.opacity import keeping_coverage
 from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
+
+if TYPE_CHECKING:
+    from mipbake.stack import MipStack
 
 __all__ = ["Mosaic", "Tile", "islands", "joined", "split", "tile_options", "tiles_of"]
 
@@ -163,6 +166,8 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
     Raises:
         UsageError: the stack is not the stack of the mosaic.
     """
+    from mipbake.stack import MipStack
+
     texture_set = mosaic.texture_set
     if stack.size != (texture_set.height, texture_set.width) or set(stack.extra) != set(texture_set.plain_maps):
         raise UsageError(

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from mipbake.presets import PRESETS
 
 from .command_line import bumps, fails, tree, write_set
 
-PIPELINE = sys.modules["mipbake.bake"]  # the module: mipbake.bake is the function
+PIPELINE = import_module("mipbake.bake")  # the module: mipbake.bake is the function
 
 
 @pytest.fixture

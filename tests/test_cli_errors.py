@@ -2,8 +2,8 @@
 
 import os
 import shutil
-import sys
 import zlib
+from importlib import import_module
 
 import numpy as np
 import OpenImageIO
@@ -19,7 +19,7 @@ from mipbake.stack import MipStack
 
 from .command_line import bumps, fails, tree, write_png, write_set
 
-PIPELINE = sys.modules["mipbake.bake"]  # the module: mipbake.bake is the function
+PIPELINE = import_module("mipbake.bake")  # the module: mipbake.bake is the function
 
 
 @pytest.fixture

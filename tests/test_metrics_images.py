@@ -410,6 +410,10 @@ def test_too_much_and_too_little_flicker_are_as_bad() -> None:
 
 
 def test_colour_science_leaves_in_silence() -> None:
-    lines = "import OpenImageIO, torch", "from mipbake._colour_science import colour_science", "colour_science()"
+    lines = (
+        "import OpenImageIO, torch",
+        "from mipbake._colour_science import colour_science",
+        'colour_science("a test")',
+    )
     done = subprocess.run([sys.executable, "-c", "; ".join(lines)], capture_output=True, text=True, check=True)
     assert done.stdout == done.stderr == ""

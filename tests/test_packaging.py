@@ -1,13 +1,27 @@
-"""What the build installs is what the checkout holds."""
+"""What the build installs is what the checkout holds, and what it requires is what the code imports."""
 
 from __future__ import annotations
 
-from importlib import metadata
+import ast
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
+from importlib import import_module, metadata
 from pathlib import Path
 
 import pytest
 
+from mipbake._extras import EXTRAS
+
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "docs"))
+try:
+    modules, imported = (getattr(import_module("rooms.imports"), name) for name in ("modules", "imported"))
+    tomllib = import_module("rooms.folders").tomllib
+finally:
+    sys.path.remove(str(ROOT / "docs"))
+
 ROOMS = {
     "mipbake/": "mipbake",
     "mipbake/models/": "models",
@@ -36,3 +50,105 @@ def test_the_wheel_holds_every_module_config_and_weight() -> None:
     }
     assert expected - installed == set()
     assert any(name.startswith("mipbake/_native") and not name.endswith(".pyi") for name in installed)
+
+
+COMMANDS = ("bake", "validate", "inspect", "info", "convert", "presets")
+"""Commands that work with the base install. `compare` is not among them."""
+
+MENDED = {"torch"}
+"""What commands import without `extra` around it. The command line says what to type where it is missing."""
+
+INDIRECT = {"archspec"}
+"""Requirements that nothing here imports: another package needs them and does not say so."""
+
+NEWER = {"compression"}
+"""What only newer versions of Python have in their standard library."""
+
+
+def requirements(extra: str | None = None) -> set[str]:
+    """Distributions that pyproject.toml requires, by their names in lower case."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = project["dependencies"] if extra is None else project["optional-dependencies"][extra]
+    return {re.split(r"[^\w.-]", line)[0].lower() for line in lines}
+
+
+@cache
+def reachable() -> frozenset[str]:
+    """Modules of the package that the commands import, directly or not, inside functions as well."""
+    todo, seen = ["mipbake_start", "mipbake.cli.main", *(f"mipbake.cli.{name}" for name in COMMANDS)], set()
+    while todo:
+        module = todo.pop()
+        if module not in seen and module in modules():
+            seen.add(module)
+            todo += imported(module)
+    return frozenset(seen)
+
+
+def foreign(tree: ast.AST, extra: str = "") -> Iterator[tuple[str, str]]:
+    """Each module of another project that is imported, by its first name, with the extra that stands around it. What
+    is imported for types alone is left out."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            continue
+        within = extra
+        if isinstance(node, ast.With):
+            told = re.findall(r"\bextra\('(\w+)'", ast.unparse(node).partition("\n")[0])
+            within = told[0] if told else extra
+        if isinstance(node, ast.Try) and any(h.type and "ImportError" in ast.unparse(h.type) for h in node.handlers):
+            within = within or "any"
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom):
+            names = [node.module or ""]
+        for name in (name.partition(".")[0] for name in names):
+            if name not in sys.stdlib_module_names | NEWER | {"mipbake", "mipbake_start"}:
+                yield name, within
+        yield from foreign(node, within)
+
+
+def wanted(found: Iterable[str]) -> dict[tuple[str, str], set[str]]:
+    """What modules import, and for which extra, to the modules that do."""
+    uses: dict[tuple[str, str], set[str]] = {}
+    for module in found:
+        for use in foreign(ast.parse(modules()[module].read_text(encoding="utf-8"))):
+            uses.setdefault(use, set()).add(module)
+    return uses
+
+
+def lacking(found: Iterable[str], base: set[str]) -> dict[str, set[str]]:
+    """Distributions that modules import without an extra and that are not in the base, to the modules that do."""
+    distributions = metadata.packages_distributions()
+    lacked: dict[str, set[str]] = {}
+    for (name, extra), users in wanted(found).items():
+        names = {each.lower() for each in distributions.get(name, [name])}
+        if not extra and not names & (base | MENDED):
+            lacked.setdefault(name, set()).update(users)
+    return lacked
+
+
+def test_the_base_install_has_what_the_commands_import() -> None:
+    assert lacking(reachable(), requirements()) == {}
+
+
+def test_a_missing_requirement_is_found() -> None:
+    base = requirements()
+    for name in ("numpy", "openimageio", "typer", "pillow"):
+        assert lacking(reachable(), base - {name}), name
+    assert ("skimage", "compare") in wanted(reachable())
+    assert list(foreign(ast.parse("def f():\n    with extra('compare', 'x'):\n        import colour"))) == [
+        ("colour", "compare")
+    ]
+
+
+def test_the_base_install_has_nothing_that_no_command_imports() -> None:
+    distributions = metadata.packages_distributions()
+    used = {each.lower() for name, _ in wanted(reachable()) for each in distributions.get(name, [name])}
+    assert requirements() - used - INDIRECT == set()
+
+
+def test_extras_bring_what_is_asked_of_them() -> None:
+    for name, packages in EXTRAS.items():
+        assert {each.lower() for each in packages.values()} <= requirements(name), name
+    for (module, extra), users in wanted(reachable()).items():
+        if extra:
+            known = EXTRAS.values() if extra == "any" else [EXTRAS[extra]]
+            assert any(module in packages for packages in known), (module, users)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from mipbake._extras import extra
 from mipbake.errors import MipbakeError
 
 
@@ -44,7 +45,8 @@ def main() -> int:
 def exit_code(command: Callable[[], object]) -> int:
     """The exit code of a command, with what went wrong in a sentence on stderr; 0 when nothing did."""
     try:
-        command()
+        with extra("train", "training"):
+            command()
     except MipbakeError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code

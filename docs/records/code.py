@@ -135,7 +135,7 @@ def _exported(root: Path) -> Mapping[str, str]:
     tree = ast.parse((root / "mipbake" / "__init__.py").read_text(encoding="utf-8"))
     return {
         f"mipbake.{alias.name}": node.module
-        for node in tree.body
+        for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("mipbake")
         for alias in node.names
     }

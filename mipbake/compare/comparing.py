@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mipbake._extras import check_extra
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
 from mipbake.compare.candidates import Candidate, bake_all, check_aim, chosen, default_names, mismatch, opened
@@ -176,10 +177,12 @@ def compare(
         progress: told phase and share as the work goes on.
 
     Raises:
-        UsageError: unknown names, settings that are impossible, a condition on what is not measured.
+        UsageError: unknown names, settings that are impossible, a condition on what is not measured, or a package that
+            measures or writes pictures is not installed.
         InputError: a mesh that cannot be seen.
         OutputError: temporary files cannot be written.
     """
+    check_extra("compare", "a comparison")
     settings, asked = settings or Settings(), compared or Subjects()
     clock, stack, path = Timings(progress), asked.stack, asked.path
     model = stack.model if stack else resolve_target(texture_set, asked.target)

@@ -1,8 +1,7 @@
 """Texels to the bytes that graphics cards sample and back: plain, half-float and block-compressed.
 
 Blocks are 4 x 4 texels; a level whose sides are not multiples of 4 is continued by its last row and column, which
-nobody samples. The encoders come from other projects: etcpak (BC7), quicktex (BC1, BC4, BC5) and Basis Universal
-(UASTC).
+nobody samples. The larger encoders come from other projects: etcpak (BC7) and Basis Universal (UASTC).
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
-from mipbake.io import bc7, dds, uastc
+from mipbake.io import bc1, bc4, bc7, dds, uastc
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
 from mipbake.io.messages import told_by
 from mipbake.io.publish import temporary_folder, write_temporary
@@ -36,7 +35,7 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
         return bc7.compressed([widened(level, 4) for level in padded], exactly_opaque=made.srgb)
     if made.name.startswith("UASTC"):
         return uastc.compressed([widened(np.asarray(level, np.uint8), 4) for level in levels], made)
-    return tuple(_quicktex(np.asarray(widened(level, made.channels), np.uint8), made) for level in padded)
+    return tuple(_small(np.asarray(widened(level, made.channels), np.uint8), made) for level in padded)
 
 
 def from_blocks(texture: GpuTexture) -> list[Texels]:
@@ -75,15 +74,11 @@ def _padded(level: Bytes) -> Bytes:
     return np.pad(level, ((0, -height % 4), (0, -width % 4), (0, 0)), mode="edge")
 
 
-def _quicktex(level: Bytes, made: GpuFormat) -> bytes:
-    import quicktex
-    from quicktex.s3tc import bc1, bc4, bc5
-
-    height, width = level.shape[:2]
-    texels = np.ascontiguousarray(np.pad(level[..., :4], ((0, 0), (0, 0), (0, 4 - min(4, level.shape[2])))))
-    raw = quicktex.RawTexture.frombytes(texels.tobytes(), width, height)
-    encoders = {"BC1": bc1.BC1Encoder, "BC4": lambda: bc4.BC4Encoder(0), "BC5": lambda: bc5.BC5Encoder(0, 1)}
-    return bytes(encoders[made.name[:3]]().encode(raw).tobytes())
+def _small(level: Bytes, made: GpuFormat) -> bytes:
+    """A level of BC1, BC4 or BC5."""
+    if made.name.startswith("BC1"):
+        return bc1.compressed(level[..., :3]).tobytes()
+    return np.concatenate([bc4.compressed(level[..., i]) for i in range(made.channels)], 1).tobytes()
 
 
 def _red_green(data: bytes, made: GpuFormat, width: int, height: int) -> Bytes:

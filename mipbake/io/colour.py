@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from functools import lru_cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mipbake._colour_science import colour_science
 from mipbake._srgb import srgb_to_linear
 from mipbake.errors import UsageError
+from mipbake.io.colour_spaces import COLOUR_SPACES
 
 SRGB, LINEAR = "sRGB", "linear Rec.709"
 
@@ -44,11 +47,11 @@ def canonical_colour_space(name: str) -> str:
         return SRGB
     if lowered in _LINEAR_NAMES:
         return LINEAR
-    colour = colour_science()
-
     linear = lowered.startswith("linear ")
     wanted = lowered.removeprefix("linear ")
-    known = {k.lower(): k for k in colour.RGB_COLOURSPACES}
+    known = {own.lower(): own for own in COLOUR_SPACES}
+    if wanted not in known:
+        known = {each.lower(): each for each in _colour_science(name).RGB_COLOURSPACES}
     if wanted not in known:
         near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.4)
         hint = ", ".join([SRGB, LINEAR, *(known[n] for n in near)])
@@ -57,6 +60,10 @@ def canonical_colour_space(name: str) -> str:
             f"before it, for example {hint}"
         )
     return f"{'linear ' if linear else ''}{known[wanted]}"
+
+
+def _colour_science(name: str) -> ModuleType:
+    return colour_science(f"the colour space {name!r}, which is none of {SRGB}, {LINEAR}, {', '.join(COLOUR_SPACES)},")
 
 
 def is_linear(colour_space: str) -> bool:
@@ -82,15 +89,22 @@ def decode(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
 
 
 def _decode_named(pixels: NDArray[Any], colour_space: str) -> NDArray[np.float32]:
-    colour = colour_science()
-
-    space = colour.RGB_COLOURSPACES[colour_space.removeprefix("linear ")]
-    if colour_space.startswith("linear ") or space.cctf_decoding is None:
+    matrix, decoded = _conversion(colour_space.removeprefix("linear "))
+    if colour_space.startswith("linear ") or decoded is None:
         values = unit_range(pixels)
     elif pixels.dtype.kind == "u":
         top = np.iinfo(pixels.dtype).max
-        values = np.asarray(space.cctf_decoding(np.arange(top + 1) / top), np.float32)[pixels]
+        values = np.asarray(decoded(np.arange(top + 1) / top), np.float32)[pixels]
     else:
-        values = np.asarray(space.cctf_decoding(pixels.astype(np.float64)), np.float32)
-    matrix = colour.matrix_RGB_to_RGB(space, colour.RGB_COLOURSPACES["ITU-R BT.709"], "Bradford")
+        values = np.asarray(decoded(pixels.astype(np.float64)), np.float32)
     return np.asarray(values @ np.asarray(matrix, np.float32).T, np.float32)
+
+
+def _conversion(name: str) -> tuple[ArrayLike, Callable[[NDArray[np.floating]], NDArray[np.floating]] | None]:
+    """The matrix to linear Rec.709, and what decodes values; None where they are linear."""
+    own = COLOUR_SPACES.get(name)
+    if own is not None:
+        return own.to_rec709, own.decoded
+    colour = _colour_science(name)
+    space = colour.RGB_COLOURSPACES[name]
+    return colour.matrix_RGB_to_RGB(space, colour.RGB_COLOURSPACES["ITU-R BT.709"], "Bradford"), space.cctf_decoding

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import ModuleType
 
 from mipbake.errors import InputError
 from mipbake.io.gpu_format import READ_FORMATS, GpuFormat, GpuTexture, level_size
@@ -39,10 +41,7 @@ def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
     made, levels = texture.format, list(texture.levels)
     stored = levels
     if supercompress:
-        import zstandard
-
-        packer = zstandard.ZstdCompressor(_ZSTANDARD_LEVEL)
-        stored = [packer.compress(level) for level in levels]
+        stored = [_zstandard().compress(level, _ZSTANDARD_LEVEL) for level in levels]
     descriptor = _descriptor(made)
     values = _values(texture.values)
     descriptor_at = _START + _LEVEL.size * len(levels)
@@ -244,17 +243,24 @@ def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int
     return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel & 15)
 
 
+def _zstandard() -> ModuleType:
+    """Python's own library since 3.14, and the same before."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
+
+
 def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
     """A level of `size` bytes, and no more of the stream than that: a short one can inflate to gigabytes."""
-    import zstandard
-
+    library = _zstandard()
     try:
-        told = zstandard.frame_content_size(stored)
-        if told not in (-1, size):  # -1: the stream does not tell
+        told = library.get_frame_info(stored).decompressed_size
+        if told not in (None, size):  # None: the stream does not tell
             raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
-        with zstandard.ZstdDecompressor().stream_reader(stored) as stream:
-            level = bytes(stream.read(size + 1))
-    except zstandard.ZstdError as error:
+        level: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
+    except library.ZstdError as error:
         raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
     if len(level) != size:
         found = f"more than {size}" if len(level) > size else str(len(level))

@@ -82,8 +82,8 @@ def _library() -> ModuleType:
         import alktx2
     except ImportError:
         raise UsageError(
-            "UASTC and ETC1S need the library of Basis Universal, alktx2, which is not installed: it has builds for "
-            "Python 3.11 and newer on x86-64 Linux and Windows; install mipbake there, or choose other files, such as "
-            "--format exr or ktx2:bc"
+            "UASTC and ETC1S need the library of Basis Universal, alktx2, which mipbake's extra `uastc` brings: "
+            'python -m pip install "mipbake[uastc]" (alktx2 has builds for Python 3.11 to 3.14 on x86-64 Linux and '
+            "Windows; elsewhere choose other files, such as --format exr or ktx2:bc)"
         ) from None
     return alktx2

@@ -67,9 +67,9 @@ def color_video_vdp(
 def _quality(
     candidate: NDArray[np.floating], reference: NDArray[np.floating], pixels_per_degree: float, frames_per_second: float
 ) -> float:
+    package = cvvdp_package()
     import torch
 
-    package = cvvdp_package()
     data = [str(Path(str(package.__file__)).parent / "vvdp_data")]  # else the variable CVVDP_PATH could replace it
     photometry = package.vvdp_display_photometry.load(DISPLAY, data)
     metric = package.cvvdp(

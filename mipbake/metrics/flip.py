@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mipbake._extras import extra
 from mipbake.errors import UsageError
 from mipbake.metrics.images import ImageArray, Measured, check_picture, checked_display, checked_radiance
 
@@ -84,7 +85,7 @@ def ldr_flip(candidate: ImageArray, reference: ImageArray, pixels_per_degree: fl
         pixels_per_degree: of visual angle, above 0. The more, the finer the detail that the eye averages.
 
     Raises:
-        UsageError: other shapes or values, or no positive pixels_per_degree.
+        UsageError: other shapes or values, no positive pixels_per_degree, or flip-evaluator missing.
     """
     p, r = checked_display(candidate, reference, np.float32)
     return _evaluate(p, r, "LDR", pixels_per_degree, {})
@@ -122,7 +123,8 @@ def _evaluate(
     check_picture(reference)
     if not 0 < pixels_per_degree < math.inf:
         raise UsageError(f"pixels_per_degree is {pixels_per_degree}: expected a number above 0, for example 67")
-    import flip_evaluator
+    with extra("compare", "FLIP"):
+        import flip_evaluator
 
     given = {"ppd": float(pixels_per_degree), **parameters}
     # The package refuses read-only arrays, and contiguous input passes the checks uncopied.

@@ -17,6 +17,8 @@ NITS_PER_UNIT = 203.0
 MAX_NITS = 10_000.0
 """Where the encoding of SMPTE ST 2084 ends; brighter colours are clipped to it."""
 
+_USER = "Delta E ITP"
+
 
 def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: float = NITS_PER_UNIT) -> Measured:
     """Mean Delta E ITP over the pixels, in just noticeable differences: 0 is right, below 1 nobody sees it.
@@ -34,18 +36,19 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
         The mean and the map, one Delta E a pixel.
 
     Raises:
-        UsageError: other shapes, values that are negative or not finite, or no positive nits_per_unit.
+        UsageError: other shapes, values that are negative or not finite, no positive nits_per_unit, or colour-science
+            missing.
     """
     if not 0 < nits_per_unit < math.inf:
         raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")
-    colour = colour_science()
+    colour = colour_science(_USER)
     p, r = (_ictcp(image, nits_per_unit) for image in checked_radiance(candidate, reference))
     per_pixel = np.asarray(colour.delta_E(p, r, method="ITP"), np.float64)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
 
 
 def _ictcp(image: ImageArray, nits_per_unit: float) -> NDArray[np.float64]:
-    colour = colour_science()
+    colour = colour_science(_USER)
     spaces = colour.RGB_COLOURSPACES
     matrix = np.asarray(colour.matrix_RGB_to_RGB(spaces["ITU-R BT.709"], spaces["ITU-R BT.2020"]), np.float64)
     nits = np.minimum(image * nits_per_unit @ matrix.T, MAX_NITS)

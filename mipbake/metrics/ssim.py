@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mipbake._extras import extra
 from mipbake.metrics.images import ImageArray, Measured, check_picture, checked_display
 
 WINDOW = 11
@@ -21,9 +22,10 @@ def structural_similarity(candidate: ImageArray, reference: ImageArray) -> Measu
         candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1], H and W at least 11.
 
     Raises:
-        UsageError: other shapes or values.
+        UsageError: other shapes or values, or scikit-image missing.
     """
-    from skimage import metrics
+    with extra("compare", "SSIM"):
+        from skimage import metrics
 
     p, r = checked_display(candidate, reference)
     check_picture(r, WINDOW)

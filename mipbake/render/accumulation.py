@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import raster
+from mipbake._extras import extra
 from mipbake.pixel_filter import Wrap
 from mipbake.render.camera import Camera
 from mipbake.render.film import Film, Frames
@@ -29,6 +30,7 @@ NEW = 0.1
 
 _ROUNDING = 1e-6  # of depths, of which single floats take part; a guess
 _HELD = 1  # pixels around a pixel whose colours, and depths, its history is held to
+_USER = "a film with temporal accumulation"
 
 
 def film_accumulated(
@@ -82,7 +84,8 @@ def _radical_inverse(index: int, base: int) -> float:
 def moved(history: NDArray[np.float64], shot: Shot, before: Camera, new: NDArray[np.float64]) -> NDArray[np.float64]:
     """The history where each pixel's surface was seen by the camera of the frame before, interpolated by cubic splines;
     the new frame where nothing is, and where the surface lay outside of the picture or behind another one."""
-    from scipy.ndimage import map_coordinates
+    with extra("compare", _USER):
+        from scipy.ndimage import map_coordinates
 
     height, width = shot.resolution
     clip: Any = shot.camera.to_clip(shot.mesh.positions, shot.resolution)[None]
@@ -112,7 +115,8 @@ def _was_seen(
         depth: (H, W) clip-space w that each pixel's surface had. at: (2, H, W) rows and columns where it lay.
         then: (N, 4) vertices in clip space.
     """
-    from scipy.ndimage import maximum_filter, minimum_filter
+    with extra("compare", _USER):
+        from scipy.ndimage import maximum_filter, minimum_filter
 
     rast, _ = raster.rasterize(None, then[None], triangles, resolution)
     covered = rast[0, ::-1, :, 3] > 0
@@ -125,7 +129,8 @@ def _was_seen(
 
 def held(history: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.float64]:
     """The history, no darker and no brighter than the new frame around each pixel, by channel."""
-    from scipy.ndimage import maximum_filter, minimum_filter
+    with extra("compare", _USER):
+        from scipy.ndimage import maximum_filter, minimum_filter
 
     size = (2 * _HELD + 1, 2 * _HELD + 1, 1)
     return np.clip(history, minimum_filter(new, size, mode="nearest"), maximum_filter(new, size, mode="nearest"))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._extras import extra
 from mipbake.errors import OutputError, UsageError
 from mipbake.io.publish import check_room, reason, replacing
 from mipbake.render.mesh_render import Frame, Reference
@@ -102,7 +103,8 @@ def _channels(names: str | tuple[str, ...], *images: NDArray[Any]) -> Channels:
 
 
 def _write(path: Path, parts: Mapping[str, Channels], said: Mapping[str, object]) -> None:
-    import OpenEXR
+    with extra("compare", "a file of renders"):
+        import OpenEXR
 
     made = []
     for name, channels in parts.items():
@@ -116,7 +118,8 @@ def _write(path: Path, parts: Mapping[str, Channels], said: Mapping[str, object]
 
 def _verify(path: Path, parts: Mapping[str, Channels], said: Mapping[str, object]) -> None:
     """OutputError unless the file holds these parts, in this order: the library reports success for broken files."""
-    import OpenEXR
+    with extra("compare", "a file of renders"):
+        import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True) as file:
         right = [part.name() for part in file.parts] == list(parts)

@@ -1,0 +1,96 @@
+"""The commands of the command line. Each is loaded when it is asked for: help on all of them loads none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import typer
+import typer.core
+import typer.main
+
+
+def _bake() -> Callable[..., None]:
+    from mipbake.cli.bake import bake
+
+    return bake
+
+
+def _compare() -> Callable[..., None]:
+    from mipbake.cli.compare import compare
+
+    return compare
+
+
+def _validate() -> Callable[..., None]:
+    from mipbake.cli.validate import validate
+
+    return validate
+
+
+def _convert() -> Callable[..., None]:
+    from mipbake.cli.convert import convert
+
+    return convert
+
+
+def _inspect() -> Callable[..., None]:
+    from mipbake.cli.inspect import inspect
+
+    return inspect
+
+
+def _info() -> Callable[..., None]:
+    from mipbake.cli.info import info
+
+    return info
+
+
+def _presets() -> Callable[..., None]:
+    from mipbake.cli.presets import presets
+
+    return presets
+
+
+LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
+    "bake": _bake,
+    "compare": _compare,
+    "validate": _validate,
+    "convert": _convert,
+    "inspect": _inspect,
+    "info": _info,
+    "presets": _presets,
+}
+"""What loads the function of each command, in the order of the help text."""
+
+SUMMARIES: Mapping[str, str] = {
+    "bake": "Bake texture sets into MIP stacks.",
+    "compare": "Compare methods on texture sets, and write a report for the browser.",
+    "validate": "Measure stacks against their sources: SNR in dB, higher is better.",
+    "convert": "Convert texture sets, or materials that were converted before, to another material model.",
+    "inspect": "Show what is found in texture sets and why.",
+    "info": "Show what is in a texture file, or in every file of a stack.",
+    "presets": "Show what each preset of `mipbake bake --preset` chooses.",
+}
+"""The first sentence of each command's docstring, which can be shown without loading the command."""
+
+
+class Commands(typer.core.TyperGroup):
+    """The group of all commands."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        """Names of all commands."""
+        return list(LOADERS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """A command, loaded; None where there is none of that name."""
+        if cmd_name not in LOADERS:
+            return None
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name, epilog=self.epilog)(LOADERS[cmd_name]())
+        return typer.main.get_command(alone)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Writes the list of commands into the help text."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(SUMMARIES.items()))

@@ -1,0 +1,84 @@
+"""Without the packages of extras commands work, or say in one sentence what to install."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mipbake._extras import EXTRAS, check_extra, extra, told_of
+from mipbake.errors import UsageError
+
+BLOCKED = sorted(module for packages in EXTRAS.values() for module in packages)
+SCRIPT = f"""
+import sys
+for name in {BLOCKED!r}:
+    sys.modules[name] = None
+from mipbake.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+ROOT = Path(__file__).resolve().parent.parent
+SET = ROOT / "examples" / "lacquered_leather"
+
+
+def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Runs the command line where no package of an extra can be imported."""
+    return subprocess.run(
+        [sys.executable, "-c", SCRIPT, *map(str, arguments)], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+
+
+def test_commands_work_without_extras(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for arguments in (
+        ("bake", SET, "-o", out, "--method", "linear", "--format", "exr,ktx2:bc,dds:bc1"),
+        ("bake", SET, "-o", tmp_path / "p3", "--method", "linear", "--colour-space", "Display P3"),
+        ("inspect", SET),
+        ("info", out / "lacquered_leather"),
+        ("presets",),
+        ("convert", SET, "-o", tmp_path / "converted", "--to", "ggx"),
+        ("validate", SET, out / "lacquered_leather", "--points", "8", "--samples", "8"),
+    ):
+        done = command(*arguments)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (
+            ("compare", SET, "-o", "{tmp}"),
+            "a comparison needs colour-science, flip-evaluator, OpenEXR, scipy, scikit-image, which mipbake's extra "
+            '`compare` brings: python -m pip install "mipbake[compare]"',
+        ),
+        (
+            ("inspect", SET, "--colour-space", "ProPhoto RGB"),
+            "the colour space 'ProPhoto RGB', which is none of sRGB, linear Rec.709, ACEScg, ACES2065-1, ACEScc, "
+            "ACEScct, Display P3, ITU-R BT.2020, Adobe RGB (1998), needs colour-science",
+        ),
+        (("bake", SET, "-o", "{tmp}", "--method", "optimum"), 'pip install "mipbake[train]"'),
+        (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "ktx2:uastc"), 'pip install "mipbake[uastc]"'),
+        (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "glb"), 'pip install "mipbake[uastc]"'),
+    ],
+)
+def test_who_lacks_an_extra_reads_what_to_type(
+    arguments: tuple[str | Path, ...], sentence: str, tmp_path: Path
+) -> None:
+    done = command(*(str(argument).format(tmp=tmp_path / "out") for argument in arguments))
+    assert done.returncode == 2, done.stderr
+    assert sentence in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_packages_that_are_broken_are_not_called_missing() -> None:
+    with pytest.raises(ModuleNotFoundError, match="no_such"), extra("compare", "this"):
+        import no_such_package  # type: ignore[import-not-found]  # noqa: F401
+    with pytest.raises(UsageError, match="this needs scipy, which"), extra("compare", "this"):
+        raise ModuleNotFoundError(name="scipy.ndimage")
+    check_extra("compare", "this")
+    assert told_of(ModuleNotFoundError(name="no_such_package")) is None
+    assert "this needs torch, which mipbake's extra `train` brings" in (
+        told_of(ModuleNotFoundError(name="torch")) or ""
+    )
