@@ -55,8 +55,9 @@ def test_the_wheel_holds_every_module_config_and_weight() -> None:
 COMMANDS = ("bake", "validate", "inspect", "info", "convert", "presets")
 """Commands that work with the base install. `compare` is not among them."""
 
-MENDED = {"torch"}
-"""What commands import without `extra` around it. The command line says what to type where it is missing."""
+RARE = {"torch"}
+"""What commands import without `extra` around it, for networks of architectures that the native core does not have. The
+command line says what to type where it is missing, and tests/test_extras.py bakes without it."""
 
 INDIRECT = {"archspec"}
 """Requirements that nothing here imports: another package needs them and does not say so."""
@@ -120,7 +121,7 @@ def lacking(found: Iterable[str], base: set[str]) -> dict[str, set[str]]:
     lacked: dict[str, set[str]] = {}
     for (name, extra), users in wanted(found).items():
         names = {each.lower() for each in distributions.get(name, [name])}
-        if not extra and not names & (base | MENDED):
+        if not extra and not names & (base | RARE):
             lacked.setdefault(name, set()).update(users)
     return lacked
 
