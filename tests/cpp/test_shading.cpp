@@ -109,13 +109,15 @@ void lights_agree_with_the_kernels(int index) {
     for (int i = 0; i < 3 * kPairs; ++i) radiance.push_back(0.5f + 0.3f * std::sin(static_cast<float>(i)));
     shade_lit_cpu({index,
                    false,
+                   1,
                    kTexels,
                    kPairs,
                    c.material.data(),
-                   {C, 1},
-                   {frames.data(), {9, 3, 1}},
+                   {0, C, 1},
+                   frames.data(),
+                   {0, 9, 3, 1},
                    views.data(),
-                   {3, 1},
+                   {0, 3, 1},
                    c.light.data(),
                    radiance.data()},
                   out.data());
