@@ -74,6 +74,6 @@ def checked_filter(config: Architecture, pixel_filters: tuple[str, ...], source:
         read = ", ".join(config.encoders)
         raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
     if pixel_filters and kernel not in pixel_filters:
-        filters = ", ".join(pixel_filters)
-        raise UsageError(f"these weights are trained for the pixel filters {filters}, not for {kernel!r}")
+        filters = f"filter{'s' if len(pixel_filters) > 1 else ''} {', '.join(pixel_filters)}"
+        raise UsageError(f"these weights are trained for the pixel {filters}, not for {kernel!r}")
     return kernel

@@ -276,9 +276,9 @@ def test_bands_of_rows_join_without_a_seam(
     for name in ("linear", "lean", "toksvig", "unreal"):
         whole = METHODS[name](stored, "gltf", "gltf", kernel, wrap, lambda _: None).levels
         with monkeypatch.context() as few:
-            few.setattr(bands, "_ROWS", 9)
-            few.setattr(bands, "_BAND", 1)
-            few.setattr(bands, "_CHUNK", 100)
+            few.setattr(bands, "ROWS", 9)
+            few.setattr(bands, "BAND", 1)
+            few.setattr(bands, "CHUNK", 100)
             joined = METHODS[name](stored, "gltf", "gltf", kernel, wrap, lambda _: None).levels
         for one, other in zip(whole, joined, strict=True):
             np.testing.assert_array_equal(one, other)
@@ -287,8 +287,8 @@ def test_bands_of_rows_join_without_a_seam(
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("wrap", "clamp"), ("clamp", "clamp")])
 @pytest.mark.parametrize("kernel", FILTERS)
 def test_levels_of_bands_are_levels_of_the_whole(monkeypatch: pytest.MonkeyPatch, wrap: Wrap, kernel: str) -> None:
-    monkeypatch.setattr(bands, "_ROWS", 16)
-    monkeypatch.setattr(bands, "_BAND", 1)
+    monkeypatch.setattr(bands, "ROWS", 16)
+    monkeypatch.setattr(bands, "BAND", 1)
     stored = gltf_level((70, 61), 4)
     shares: list[float] = []
     found = bands.closed_form_levels(stored, np.square, np.negative, kernel, wrap, shares.append)

@@ -89,7 +89,7 @@ def test_released_weights_bake_what_torch_bakes(info) -> None:  # type: ignore[n
 
 def test_another_pixel_filter_is_refused() -> None:
     (info,) = (info for info in RELEASED if info.name == "paper-ggx")
-    with pytest.raises(UsageError, match="trained for the pixel filters gaussian"):
+    with pytest.raises(UsageError, match="trained for the pixel filter gaussian"):
         load_baker(info).bake(bumpy(4, 4), "gltf", "ggx", "box", TORUS, lambda _: None, DEFAULT_SAMPLER)
 
 

@@ -117,7 +117,7 @@ WORDS = {
     "pair": Word(
         places=(
             *("mipbake/compare/", "mipbake/judging/", "mipbake/metrics/", "mipbake/prefilter/", "mipbake/reference/"),
-            *("mipbake/render/small_pictures.py", "mipbake/render/texture_space.py", "mipbake/report/page/"),
+            *("mipbake/render/texture_space.py", "mipbake/report/page/"),
             *("mipbake/shading/", "mipbake/validate.py"),
             *("mipbake/material/beckmann.py", "cli/bake_output.py", "cli/compare.py", "cli/validate.py", "training/"),
         ),

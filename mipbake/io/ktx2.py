@@ -259,13 +259,13 @@ def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
         told = library.get_frame_info(stored).decompressed_size
         if told not in (None, size):  # None: the stream does not tell
             raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
-        level: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
+        inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
     except library.ZstdError as error:
         raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
-    if len(level) != size:
-        found = f"more than {size}" if len(level) > size else str(len(level))
+    if len(inflated) != size:
+        found = f"more than {size}" if len(inflated) > size else str(len(inflated))
         raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")
-    return level
+    return inflated
 
 
 def _read_values(data: bytes, name: str) -> dict[str, bytes]:

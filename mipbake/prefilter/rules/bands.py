@@ -35,13 +35,13 @@ Image = NDArray[np.float32]
 Texelwise = Callable[[Array], Array]
 """(rows, W, C) to (rows, W, D), texel by texel."""
 
-_CHUNK = 1 << 14
+CHUNK = 1 << 14
 """Texels worked on at a time: a dozen channels and their temporaries stay in the cache. A guess."""
 
-_BAND = 1 << 18
+BAND = 1 << 18
 """Texels of level 0 in a band. A guess."""
 
-_ROWS = 128
+ROWS = 128
 """Rows of a band, at least: the filter reaches 16 rows beyond a band on either side, which are read twice. A guess."""
 
 _T = TypeVar("_T")
@@ -78,7 +78,7 @@ def texelwise(function: Texelwise, image: Image, out: Image | None = None) -> Im
 
 def texelwise_mean(function: Texelwise, image: Image) -> Image:
     """(D,) mean over all texels of function(image); the sums are in float64."""
-    rows = max(1, _BAND // image.shape[1])
+    rows = max(1, BAND // image.shape[1])
     count = -(-len(image) // rows)
 
     def summed(index: int) -> NDArray[np.float64]:
@@ -107,7 +107,7 @@ class _Levels:
             size = reduced_size(self._sizes, len(self._direct), wrap)
             self._reduced = np.empty((*size, first.shape[-1]), np.float32)
             self._axes.append(self._taps(size, "box"))
-        self._bands = max(1, height // max(_ROWS, _BAND // width))
+        self._bands = max(1, height // max(ROWS, BAND // width))
 
     def made(self, progress: Progress) -> list[Image]:
         """The levels. `progress`: told the finished share; all but a few hundredths of the work are the bands."""
@@ -167,7 +167,7 @@ class _Levels:
 
 def _chunks(image: Image) -> Iterator[tuple[Image, slice]]:
     """Some rows of an image each, as planes in memory, and which rows they are."""
-    step = max(1, _CHUNK // image.shape[1])
+    step = max(1, CHUNK // image.shape[1])
     for start in range(0, len(image), step):
         rows = slice(start, start + step)
         yield np.ascontiguousarray(image[rows].transpose(2, 0, 1)).transpose(1, 2, 0), rows
