@@ -9,9 +9,11 @@ from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
+from mipbake._allocator import keep_freed_memory
 from mipbake.cli.session import Session
 from mipbake.errors import UsageError
 from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
+from mipbake.memory import default, limited, parsed
 
 DEFAULTS = LoadOptions()
 
@@ -86,20 +88,37 @@ def _talking(
     return session
 
 
+def _memory(
+    memory: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="SIZE",
+            help="Memory that is held to, such as 4G or 800M. What does not fit lies in temporary files, in the folder "
+            "that the environment variable TMPDIR names.",
+            show_default="a quarter of what the machine has",
+        ),
+    ] = None,
+) -> int | None:
+    return default() if memory is None else parsed(memory)
+
+
 def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Callable[..., None]:
     """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
 
-    They come after the function's own options: first how a set is read, then what is printed. The options that a
-    command is `without` change nothing that it does, and keep their defaults.
+    They come after the function's own options: first how a set is read, then the memory that the command is held to,
+    then what is printed. The options that a command is `without` change nothing that it does, and keep their defaults.
     """
-    shared: dict[str, Callable[..., Any]] = {"load": _reading, "session": _talking}
+    shared: dict[str, Callable[..., Any]] = {"load": _reading, "memory": _memory, "session": _talking}
     own = [p for name, p in _parameters(command).items() if name not in shared]
     others = {name: {key: p for key, p in _parameters(of).items() if key not in without} for name, of in shared.items()}
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
         parts = {name: shared[name](**{key: given.pop(key) for key in others[name]}) for name in reversed(shared)}
-        command(**given, **parts)
+        most = parts.pop("memory")
+        keep_freed_memory(most)
+        with limited(most):
+            command(**given, **parts)
 
     parameters = [*own, *(p for part in others.values() for p in part.values())]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

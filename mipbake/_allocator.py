@@ -7,8 +7,18 @@ import ctypes
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 
-def keep_freed_memory() -> None:
+_MOST = 1 << 30
+"""Bytes that are kept at most. A guess."""
+
+_SHARE = 16
+"""Part of a limit of memory that is kept at most. A guess."""
+
+
+def keep_freed_memory(limit: int | None = None) -> None:
     """Tells glibc to keep what is freed: networks free tens of megabytes and soon ask for them again, page by page.
+
+    Args:
+        limit: bytes that the process is held to; None for no limit.
 
     For command lines, not for a library's functions. Nothing elsewhere; the allocators of other systems are left alone.
     """
@@ -17,4 +27,4 @@ def keep_freed_memory() -> None:
     except (OSError, AttributeError, TypeError):
         return
     for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
-        mallopt(option, 1 << 30)
+        mallopt(option, _MOST if limit is None else min(_MOST, limit // _SHARE))

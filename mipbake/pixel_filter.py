@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 
@@ -161,7 +162,7 @@ def resample_taps(image: NDArray[np.float32], rows: Taps, columns: Taps) -> NDAr
     texel = image.itemsize * image.shape[2]
     if image.strides[1:] != (texel, image.itemsize) or image.strides[0] % image.itemsize or not image.flags.aligned:
         image = contiguous(image)
-    out = np.empty((len(rows[0]), len(columns[0]), image.shape[2]), np.float32)
+    out = memory.empty((len(rows[0]), len(columns[0]), image.shape[2]))
     _native.resample(image, *rows, *columns, out)
     return out
 

@@ -265,7 +265,7 @@ def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str
         if source.path is not None:
             by_file.setdefault(source.path, []).append(source)
         elif role in SHADING_ROLES:
-            decoded[role] = DecodedMap(constant_map(source, found.width, found.height))
+            decoded[role] = DecodedMap(constant_map(source, found.width, found.height, into.get(role)))
         else:
             decoded[role] = DecodedMap(constant_map(source, 1, 1))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import _native, directions, material
+from mipbake import _native, directions, material, memory
 from mipbake.material import model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -82,7 +82,7 @@ class LatentBaker(Baker):
             (H_L, W_L, C) float32 stored channels of the model that is made, of every level.
         """
         sizes, kernel = level_sizes(*stored.shape[:2]), self.config.latent_filter
-        out = [np.empty((*size, model_named(made).channels), np.float32) for size in sizes]
+        out = [memory.empty((*size, model_named(made).channels)) for size in sizes]
         packed, biases = self.packed(read, made)
         sinks = []
         for level in range(1, len(sizes)):

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import _native, directions, material
+from mipbake import _native, directions, material, memory
 from mipbake.material import MaterialModel, model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -85,7 +85,7 @@ class MomentBaker(Baker):
         """
         (made,) = self.config.decoders
         sizes = level_sizes(*stored.shape[:2])
-        out = [np.empty((*size, model_named(made).channels), np.float32) for size in sizes]
+        out = [memory.empty((*size, model_named(made).channels)) for size in sizes]
         plain = resample_weights(16, 16, lookup.kernel, "wrap")[1][0]  # the same for every texel of a level 0
         a = sharpening(0)
         top = Top(np.convolve(plain, [-a, 1 + 2 * a, -a]).astype(np.float32), plain, out[0], self._biases(0, lookup))

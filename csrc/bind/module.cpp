@@ -13,6 +13,7 @@ void bind_raster(nb::module_& m);
 void bind_interpolate(nb::module_& m);
 void bind_antialias(nb::module_& m);
 void bind_network(nb::module_& m);
+void bind_pages(nb::module_& m);
 
 NB_MODULE(_native, m) {
     nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
@@ -35,4 +36,5 @@ NB_MODULE(_native, m) {
     bind_interpolate(m);
     bind_antialias(m);
     bind_network(m);
+    bind_pages(m);
 }

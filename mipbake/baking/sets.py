@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from mipbake import memory
 from mipbake.adjust import adjusted
 from mipbake.bake import bake, resolve_target
 from mipbake.baking.options import Asked
@@ -18,14 +19,23 @@ from mipbake.compare.ranges import chosen_ranges
 from mipbake.found import file_hashes, set_report
 from mipbake.glb import Encoded, encoded, multiple_of_side, output
 from mipbake.io.gltf.slots import BASE
+from mipbake.io.sources import Discovery
+from mipbake.io.tiles import FIRST
 from mipbake.jobs import Job
 from mipbake.manifest import check_output
 from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
+from mipbake.prefilter import METHODS
 from mipbake.presets import Preset
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings
+
+_OWN_MEMORY = 160 << 20
+"""Bytes that a bake takes whatever the size of the set. Measured, and a guess for other machines."""
+
+_COLUMN_MEMORY = 24 << 10
+"""Bytes for each texel of a row: bands of rows that are read, filtered, decoded and written. Measured as the above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +65,9 @@ class Run:
 def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`."""
     asked, listener = run.asked, run.listener
-    for found in [] if job.tiled else job.found().values():
+    sources = job.found()
+    _check_memory(asked.options.method, sources)
+    for found in [] if job.tiled else sources.values():
         check_output(place / found.name, file_hashes(found))
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
@@ -88,6 +100,14 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
             _write(run, job, texture_set, stack, place / texture_set.name, baking)
             for texture_set, stack in read.stacks(baked)
         ]
+
+
+def _check_memory(method: str, sources: Mapping[int, Discovery]) -> None:
+    """UsageError where the limit of memory does not let a method bake sets of these sizes, by tile."""
+    across = len({(tile - FIRST) % 10 for tile in sources})
+    width, height = (max(getattr(found, side) for found in sources.values()) for side in ("width", "height"))
+    needed = _OWN_MEMORY + _COLUMN_MEMORY * width * across + METHODS[method].own_memory
+    memory.check(needed, f"a bake of {width} x {height} texels by {method}")
 
 
 def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: Path, baking: Timings) -> BakedSet:

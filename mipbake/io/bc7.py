@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,45 +37,69 @@ _STEPS = np.array([0, 4, 9, 13, 17, 21, 26, 30, 34, 38, 43, 47, 51, 55, 60, 64])
 """Where the indices of mode 6 lie between the ends of a block."""
 
 
-def compressed(levels: Sequence[NDArray[np.generic]], exactly_opaque: bool = False) -> tuple[bytes, ...]:
-    """(H, W, 4) uint8 levels, sides multiples of 4, to their blocks. Threads may call it at the same time.
+def compressed(images: Iterable[NDArray[np.uint8]], exactly_opaque: bool = False) -> Iterator[bytes]:
+    """(H, W, 4) images, sides multiples of 4, to the blocks of each. Threads may call it at the same time.
 
     With `exactly_opaque`, for colours, blocks of opaque texels have an alpha of 1 and not of 254 / 255, which takes a
     bit from some of the colours.
     """
-    made = _encoded(levels)
-    return tuple(map(_opaque, made, levels)) if exactly_opaque else made
+    with _Encoder() as encoder:
+        for image in images:
+            blocks = encoder.blocks(image)
+            yield _opaque(blocks, image) if exactly_opaque else blocks
 
 
-def _encoded(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
-    if sum(level.shape[0] * level.shape[1] for level in levels) <= _INLINE:
-        return _here(levels)
-    given = b"".join(
-        level.shape[1].to_bytes(4, "little") + level.shape[0].to_bytes(4, "little") + level.tobytes()
-        for level in levels
-    )
-    sizes = [level.shape[0] * level.shape[1] for level in levels]
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", _WORKER], input=given, capture_output=True, check=False, cwd=Path(__file__).parent
-        )
-    except OSError:  # no interpreter of that name: mipbake runs inside another program
-        return _here(levels)
-    if done.returncode or len(done.stdout) != sum(sizes):
-        return _here(levels)
-    ends = np.cumsum(sizes)
-    return tuple(done.stdout[end - size : end] for end, size in zip(ends, sizes, strict=True))
+class _Encoder:
+    """The encoder, in a process that is started when there is enough to do for one; here where none can be."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._alone = False
+
+    def __enter__(self) -> _Encoder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is not None:
+            with suppress(OSError), self._process:  # what could not be sent is still in its pipe
+                self._process.kill()
+
+    def blocks(self, image: NDArray[np.uint8]) -> bytes:
+        """The blocks of (H, W, 4) texels."""
+        height, width = image.shape[:2]
+        if self._alone or (self._process is None and height * width <= _INLINE):
+            return _here(image)
+        try:
+            if self._process is None:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-c", _WORKER],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    cwd=Path(__file__).parent,
+                )
+            found = _sent(self._process, image)
+        except OSError:  # no interpreter of that name: mipbake runs inside another program
+            found = b""
+        self._alone = len(found) != height * width
+        return _here(image) if self._alone else found
 
 
-def _here(levels: Sequence[NDArray[np.generic]]) -> tuple[bytes, ...]:
+def _sent(process: subprocess.Popen[bytes], image: NDArray[np.uint8]) -> bytes:
+    """What a process answers to an image; less where it has ended."""
+    height, width = image.shape[:2]
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(struct.pack("<2I", width, height) + image.tobytes())
+    process.stdin.flush()
+    return process.stdout.read(height * width)
+
+
+def _here(image: NDArray[np.uint8]) -> bytes:
     import etcpak
 
     settings = etcpak.BC7CompressBlockParams()
     settings.init_linear_weights()  # maps are data as often as colours, and 1.4 dB better for both
-    return tuple(
-        bytes(etcpak.compress_bc7(np.ascontiguousarray(level).tobytes(), level.shape[1], level.shape[0], settings))
-        for level in levels
-    )
+    return bytes(etcpak.compress_bc7(image.tobytes(), image.shape[1], image.shape[0], settings))
 
 
 def _opaque(blocks: bytes, level: NDArray[np.generic]) -> bytes:

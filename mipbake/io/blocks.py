@@ -7,10 +7,12 @@ nobody samples. The larger encoders come from other projects: etcpak (BC7) and B
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.errors import InputError
 from mipbake.io import bc1, bc4, bc7, dds, uastc
 from mipbake.io.gpu_format import GpuFormat, GpuTexture, level_size
@@ -19,6 +21,9 @@ from mipbake.io.publish import temporary_folder, write_temporary
 
 Texels = NDArray[np.generic]
 Bytes = NDArray[np.uint8]
+
+_AT_ONCE = 1 << 18
+"""Texels whose blocks are made or read together. A guess."""
 
 
 def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
@@ -30,12 +35,26 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
     """
     if made.side == 1:
         return tuple(np.ascontiguousarray(widened(level, made.channels)).tobytes() for level in levels)
-    padded = [_padded(np.asarray(level, np.uint8)) for level in levels]
-    if made.name.startswith("BC7"):
-        return bc7.compressed([widened(level, 4) for level in padded], exactly_opaque=made.srgb)
     if made.name.startswith("UASTC"):
         return uastc.compressed([widened(np.asarray(level, np.uint8), 4) for level in levels], made)
-    return tuple(_small(np.asarray(widened(level, made.channels), np.uint8), made) for level in padded)
+    wide = 4 if made.name.startswith("BC7") else made.channels
+    counts = [len(_strips(*level.shape[:2])) for level in levels]
+    strips = (
+        np.asarray(widened(_padded(np.asarray(level[rows], np.uint8)), wide), np.uint8)
+        for level in levels
+        for rows in _strips(*level.shape[:2])
+    )
+    if made.name.startswith("BC7"):
+        done = bc7.compressed(strips, exactly_opaque=made.srgb)
+    else:
+        done = (_small(strip, made) for strip in strips)
+    return tuple(b"".join(islice(done, count)) for count in counts)
+
+
+def _strips(height: int, width: int) -> list[slice]:
+    """The rows of a level in whole blocks, some _AT_ONCE texels at a time: blocks know nothing of each other."""
+    step = 4 * max(1, _AT_ONCE // (4 * width))
+    return [slice(start, min(height, start + step)) for start in range(0, height, step)]
 
 
 def from_blocks(texture: GpuTexture) -> list[Texels]:
@@ -50,10 +69,34 @@ def from_blocks(texture: GpuTexture) -> list[Texels]:
     if made.side == 1:
         kind = np.dtype(np.float16 if made.is_float else np.uint8)
         return [np.frombuffer(data, kind).reshape(height, width, -1) for data, (width, height) in sized]
-    if made.name.startswith(("BC4", "BC5")):
-        return [_red_green(data, made, width, height) for data, (width, height) in sized]
-    found = uastc.decompressed(texture) if made.name.startswith("UASTC") else _by_image_library(texture)
-    return [level[..., : made.channels] for level in found]
+    if made.name.startswith("UASTC"):
+        return [level[..., : made.channels] for level in uastc.decompressed(texture)]
+    large = sum(width * height > _AT_ONCE for width, height in sizes)
+    out = [_by_strips(data, made, width, height) for data, (width, height) in sized[:large]]
+    if large < len(sizes):
+        out += _decoded(GpuTexture(made, *sizes[large], texture.levels[large:], {}))
+    return out
+
+
+def _by_strips(data: bytes, made: GpuFormat, width: int, height: int) -> Texels:
+    """One level of blocks, some of its rows at a time."""
+    out = memory.empty((height, width, made.channels), np.uint8)
+    start = 0
+    for rows in _strips(height, width):
+        part = out[rows]
+        size = made.level_size(width, len(part))
+        part[...] = _decoded(GpuTexture(made, width, len(part), (data[start : start + size],), {}))[0]
+        start += size
+    return out
+
+
+def _decoded(texture: GpuTexture) -> list[Texels]:
+    """(H, W, C) texels of every level of blocks of BC1 to BC7."""
+    made = texture.format
+    if not made.name.startswith(("BC4", "BC5")):
+        return [level[..., : made.channels] for level in _by_image_library(texture)]
+    sizes = (level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
+    return [_red_green(data, made, *size) for data, size in zip(texture.levels, sizes, strict=True)]
 
 
 def widened(level: Texels, channels: int) -> Texels:

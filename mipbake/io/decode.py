@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.directions import untangled
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR, SRGB, decode, unit_range
@@ -97,19 +98,24 @@ def decode_map(source: MapSource, image: Image, normal_length: str, out: Pixels 
 def _by_rows(stored: NDArray[np.generic], colour_space: str, out: Pixels | None) -> Pixels:
     """`decode`, some rows at a time: what lies in between stays in the cache. `out`: where it is written if it fits."""
     if out is None or out.shape != stored.shape:
-        out = np.empty(stored.shape, np.float32)
-    rows = max(1, _AT_ONCE // stored.shape[1])
-    for some in (slice(start, start + rows) for start in range(0, len(stored), rows)):
+        out = memory.empty(stored.shape)
+    for some in _some_rows(out):
         out[some] = decode(stored[some], colour_space)
     return out
 
 
-def constant_map(source: MapSource, width: int, height: int) -> TextureMap:
-    """A source without a file, at a size."""
+def _some_rows(image: NDArray[np.generic]) -> Iterator[slice]:
+    """The rows of an image, _AT_ONCE texels at a time."""
+    rows = max(1, _AT_ONCE // image.shape[1])
+    return (slice(start, start + rows) for start in range(0, len(image), rows))
+
+
+def constant_map(source: MapSource, width: int, height: int, out: Pixels | None = None) -> TextureMap:
+    """A source without a file, at a size; `out`: where it is written, (height, width, C)."""
     value = np.array(source.constant, np.float32)
-    if not value.any():
-        return TextureMap(np.zeros((height, width, len(value)), np.float32), source)
-    return TextureMap(np.ascontiguousarray(np.broadcast_to(value, (height, width, len(value)))), source)
+    out = memory.empty((height, width, len(value))) if out is None else out
+    out[...] = value
+    return TextureMap(out, source)
 
 
 def scaled(pixels: Pixels, role: str, factor: float) -> Pixels:
@@ -140,28 +146,37 @@ def resized(texture: TextureMap, width: int, height: int, wrap: tuple[str, str])
 
 def upsample(pixels: Pixels, width: int, height: int, wrap: tuple[str, str]) -> Pixels:
     """Bilinear between texel centres, (H, W, C) to (height, width, C), neighbours beyond the border by `wrap`."""
-    if pixels.shape[:2] == (1, 1):
-        return np.ascontiguousarray(np.broadcast_to(pixels, (height, width, pixels.shape[2])))
-    for axis, size, mode in ((0, height, wrap[1]), (1, width, wrap[0])):
-        count = pixels.shape[axis]
-        if count == size:
-            continue
-        at = (np.arange(size) + 0.5) * count / size - 0.5
-        low = np.floor(at).astype(np.intp)
-        weight = (at - low).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-        both = [i % count if mode == "wrap" else np.clip(i, 0, count - 1) for i in (low, low + 1)]
-        first, second = (np.take(pixels, i, axis) for i in both)
-        second -= first
-        second *= weight
-        second += first
-        pixels = second
-    return pixels
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    out = memory.empty((height, width, pixels.shape[2]))
+    for some in _some_rows(out):
+        rows = np.arange(height)[some]
+        part = pixels[some] if len(pixels) == height else _interpolated(pixels, rows, height, 0, wrap[1])
+        out[some] = part if part.shape[1] == width else _interpolated(part, np.arange(width), width, 1, wrap[0])
+    return out
+
+
+def _interpolated(pixels: Pixels, index: NDArray[np.int64], size: int, axis: int, mode: str) -> Pixels:
+    """Some texels, by index, of an axis that is stretched to a size."""
+    count = pixels.shape[axis]
+    at = (index + 0.5) * count / size - 0.5
+    low = np.floor(at).astype(np.intp)
+    weight = (at - low).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+    both = [i % count if mode == "wrap" else np.clip(i, 0, count - 1) for i in (low, low + 1)]
+    first, second = (np.take(pixels, i, axis) for i in both)
+    second -= first
+    second *= weight
+    second += first
+    return np.asarray(second)
 
 
 def widened(roughness: Pixels, variance: Pixels) -> Pixels:
     """Perceptual roughness (H, W, 1) with `variance` (H, W) added to alpha^2, at most 1."""
-    alpha2 = np.square(np.square(roughness)) + variance[..., None]
-    return np.asarray(np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1)))
+    out = memory.empty(roughness.shape)
+    for some in _some_rows(out):
+        alpha2 = np.square(np.square(roughness[some])) + variance[some, :, None]
+        out[some] = np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1))
+    return out
 
 
 def _normal(source: MapSource, stored: NDArray[np.generic], normal_length: str, out: Pixels | None) -> DecodedMap:
@@ -238,11 +253,12 @@ def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str], 
     """
     least, most = _RANGES[source.role]
     label = source.path.name if source.path else source.role
-    outside = np.count_nonzero(((pixels < least) | (pixels > most)).any(-1))
+    parts = [pixels[some] for some in _some_rows(pixels)]
+    outside = sum(int(np.count_nonzero(((part < least) | (part > most)).any(-1))) for part in parts)
     if not outside:
         return pixels, (), ()
     low, high = float(pixels.min()), float(pixels.max())
-    if most < np.inf and float(np.median(pixels)) > _FAR * most:
+    if most < np.inf and float(np.median(memory.copied(pixels), overwrite_input=True)) > _FAR * most:
         raise InputError(
             f"{source.path or label} holds values from {low:.4g} to {high:.4g}: expected {spoken(source.role)} from "
             f"{least:g} to {most:g}, divide them by what stands for {most:g} and export it again"
@@ -254,9 +270,10 @@ def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str], 
     reach = f"from {low:.4g}" if most == np.inf else f"from {low:.4g} to {high:.4g}"
     told = f"{label}: {count} {limits}{' in linear Rec.709' if wide else ''} clipped ({reach})"
     share = outside / (pixels.shape[0] * pixels.shape[1])
+    np.clip(pixels, least, most, out=pixels)
     if share <= _MANY:
-        return np.clip(pixels, least, most), (told,), ()
-    return np.clip(pixels, least, most), (), (f"{told}, {share:.0%} of all: check that {_cause(source, wide)}",)
+        return pixels, (told,), ()
+    return pixels, (), (f"{told}, {share:.0%} of all: check that {_cause(source, wide)}",)
 
 
 def _cause(source: MapSource, wide: bool) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.io.decode import TextureMap
 from mipbake.io.sources import Discovery
 
@@ -25,7 +26,7 @@ def places(found: Discovery, channels: Mapping[str, int]) -> dict[str, NDArray[n
         channels: of the map of each role.
     """
     widths = {role: channels[role] for role in (*ORDER, "anisotropy") if role in found.sources}
-    whole = np.empty((found.height, found.width, sum(widths.values())), np.float32)
+    whole = memory.empty((found.height, found.width, sum(widths.values())))
     ends = np.cumsum([0, *widths.values()])
     return {role: whole[..., start : start + widths[role]] for role, start in zip(widths, ends[:-1], strict=True)}
 

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
 from mipbake.io.containers import Container
@@ -312,7 +313,7 @@ def stood_for(texels: NDArray[np.generic], container: Container, layout: FileLay
     """What a container's texels of one level of a file stand for."""
     srgb = container.srgb(layout)
     parts = (from_file(container.dequantise(block), layout.encodings, srgb) for block in row_blocks(texels))
-    out = np.empty(texels.shape, np.float32)
+    out = memory.empty(texels.shape)
     for block, part in zip(row_blocks(out), parts, strict=True):
         block[:] = part
     return out
@@ -337,7 +338,7 @@ def _quantised(
         values = to_file(block, layout.encodings, srgb)
         texels = container.quantise(values, layout)
         if out is None:
-            out = np.empty((len(level), *texels.shape[1:]), texels.dtype)
+            out = memory.empty((len(level), *texels.shape[1:]), texels.dtype)
         out[at : at + len(texels)] = texels
         at += len(texels)
         if container.exact:

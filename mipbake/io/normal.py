@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.errors import InputError
 from mipbake.io.colour import unit_range
 
@@ -79,7 +80,7 @@ def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None 
         values = unit_range(some)
         return values if signed else values * np.float32(2) - np.float32(1)
 
-    out = np.empty((*pixels.shape[:2], 3), np.float32) if out is None else out
+    out = memory.empty((*pixels.shape[:2], 3)) if out is None else out
     rows = max(1, _AT_ONCE // pixels.shape[1])
     blocks = [slice(start, start + rows) for start in range(0, len(pixels), rows)]
     length: NDArray[np.float32] | None = None
@@ -90,7 +91,7 @@ def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None 
         _check_looks_like_normals(_sampled(out), out, path)
     else:
         _check_looks_like_normals(vectors_of(_sampled(stored)), stored, path)
-        length = np.empty(pixels.shape[:2], np.float32)
+        length = memory.empty(pixels.shape[:2])
         for some in blocks:
             xyz = vectors_of(stored[some])
             of = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))

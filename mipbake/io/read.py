@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.colour_names import told_by_file
@@ -28,7 +30,11 @@ IMAGE_SUFFIXES = frozenset(
     )
 )
 
-_NATIVE = ("uint8", "uint16", "half", "float")
+_NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
+"""Types that texels keep, by the name that OpenImageIO has for them."""
+
+_AT_ONCE = 1 << 20
+"""Texels that are read or looked at together. A guess."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +92,31 @@ def read_image(path: Path) -> Image:
     image = _open(path)
     header = _header(path, image)
     stored = header.depth if header.depth in _NATIVE else "float"
-    pixels = image.read_image(0, 0, 0, header.channels, stored)
-    if pixels is None or image.has_error:
-        reason = told_by(image.geterror)
-        raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
+    pixels = memory.empty((header.height, header.width, header.channels), _NATIVE[stored])
+    for rows, texels in _bands(image, stored):
+        if texels is None or image.has_error:
+            reason = told_by(image.geterror)
+            raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
+        pixels[rows] = texels.reshape(-1, *pixels.shape[1:])
     image.close()
-    values: NDArray[np.generic] = np.asarray(pixels).reshape(header.height, header.width, header.channels)
-    _check_finite(path, values)
-    return Image(values, header, digest)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
+
+
+def _bands(image: OpenImageIO.ImageInput, stored: str) -> Iterator[tuple[slice, NDArray[np.generic] | None]]:
+    """The texels of an image, of one type, some rows at a time; None for rows that cannot be read."""
+    spec = image.spec()
+    tall = spec.tile_height or 1
+    step = max(1, _AT_ONCE // (spec.width * tall)) * tall
+    for start in range(0, spec.height, step):
+        end = min(spec.height, start + step)
+        lines = spec.y + start, spec.y + end
+        if spec.tile_width:
+            columns = spec.x, spec.x + spec.width
+            texels = image.read_tiles(*columns, *lines, spec.z, spec.z + 1, 0, spec.nchannels, stored)
+        else:
+            texels = image.read_scanlines(*lines, spec.z, 0, spec.nchannels, stored)
+        yield slice(start, end), texels
 
 
 def _is_other(path: Path) -> bool:
@@ -189,10 +212,18 @@ def check_png(path: Path, data: bytes) -> None:
 def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:
     if pixels.dtype.kind != "f":
         return
-    bad = ~np.isfinite(pixels)
-    count = int(np.count_nonzero(bad))
+    count, first = 0, (0, 0, 0)
+    step = max(1, _AT_ONCE // pixels.shape[1])
+    for start in range(0, len(pixels), step):
+        bad = ~np.isfinite(pixels[start : start + step])
+        if not bad.any():
+            continue
+        if not count:
+            place = np.unravel_index(int(np.argmax(bad)), bad.shape)
+            first = start + int(place[0]), int(place[1]), int(place[2])
+        count += int(np.count_nonzero(bad))
     if count:
-        row, column, channel = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        row, column, channel = first
         raise InputError(
             f"{path} holds {count} NaN or infinite value{'s' if count > 1 else ''}, the first at row {row}, "
             f"column {column}, channel {channel}: replace them before baking"

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.io.normal import normalised
 from mipbake.material import MIN_NORMAL_Z
 
@@ -26,8 +27,12 @@ _NO_LENGTH = 0.02
 def holes(normals: Vectors, length: NDArray[np.float32] | None = None) -> NDArray[np.bool_]:
     """(H, W) which of (H, W, 3) unit vectors are not normals; `length` (H, W): their lengths before they were made
     unit."""
-    found = np.asarray(normals[..., 2] < np.float32(MIN_NORMAL_Z))
-    return found if length is None else np.asarray(found | (length < np.float32(_NO_LENGTH)))
+    found = memory.empty(normals.shape[:2], np.bool_)
+    np.less(normals[..., 2], np.float32(MIN_NORMAL_Z), out=found)
+    if length is not None:
+        for row, of in zip(found, length, strict=True):
+            np.logical_or(row, of < np.float32(_NO_LENGTH), out=row)
+    return found
 
 
 def held(normals: Vectors, length: NDArray[np.float32] | None = None) -> tuple[Vectors, int]:
@@ -48,7 +53,7 @@ def held(normals: Vectors, length: NDArray[np.float32] | None = None) -> tuple[V
         flat = np.zeros_like(normals)
         flat[..., 2] = 1
         return flat, count
-    out, known = normals.copy(), ~broken
+    out, known = memory.copied(normals), ~broken
     rows, columns = np.nonzero(broken)
     while len(rows):
         total, found = np.zeros((len(rows), 3), np.float32), np.zeros(len(rows), np.bool_)

@@ -68,6 +68,10 @@ class Prefilter(Protocol):
         """Whether it is a closed form over averages, which then runs with any kernel in place of the pixel filter, the
         box of its origin for one; otherwise a method makes levels for the pixel filter itself."""
 
+    @property
+    def own_memory(self) -> int:
+        """Bytes that it takes whatever the size of the set, beside images of that size and some rows of them."""
+
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:

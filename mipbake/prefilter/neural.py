@@ -30,6 +30,7 @@ class Neural:
     name = "neural"
     summary = "a trained network (pixel-filter-aware MIP maps)"
     averages = False
+    own_memory = 0
 
     def __init__(self, weights: str | None = None, sampler: str = DEFAULT_SAMPLER) -> None:
         self._chosen: WeightsInfo | None = None

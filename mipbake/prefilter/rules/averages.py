@@ -76,6 +76,7 @@ class RoughnessRule:
     weight: Callable[[Array], Array] | None = None
     top_blur: float = 1.0
     averages: ClassVar[bool] = True
+    own_memory: ClassVar[int] = 0
 
     def __call__(
         self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress

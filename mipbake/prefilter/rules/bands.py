@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import memory
 from mipbake.pixel_filter import (
     PRE_REDUCED,
     Taps,
@@ -70,7 +71,7 @@ def texelwise(function: Texelwise, image: Image, out: Image | None = None) -> Im
     for part, rows in _chunks(image):
         made = function(part)
         if out is None:
-            out = np.empty((len(image), *made.shape[1:]), np.float32)
+            out = memory.empty((len(image), *made.shape[1:]))
         out[rows] = made
     assert out is not None
     return out
@@ -101,11 +102,11 @@ class _Levels:
         self._axes = [self._taps(size, pixel_filter) for size in self._direct]
         first = stored[:1, :1] if read is None else read(stored[:1, :1])
         channels = write(np.asarray(first, np.float32)).shape[-1]
-        self._made = [np.empty((*size, channels), np.float32) for size in self._direct]
+        self._made = [memory.empty((*size, channels)) for size in self._direct]
         self._reduced: Image | None = None
         if len(self._sizes) > len(self._direct):
             size = reduced_size(self._sizes, len(self._direct), wrap)
-            self._reduced = np.empty((*size, first.shape[-1]), np.float32)
+            self._reduced = memory.empty((*size, first.shape[-1]))
             self._axes.append(self._taps(size, "box"))
         self._bands = max(1, height // max(ROWS, BAND // width))
 

@@ -38,6 +38,7 @@ class Lean:
     name = "lean"
     summary = "averages, with the variance of the slopes added to the roughness (LEAN mapping)"
     averages = True
+    own_memory = 0
 
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress

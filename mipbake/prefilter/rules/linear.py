@@ -20,6 +20,7 @@ class Linear:
     name = "linear"
     summary = "average of every stored channel (what GPUs do, with the pixel filter in place of the box)"
     averages = True
+    own_memory = 0
 
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress

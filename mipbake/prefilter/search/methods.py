@@ -73,6 +73,8 @@ class Searching:
     name: str
     summary: str
     averages = False
+    own_memory = 1 << 30
+    """The pictures and pixels that it measures with, and what ingredients show there; measured, for `auto`."""
     learned = True
     """Whether a network is among the ingredients."""
     usual_seconds: float | None = None

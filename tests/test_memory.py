@@ -1,0 +1,221 @@
+"""A limit of memory: results stay bit for bit, the limit is held, and what cannot be is a sentence."""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake import _native, memory
+from mipbake.cli.main import main
+from mipbake.errors import OutputError, UsageError
+from mipbake.io.containers import FORMATS
+from mipbake.prefilter import METHODS
+
+from .command_line import fails, tree, write_set
+from .input_files import encoded, height_field
+
+if not _native.pages_supported():
+    pytest.skip("limits of memory are for Linux", allow_module_level=True)
+
+MIB = 1 << 20
+STARTED = "import sys; from mipbake.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture
+def everything_in_files(monkeypatch) -> None:
+    """Arrays of a few texels lie in files, too."""
+    monkeypatch.setattr(memory, "LEAST_SIZE", 1)
+    monkeypatch.setattr(memory, "_SHARE", 0.0)
+
+
+def mapped_files() -> int:
+    return sum(" rw-s " in line for line in Path("/proc/self/maps").read_text().splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("4G", 4 << 30), ("1.5g", 3 << 29), ("800M", 800 * MIB), ("12 KiB", 12 << 10), ("7", 7), ("2TB", 2 << 40)],
+)
+def test_sizes_are_read(text, size) -> None:
+    assert memory.parsed(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1G", "4X", "G", "1e9", "nan", "4 G G", "0.0000001K"])
+def test_what_is_no_size_is_a_sentence(text) -> None:
+    with pytest.raises(UsageError, match="expected a size such as 4G"):
+        memory.parsed(text)
+
+
+@pytest.mark.parametrize("size", [1, 1023, 1024, 3 << 29, 5 << 30])
+def test_a_size_that_is_told_reads_as_itself(size) -> None:
+    assert memory.parsed(memory.told(size).replace(" bytes", "")) == pytest.approx(size, rel=0.01)
+
+
+def test_the_default_is_a_share_of_what_is_installed() -> None:
+    size = memory.installed()
+    assert size is not None and memory.default() is not None
+    assert min(size, 2 << 30) <= memory.default() <= size
+
+
+def test_arrays_lie_in_memory_without_a_limit_and_in_files_beyond_one() -> None:
+    before = mapped_files()
+    assert memory.empty((4, 5)).shape == (4, 5)
+    with memory.limited(128 * MIB):
+        small, first, second = (memory.empty((size, MIB), np.uint8) for size in (1, 24, 24))
+        assert mapped_files() == before + 1  # the second does not fit into a quarter of the limit
+        second[...] = np.arange(24, dtype=np.uint8)[:, None]
+        view = second[3:, ::2]
+        assert view.base is second and second.flags.c_contiguous and second.flags.writeable
+    del first, second, small
+    gc.collect()
+    assert mapped_files() == before + 1  # a view holds it, after the block too
+    np.testing.assert_array_equal(view[:, 0], np.arange(3, 24))
+    del view
+    gc.collect()
+    assert mapped_files() == before
+
+
+def test_memory_that_is_freed_may_be_used_again() -> None:
+    before = mapped_files()
+    with memory.limited(128 * MIB):
+        for _ in range(5):
+            made = memory.empty((24, MIB), np.uint8)
+            assert mapped_files() == before
+            del made
+
+
+def test_limits_within_limits_end() -> None:
+    with memory.limited(8 * MIB):
+        with memory.limited(None):
+            assert memory.empty((32, MIB), np.uint8).base is None
+        assert memory.empty((32, MIB), np.uint8).base is not None
+    assert memory.empty((32, MIB), np.uint8).base is None
+
+
+def test_pages_that_are_let_go_of_come_back() -> None:
+    size = 64 * MIB
+    pages = _native.Pages(1 << 62)
+    with tempfile.TemporaryFile() as file:
+        file.truncate(size)
+        mapped = pages.map(file.fileno(), size)
+    numbers = mapped.view(np.uint32)
+    numbers[:] = np.arange(len(numbers))
+    held = _native.resident_bytes()
+    pages.release()
+    assert _native.resident_bytes() < held - size // 2
+    np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
+
+
+def test_pages_are_let_go_of_while_they_are_written() -> None:
+    """Four times the limit is written, in pieces; the process never holds much more than the limit."""
+    before = _native.resident_bytes()
+    most = 0
+    with memory.limited(before + 96 * MIB):
+        made = memory.empty((400, MIB), np.uint8)
+        for index, row in enumerate(made):
+            row[...] = index % 251
+            most = max(most, _native.resident_bytes())
+        assert all((row == index % 251).all() for index, row in enumerate(made))
+    assert most < before + 200 * MIB
+
+
+@pytest.mark.parametrize(
+    ("method", "kind"), [("linear", "anisotropic"), ("lean", "broken"), ("toksvig", "plain"), ("neural", "plain")]
+)
+def test_bakes_are_the_same_bit_for_bit(tmp_path, capsys, everything_in_files, method, kind) -> None:
+    rng = np.random.default_rng(3)
+    maps = {
+        "normal": encoded(height_field(40, 72, steepness=1.5 if kind == "broken" else 0.4)),
+        "base_color": rng.integers(0, 256, (40, 72, 3), np.uint8),
+        "roughness": rng.integers(20, 256, (20, 36), np.uint8),
+        "metallic": rng.integers(0, 256, (40, 72), np.uint8),
+        "ao": rng.integers(0, 256, (40, 72), np.uint8),
+    }
+    if kind == "broken":
+        maps["normal"][4:9, 5:11] = 0
+    if kind == "anisotropic":
+        maps["anisotropy"] = rng.integers(0, 256, (40, 72, 3), np.uint8)
+    folder = write_set(tmp_path / "set", **maps)
+    command = ["bake", str(folder), "--method", method, "--format", "exr,png,tx,ktx2:bc,dds:rgba8"]
+    for name, size in (("free", "1T"), ("held", "1G")):
+        monkey = pytest.MonkeyPatch()
+        if name == "free":
+            monkey.setattr(memory, "_SHARE", 1.0)
+        assert main([*command, "--memory", size, "-o", str(tmp_path / name)]) == 0
+        monkey.undo()
+    capsys.readouterr()
+    names = [name for name in tree(tmp_path / "free") if (tmp_path / "free" / name).is_file()]
+    assert len(names) > 20 and tree(tmp_path / "held") == tree(tmp_path / "free")
+    for name in names:
+        assert (tmp_path / "free" / name).read_bytes() == (tmp_path / "held" / name).read_bytes(), name
+
+
+def held(*arguments: str) -> tuple[int, int]:
+    """Exit code of a command in a process of its own, and the most memory that it held."""
+    code = (
+        "import resource, subprocess, sys; done = subprocess.run(sys.argv[1:], capture_output=True);"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.stderr.buffer.write(done.stderr);"
+        "sys.exit(done.returncode)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(
+        [sys.executable, "-c", code, sys.executable, "-c", STARTED, *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+        timeout=600,
+    )
+    assert not done.stderr, done.stderr
+    return done.returncode, int(done.stdout) * 1024
+
+
+def test_a_limit_is_held(tmp_path) -> None:
+    side = 3072
+    folder = write_set(
+        tmp_path / "set",
+        base_color=np.random.default_rng(0).integers(0, 256, (side, side, 3), np.uint8),
+        normal=np.tile(encoded(height_field(64, 64)), (side // 64, side // 64, 1)),
+        roughness=np.full((side, side), 90, np.uint8),
+    )
+    command = ("bake", str(folder), "--method", "linear", "-q")
+    freely = held(*command, "--memory", "1T", "-o", str(tmp_path / "free"))
+    within = held(*command, "--memory", "256M", "-o", str(tmp_path / "held"))
+    assert freely[0] == within[0] == 0
+    # Lookups at random points bring pages back faster than a busy machine lets go of them.
+    assert within[1] < 550 * MIB < 750 * MIB < freely[1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_too_little_memory_is_a_sentence_before_the_work(tmp_path, capsys, method) -> None:
+    folder = write_set(tmp_path / "metal")
+    told = fails(capsys, 2, "bake", folder, "--method", method, "--memory", "100M", "-o", tmp_path / "out")
+    assert f"a bake of 16 x 16 texels by {method} takes" in told and "the limit is 100 MiB" in told
+    assert "--memory" in told and not (tmp_path / "out").exists()
+
+
+def test_a_size_that_cannot_be_read_is_a_sentence(tmp_path, capsys) -> None:
+    told = fails(capsys, 2, "bake", write_set(tmp_path / "metal"), "--memory", "lots", "-o", tmp_path / "out")
+    assert "'lots'" in told and "expected a size such as 4G" in told
+
+
+def test_no_room_for_temporary_files_is_a_sentence(monkeypatch) -> None:
+    monkeypatch.setattr(memory, "_SHARE", 0.0)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with memory.limited(1 << 30), pytest.raises(OutputError, match=r"No space left.*TMPDIR.*--memory"):
+        memory.empty((64, MIB), np.uint8)
+
+
+def test_every_format_is_compared() -> None:
+    assert set(FORMATS) == {"exr", "png", "tx", "ktx2", "dds"}
