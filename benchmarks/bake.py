@@ -1,8 +1,9 @@
-"""Time and peak memory of `mipbake bake` as a whole process, start-up included, next to the closed forms.
+"""Time and peak memory of `mipbake` as a whole process, start-up included.
 
-    python benchmarks/bake.py [--sizes 1024 4096] [--runs 3]
+    python benchmarks/bake.py [--sizes 1024 4096 8192 16384] [--runs 3]
 
-The set is generated (examples/generate.py). Prints a Markdown table; figures are medians of the runs.
+The sets are generated (examples/generate.py), and temporary files need up to 25 GB. Prints a Markdown table. Figures
+are medians of the runs; sets of more than 1024 x 1024 are baked once.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import importlib.util
 import os
 import platform
+import shutil
 import statistics
 import subprocess
 import sys
@@ -22,6 +24,9 @@ from types import ModuleType
 
 import numpy as np
 from timing import cpu_name
+
+_OFTEN = 1024
+"""Texels a side of the largest set that is baked several times."""
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -74,7 +79,7 @@ def row(label: str, arguments: Sequence[str], runs: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096, 8192, 16384])
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
     print(f"{cpu_name()}, Python {platform.python_version()}\n")
@@ -84,10 +89,12 @@ def main() -> None:
         for size in options.sizes:
             source = Path(folder) / f"copper_{size}"
             write_set(source, size)
-            print(row(f"inspect, {size} x {size}", ["inspect", str(source)], options.runs), flush=True)
-            for method in ("linear", "lean", "neural"):
+            runs = options.runs if size <= _OFTEN else 1
+            print(row(f"inspect, {size} x {size}", ["inspect", str(source)], runs), flush=True)
+            for method in ("linear", "lean", "neural", "auto"):
                 arguments = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
-                print(row(f"bake {method}, {size} x {size}", arguments, options.runs), flush=True)
+                print(row(f"bake {method}, {size} x {size}", arguments, runs), flush=True)
+            shutil.rmtree(source)
 
 
 if __name__ == "__main__":
