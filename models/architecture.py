@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, losses, model_named
 from mipbake.pixel_filter import Wrap
@@ -39,7 +40,7 @@ class Description:
 
 
 class Baker(ABC):
-    """Released weights, ready for bakes."""
+    """What bakes: a network in torch, or released weights in the native core."""
 
     @abstractmethod
     def bake(
@@ -49,11 +50,11 @@ class Baker(ABC):
         target: str,
         pixel_filter: str,
         wrap: Wrap,
-        progress: Callable[[float], None],
-        sampler: str,
+        progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
-        target; any size.
+        target; any size, without gradients.
 
         Args:
             progress: told the finished share, from 0 to 1.
@@ -100,9 +101,9 @@ class Architecture(ABC):
         Raises:
             KeyError, ValueError: the tensors do not fit the architecture.
         """
-        from mipbake.models.torch_baker import TorchBaker, network_of
+        from mipbake.models.base import network_of
 
-        return TorchBaker(network_of(self, tensors, pixel_filters))
+        return network_of(self, tensors, pixel_filters)
 
     def describe(self) -> Description | None:
         """For the model card; None where networks of this architecture are compared with and never released."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from mipbake.aim import DEFAULT_SAMPLER
-from mipbake.models.architecture import Architecture
-from mipbake.pixel_filter import Wrap
+from mipbake.models.architecture import Architecture, Baker
 
 Stacks: TypeAlias = Mapping[str, list[Tensor]]
 """Material models that are made, and all levels of a stack of each."""
@@ -21,8 +21,8 @@ Patches: TypeAlias = Callable[[str], NDArray[np.float32]]
 """(N, S, S, C) stored channels of a material model, random samples of the materials to train on."""
 
 
-class Network(nn.Module, ABC):
-    """A network of any architecture. Images are (B, H, W, channels).
+class Network(nn.Module, Baker):
+    """A network of any architecture. Images are (B, H, W, channels); those that `bake` takes are (H, W, channels).
 
     Args:
         config: the architecture.
@@ -50,31 +50,22 @@ class Network(nn.Module, ABC):
             (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.
         """
 
-    @abstractmethod
-    def bake(
-        self,
-        stored: NDArray[np.float32],
-        source: str,
-        target: str,
-        pixel_filter: str,
-        wrap: Wrap,
-        progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,
-    ) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
-        target; any size, without gradients.
-
-        Args:
-            progress: told the finished share, from 0 to 1.
-            sampler: as for `forward`.
-
-        Raises:
-            UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.
-        """
-
     def fit(self, patches: Patches) -> None:
         """Takes what a training leaves as it is, such as a whitening, from materials; before the first step."""
 
     def only_of(self, parameter: str) -> str:  # noqa: ARG002
         """The source whose steps alone train a parameter of that name; "" for the steps of every source."""
         return ""
+
+
+def network_of(
+    config: Architecture, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]
+) -> Network:
+    """A network with its weights, ready for inference; ValueError where the tensors do not fit the architecture."""
+    network = config.build()
+    try:
+        network.load_state_dict({name: torch.from_numpy(each) for name, each in tensors.items()})
+    except RuntimeError as error:
+        raise ValueError(str(error)) from error
+    network.pixel_filters = pixel_filters
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]

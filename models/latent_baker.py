@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native, directions, material, memory
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.material import model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -51,8 +52,8 @@ class LatentBaker(Baker):
         target: str,
         pixel_filter: str,
         wrap: Wrap,
-        progress: Callable[[float], None],
-        sampler: str,  # noqa: ARG002
+        progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
         """See Baker. Latent networks tell no samplers apart."""
         checked_filter(self.config, self.pixel_filters, source, pixel_filter)

@@ -279,7 +279,7 @@ class LatentNetwork(Network):
         progress: Callable[[float], None] = lambda _: None,
         sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
-        """See Network.
+        """See Baker.
 
         A source without an encoder is converted to the nearest model that has one; what is made of `ggx` texels is
         converted from them where the target has no decoder.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native, directions, material, memory
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.material import MaterialModel, model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -52,8 +53,8 @@ class MomentBaker(Baker):
         target: str,
         pixel_filter: str,
         wrap: Wrap,
-        progress: Callable[[float], None],
-        sampler: str,
+        progress: Callable[[float], None] = lambda _: None,
+        sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """See Baker."""
         lookup = Lookup(

@@ -200,7 +200,7 @@ class MomentNetwork(Network):
         progress: Callable[[float], None] = lambda _: None,
         sampler: str = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
-        """See Network."""
+        """See Baker."""
         from mipbake.models.level_filter import Lookup
         from mipbake.models.moment_inference import bake
 

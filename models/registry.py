@@ -178,7 +178,7 @@ def load_network(info: WeightsInfo) -> Network:
     Raises:
         InputError: the safetensors file is missing, or is not the one that was released.
     """
-    from mipbake.models.torch_baker import network_of
+    from mipbake.models.base import network_of
 
     return _fitting(info, network_of)
 
