@@ -33,6 +33,9 @@ from mipbake.errors import OutputError, UsageError
 LEAST_SIZE = 1 << 24
 """Bytes of the smallest array that may lie in a file. A guess."""
 
+AT_ONCE = 1 << 16
+"""Texels whose temporaries are small, and hardly outnumbered by what a call costs. A guess."""
+
 _SHARE = 1 / 4
 """Share of a limit that arrays of LEAST_SIZE and more may take before files do; the rest is for what works on them, and
 for pages of files. A guess."""
@@ -146,6 +149,12 @@ def copied(array: NDArray[Any]) -> NDArray[Any]:
     out = empty(array.shape, array.dtype)
     out[...] = array
     return out
+
+
+def some_rows(image: NDArray[Any], texels: int = AT_ONCE) -> Iterator[slice]:
+    """The rows of an image of at least two axes, about so many texels at a time, or a row."""
+    step = max(1, texels // max(1, image.shape[1]))
+    return (slice(start, min(len(image), start + step)) for start in range(0, len(image), step))
 
 
 def check(needed: int, what: str) -> None:

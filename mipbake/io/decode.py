@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +22,6 @@ Pixels = NDArray[np.float32]
 
 _RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "opacity"), (0.0, 1.0))
 _RANGES["emissive"] = (0.0, np.inf)
-
-_AT_ONCE = 1 << 16
-"""Texels that are decoded at a time. A guess."""
 
 _FAR = 1.5
 """A median this many times the top of a range belongs to values in other units; a guess."""
@@ -99,15 +96,9 @@ def _by_rows(stored: NDArray[np.generic], colour_space: str, out: Pixels | None)
     """`decode`, some rows at a time: what lies in between stays in the cache. `out`: where it is written if it fits."""
     if out is None or out.shape != stored.shape:
         out = memory.empty(stored.shape)
-    for some in _some_rows(out):
+    for some in memory.some_rows(out):
         out[some] = decode(stored[some], colour_space)
     return out
-
-
-def _some_rows(image: NDArray[np.generic]) -> Iterator[slice]:
-    """The rows of an image, _AT_ONCE texels at a time."""
-    rows = max(1, _AT_ONCE // image.shape[1])
-    return (slice(start, start + rows) for start in range(0, len(image), rows))
 
 
 def constant_map(source: MapSource, width: int, height: int, out: Pixels | None = None) -> TextureMap:
@@ -149,7 +140,7 @@ def upsample(pixels: Pixels, width: int, height: int, wrap: tuple[str, str]) -> 
     if pixels.shape[:2] == (height, width):
         return pixels
     out = memory.empty((height, width, pixels.shape[2]))
-    for some in _some_rows(out):
+    for some in memory.some_rows(out):
         rows = np.arange(height)[some]
         part = pixels[some] if len(pixels) == height else _interpolated(pixels, rows, height, 0, wrap[1])
         out[some] = part if part.shape[1] == width else _interpolated(part, np.arange(width), width, 1, wrap[0])
@@ -173,7 +164,7 @@ def _interpolated(pixels: Pixels, index: NDArray[np.int64], size: int, axis: int
 def widened(roughness: Pixels, variance: Pixels) -> Pixels:
     """Perceptual roughness (H, W, 1) with `variance` (H, W) added to alpha^2, at most 1."""
     out = memory.empty(roughness.shape)
-    for some in _some_rows(out):
+    for some in memory.some_rows(out):
         alpha2 = np.square(np.square(roughness[some])) + variance[some, :, None]
         out[some] = np.minimum(np.sqrt(np.sqrt(alpha2)), np.float32(1))
     return out
@@ -253,7 +244,7 @@ def _clipped(pixels: Pixels, source: MapSource) -> tuple[Pixels, Sequence[str], 
     """
     least, most = _RANGES[source.role]
     label = source.path.name if source.path else source.role
-    parts = [pixels[some] for some in _some_rows(pixels)]
+    parts = [pixels[some] for some in memory.some_rows(pixels)]
     outside = sum(int(np.count_nonzero(((part < least) | (part > most)).any(-1))) for part in parts)
     if not outside:
         return pixels, (), ()

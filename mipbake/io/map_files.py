@@ -23,8 +23,6 @@ from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, Fi
 from mipbake.io.messages import listed
 from mipbake.io.publish import IsOurs, check_room, published
 
-_BLOCK = 1 << 16  # texels; a guess
-
 Levels: TypeAlias = list[NDArray[np.float32]]
 Texels: TypeAlias = Sequence[NDArray[np.generic]]
 """What a container stores of every level of a file, (H_L, W_L, channels)."""
@@ -321,9 +319,7 @@ def stood_for(texels: NDArray[np.generic], container: Container, layout: FileLay
 
 def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Views of some rows each, for what takes float64 on the way: a level of it would be the most that a bake holds."""
-    rows = max(1, _BLOCK // level.shape[1])
-    for start in range(0, len(level), rows):
-        yield level[start : start + rows]
+    return (level[rows] for rows in memory.some_rows(level))
 
 
 def _quantised(

@@ -81,8 +81,7 @@ def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None 
         return values if signed else values * np.float32(2) - np.float32(1)
 
     out = memory.empty((*pixels.shape[:2], 3)) if out is None else out
-    rows = max(1, _AT_ONCE // pixels.shape[1])
-    blocks = [slice(start, start + rows) for start in range(0, len(pixels), rows)]
+    blocks = list(memory.some_rows(pixels, _AT_ONCE))
     length: NDArray[np.float32] | None = None
     if stored.shape[-1] == 2 or _has_constant_blue(stored, vectors_of):
         notes.append("holds x and y only: z is reconstructed")

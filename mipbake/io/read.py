@@ -34,7 +34,7 @@ _NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": 
 """Types that texels keep, by the name that OpenImageIO has for them."""
 
 _AT_ONCE = 1 << 20
-"""Texels that are read or looked at together. A guess."""
+"""Texels that are read together. A guess."""
 
 
 @dataclass(frozen=True)
@@ -213,14 +213,13 @@ def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:
     if pixels.dtype.kind != "f":
         return
     count, first = 0, (0, 0, 0)
-    step = max(1, _AT_ONCE // pixels.shape[1])
-    for start in range(0, len(pixels), step):
-        bad = ~np.isfinite(pixels[start : start + step])
+    for rows in memory.some_rows(pixels):
+        bad = ~np.isfinite(pixels[rows])
         if not bad.any():
             continue
         if not count:
             place = np.unravel_index(int(np.argmax(bad)), bad.shape)
-            first = start + int(place[0]), int(place[1]), int(place[2])
+            first = rows.start + int(place[0]), int(place[1]), int(place[2])
         count += int(np.count_nonzero(bad))
     if count:
         row, column, channel = first

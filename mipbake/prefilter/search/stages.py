@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mipbake import directions
+from mipbake import directions, memory
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Array, Score
@@ -153,7 +153,7 @@ class Descend:
 
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
-        work, levels = search.work, [level.copy() for level in search.levels]
+        work = search.work
         problem, last = work.problem, work.problem.last
         worst = np.array([score.decibels.min() for score in search.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
@@ -162,6 +162,8 @@ class Descend:
             for timed in timed_regions(problem, self.effort.window, self.fine, self.coarse)
             if any(moving[i] for i in timed.region.levels)
         ]
+        moved = {level for timed in todo for level in timed.region.levels}
+        levels = [memory.copied(level) if i in moved else level for i, level in enumerate(search.levels)]
         descent = Descent(problem, moving, self.effort, self.trust, work.judged_by) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
@@ -213,15 +215,16 @@ class Keep:
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
         start, problem, cache = search.blend, search.work.problem, dict[tuple[int, int], tuple[Image, Image]]()
-        changed = [not np.array_equal(*each) for each in zip(start.levels, search.levels, strict=True)]
+        both = list(zip(start.levels, search.levels, strict=True))
+        changed = [first is not second and not np.array_equal(first, second) for first, second in both]
         if not any(changed):
             return replace(search, levels=start.levels)
         check = start.check
 
         def texels(index: int, level: int, kept: float) -> Image:
             if (index, level) not in cache:
-                both = (start.levels[level], search.levels[level])
-                cache[index, level] = check.looked_up(both[0], index), check.looked_up(both[1], index)
+                first, second = both[level]
+                cache[index, level] = check.looked_up(first, index), check.looked_up(second, index)
             return between(*cache[index, level], kept, problem.target)
 
         # Nothing becomes worse than the start, which itself was held against every closed form that looks fine.
@@ -231,9 +234,19 @@ class Keep:
         ]
         kept = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
         kept = [much if moved else 0.0 for much, moved in zip(kept, changed, strict=True)]
-        levels = [between(*each, problem.target) for each in zip(start.levels, search.levels, kept, strict=True)]
+        levels = [_level_between(*each, much, problem.target) for each, much in zip(both, kept, strict=True)]
         progress(1.0)
         return replace(search, levels=directions.aligned(levels, problem.target, problem.wrap), kept=kept)
+
+
+def _level_between(first: Image, second: Image, kept: float, model: str) -> Image:
+    """`between` of a whole level, some rows at a time."""
+    if first is second or kept in (0.0, 1.0):
+        return second if kept else first
+    out: Image = memory.empty(first.shape)
+    for rows in memory.some_rows(out):
+        out[rows] = between(first[rows], second[rows], kept, model)
+    return out
 
 
 def _worse(first: Array, second: Array) -> Array:
