@@ -143,13 +143,6 @@ Taps = tuple[NDArray[np.int64], NDArray[np.float32]]
 """One axis of a resampling, as resample_weights gives it."""
 
 
-def threads() -> int:
-    """How many threads resampling may use, the caller included."""
-    from mipbake import _native
-
-    return _native.num_threads()
-
-
 def resample_taps(image: NDArray[np.float32], rows: Taps, columns: Taps) -> NDArray[np.float32]:
     """(H, W, C) float32 to (h, w, C): rows first, then columns, each output the weighted sum of its taps.
 

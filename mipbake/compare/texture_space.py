@@ -15,13 +15,14 @@ more than 64 pairs at as many points, and no figure hangs on how 64 pairs happen
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake._threads import on_threads
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.result import SCALES, Figure
 from mipbake.errors import UsageError
@@ -55,6 +56,10 @@ STEP = 0.25
 SHIFTS = ((0.5, 0.0), (0.0, 0.5))
 """How far pixels move for flicker, in pixels: along u, and along v. Not tuned: flicker is
 defined by half a pixel."""
+
+_SIDE_BY_SIDE = 1 << 12
+"""Samples of a block of pairs from which blocks are worked on side by side: with fewer, threads wait for the
+interpreter. A guess."""
 
 _BLOCKS = PAIRS // BLOCK
 _POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail; a guess
@@ -206,22 +211,26 @@ def measure(
     model = texture_set.source_model
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
     blocks = [_Scene(source, pairs) for pairs in _blocks(seed)]
-    sums: _Collected = {}
     texels = texture_set.width * texture_set.height
     drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
-    moving = {lod: (1 + len(SHIFTS)) * math.prod(draws) / (points * samples) for lod, draws in drawn.items()}
-    work, done = len(every) + sum(moving.values()), 0.0
-    for index, lod in enumerate(every):
-        for block, scene in enumerate(blocks):
-            rng = np.random.default_rng([seed, index, block])
-            _at_rest(scene, candidates, lod, _Draws(_a_block(points), samples, rng), lod in shifted, sums)
-            done += 1 / len(blocks)
-            progress(PHASE, min(1.0, done / work))
-            if lod in shifted:
-                count, most = drawn[lod]
-                _in_motion(scene, candidates, lod, _Draws(_a_block(count), most, rng), sums)
-                done += moving[lod] / len(blocks)
-                progress(PHASE, min(1.0, done / work))
+
+    def measured(item: int) -> list[_Found]:
+        index, block = divmod(item, len(blocks))
+        lod, rng = every[index], np.random.default_rng([seed, index, block])
+        draws = _Draws(_a_block(points), samples, rng)
+        found = list(_at_rest(blocks[block], candidates, lod, draws, lod in shifted))
+        if lod in shifted:
+            count, most = drawn[lod]
+            found += _in_motion(blocks[block], candidates, lod, _Draws(_a_block(count), most, rng))
+        return found
+
+    sums: _Collected = {}
+    side_by_side = _a_block(points) * samples >= _SIDE_BY_SIDE
+    items, told = len(every) * len(blocks), lambda share: progress(PHASE, share)
+    for parts in on_threads(measured, items, told, None if side_by_side else 1):
+        for key, rows in parts:
+            sums.setdefault(key, []).append(rows)
+    progress(PHASE, 1.0)
     named = [(each.name, view) for each in candidates for view in PAIR_SETS]
     pooled = {
         (measure, name, view, scale): np.sum([_of_set(sums[measure, name, lod], view) for lod in at], 0)
@@ -246,6 +255,9 @@ def measure(
         sums=snr,
     )
 
+
+_Found = tuple[tuple[str, str, float], Sums]
+"""Measure, method and level of detail, and what the pairs of a block add to it."""
 
 _Collected = dict[tuple[str, str, float], list[Sums]]
 """Measure, method and level of detail to what the pairs of every block add, one pair set after the other."""
@@ -330,8 +342,8 @@ class _Draws(NamedTuple):
 
 
 def _at_rest(
-    scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, tones: bool, sums: _Collected
-) -> None:
+    scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, tones: bool
+) -> Iterator[_Found]:
     """The SNR of a block at a level of detail, and the tonemapped error where it is wanted."""
     uv = random_points(draws.rng, draws.points)
     compared = _Compared(*(scene.estimate(uv, lod, draws.samples, draws.rng) for _ in range(2)))
@@ -339,14 +351,13 @@ def _at_rest(
     toned = displayed(compared.mean[:, :some]) if tones else None
     for each in candidates:
         shown = scene.shown(each, uv, lod)
-        sums.setdefault(("snr", each.name, lod), []).append(compared.snr_sums(shown))
+        yield ("snr", each.name, lod), compared.snr_sums(shown)
         if toned is not None:
             apart = np.abs(displayed(shown[:, :some]) - toned).sum((1, 2))
-            rows = np.stack([apart, np.full_like(apart, toned[0].size)], -1)
-            sums.setdefault(("tonemapped", each.name, lod), []).append(rows)
+            yield ("tonemapped", each.name, lod), np.stack([apart, np.full_like(apart, toned[0].size)], -1)
 
 
-def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, sums: _Collected) -> None:
+def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws) -> Iterator[_Found]:
     """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
 
     Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
@@ -363,10 +374,8 @@ def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
         both = list(zip(compared, changes, strict=True))
-        flicker = np.sum([of.flicker_sums(change) for of, change in both], 0) / points
-        snr = np.sum([of.snr_sums(change) for of, change in both], 0) / points
-        sums.setdefault(("flicker", each.name, lod), []).append(flicker)
-        sums.setdefault(("flicker-snr", each.name, lod), []).append(snr)
+        yield ("flicker", each.name, lod), np.sum([of.flicker_sums(change) for of, change in both], 0) / points
+        yield ("flicker-snr", each.name, lod), np.sum([of.snr_sums(change) for of, change in both], 0) / points
 
 
 def _blocks(seed: int) -> list[LightViewPairs]:

@@ -9,14 +9,13 @@ of a level hang neither on the bands nor on the number of threads.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from itertools import pairwise
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import memory
+from mipbake._threads import on_threads
 from mipbake.pixel_filter import (
     PRE_REDUCED,
     Taps,
@@ -26,7 +25,6 @@ from mipbake.pixel_filter import (
     resample,
     resample_taps,
     resample_weights,
-    threads,
 )
 from mipbake.prefilter.base import Progress
 
@@ -44,8 +42,6 @@ BAND = 1 << 18
 
 ROWS = 128
 """Rows of a band, at least: the filter reaches 16 rows beyond a band on either side, which are read twice. A guess."""
-
-_T = TypeVar("_T")
 
 
 def closed_form_levels(
@@ -86,7 +82,7 @@ def texelwise_mean(function: Texelwise, image: Image) -> Image:
         parts = (function(part) for part, _ in _chunks(image[index * rows : (index + 1) * rows]))
         return np.asarray(np.sum([part.sum((0, 1), dtype=np.float64) for part in parts], 0))
 
-    total = np.sum(_on_threads(summed, count, lambda _: None), 0)
+    total = np.sum(on_threads(summed, count), 0)
     return np.asarray(total / (image.shape[0] * image.shape[1]), np.float32)
 
 
@@ -112,7 +108,7 @@ class _Levels:
 
     def made(self, progress: Progress) -> list[Image]:
         """The levels. `progress`: told the finished share; all but a few hundredths of the work are the bands."""
-        _on_threads(self._band, self._bands, progress)
+        on_threads(self._band, self._bands, progress)
         levels, finer = self._made, self._reduced
         for level in range(len(levels), len(self._sizes)):
             assert finer is not None
@@ -172,23 +168,3 @@ def _chunks(image: Image) -> Iterator[tuple[Image, slice]]:
     for start in range(0, len(image), step):
         rows = slice(start, start + step)
         yield np.ascontiguousarray(image[rows].transpose(2, 0, 1)).transpose(1, 2, 0), rows
-
-
-def _on_threads(work: Callable[[int], _T], count: int, progress: Progress) -> list[_T]:
-    """work(0), work(1), ... on as many threads as there may be; progress is told from this one."""
-    if count == 1 or threads() == 1:
-        done = []
-        for index in range(count):
-            done.append(work(index))
-            progress((index + 1) / (count + 1))
-        return done
-    with ThreadPoolExecutor(min(count, threads())) as pool:
-        waiting = [pool.submit(work, index) for index in range(count)]
-        try:
-            for index, each in enumerate(as_completed(waiting)):
-                each.result()
-                progress((index + 1) / (count + 1))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-        return [each.result() for each in waiting]
