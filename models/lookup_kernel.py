@@ -19,7 +19,7 @@ def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:
     for axis, mode in ((image.ndim - 3, wrap[1]), (image.ndim - 2, wrap[0])):
         size = image.shape[axis]
         if size > 1:
-            index = torch.arange(size)
+            index = torch.arange(size, device=image.device)
             before, after = index - 1, index + 1
             if mode == "wrap":
                 before, after = before % size, after % size

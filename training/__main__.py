@@ -26,6 +26,9 @@ def _arguments() -> argparse.Namespace:
         metavar="CHECKPOINT",
         help="weights to start from: of another training, or released ones (.safetensors)",
     )
+    train.add_argument(
+        "--device", default="cpu", metavar="DEVICE", help="cpu, or cuda for a graphics card (default: cpu)"
+    )
     export = commands.add_parser(
         "export", help="release a checkpoint as weights", description="Writes NAME.safetensors, NAME.json and NAME.md."
     )
@@ -69,7 +72,13 @@ def _train(arguments: argparse.Namespace) -> None:
 
     keep_freed_memory()
     torch.set_num_threads(threads_beside_batches())
-    train(config, arguments.out or Path("runs") / arguments.config.stem, arguments.resume, start=arguments.start)
+    train(
+        config,
+        arguments.out or Path("runs") / arguments.config.stem,
+        arguments.resume,
+        start=arguments.start,
+        device=arguments.device,
+    )
 
 
 def _export(arguments: argparse.Namespace) -> None:

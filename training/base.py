@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar, Generic, TypeVar
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from mipbake.models.base import Network
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 TORUS = ("wrap", "wrap")
 
@@ -24,6 +28,26 @@ class Batch:
 
     source: str
     patches: Tensor
+
+    def to(self, device: torch.device) -> Self:
+        """The same on a device; itself where all of it is there."""
+        return self if self.patches.device == device else _moved(self, device)
+
+
+_Part = TypeVar("_Part")
+
+
+def _moved(part: _Part, device: torch.device) -> _Part:
+    """Tensors, and what holds tensors, on a device; anything else as it is."""
+    moved: Any = part
+    if isinstance(part, Tensor):
+        moved = part.to(device)
+    elif isinstance(part, tuple):
+        each = [_moved(inner, device) for inner in part]
+        moved = type(part)(*each) if hasattr(part, "_fields") else tuple(each)
+    elif is_dataclass(part) and not isinstance(part, type):
+        moved = replace(part, **{field.name: _moved(getattr(part, field.name), device) for field in fields(part)})
+    return cast(_Part, moved)
 
 
 AnyBatch = TypeVar("AnyBatch", bound=Batch)

@@ -26,6 +26,7 @@ from mipbake.training.validation import ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
+_CPU = torch.device("cpu")
 _WHITENING_SAMPLES = 16  # patches; a guess
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's; a seed
 
@@ -52,10 +53,15 @@ class TrainingState:
     best: float = float("-inf")
     commit: str = "unknown"
 
+    @property
+    def device(self) -> torch.device:
+        """Where the network lies."""
+        return next(self.network.parameters()).device
+
     def advance(self, batch: Batch) -> Tensor:
         """One optimisation step; returns its loss."""
         self.optimiser.zero_grad()
-        loss: Tensor = self.config.loss.value(self.network, batch)
+        loss: Tensor = self.config.loss.value(self.network, batch.to(self.device))
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step(self.step, batch.source)
         self.step += 1
@@ -81,27 +87,55 @@ class TrainingState:
             raise OutputError(f"{path}: the checkpoint cannot be written ({error})") from error
 
 
-def new_state(config: TrainingConfig) -> TrainingState:
-    """An untrained network, initialised from the seed."""
+def device_named(name: str) -> torch.device:
+    """The device of a name that torch knows: `cpu`, `cuda` or `cuda:1`.
+
+    Raises:
+        UsageError: there is no such device, or mipbake or torch is built without CUDA.
+    """
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise UsageError(
+            f"unknown device {name!r}: expected cpu, cuda, or cuda:1 for the second graphics card"
+        ) from None
+    if device.type not in ("cpu", "cuda"):
+        raise UsageError(f"the device {name} has no kernels of mipbake: expected cpu or cuda")
+    if device.type == "cuda":
+        from mipbake import _native
+
+        if not (torch.cuda.is_available() and _native.cuda_available()):
+            raise UsageError(
+                f"the device {name} cannot be used: expected a graphics card that both torch and mipbake reach "
+                "(`mipbake --version` says whether mipbake does); leave --device out to train on the processor"
+            )
+        if (device.index or 0) >= torch.cuda.device_count():
+            raise UsageError(f"there is no device {name}: expected cuda:0 to cuda:{torch.cuda.device_count() - 1}")
+    return device
+
+
+def new_state(config: TrainingConfig, device: torch.device = _CPU) -> TrainingState:
+    """An untrained network on a device, initialised from the seed: the same on all devices."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.run.seed)
         network = config.network.build()
-    return _state(config, network)
+    return _state(config, network, device)
 
 
-def _state(config: TrainingConfig, network: Network) -> TrainingState:
+def _state(config: TrainingConfig, network: Network, device: torch.device) -> TrainingState:
     settings = config.optimiser
+    network.to(device)
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
     optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
     return TrainingState(config, network, average, optimiser)
 
 
-def load_state(path: Path) -> TrainingState:
-    """The state in a checkpoint; InputError when it cannot be read as one."""
+def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
+    """The state in a checkpoint, on a device; InputError when it cannot be read as one."""
     try:
         content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
         config = config_from(content["config"])
-        state = _state(config, config.network.build())
+        state = _state(config, config.network.build(), device)
         state.network.load_state_dict(content["network"])
         state.average.load_state_dict(content["average"])
         state.optimiser.load_state_dict(content["optimiser"])
@@ -113,9 +147,9 @@ def load_state(path: Path) -> TrainingState:
     return state
 
 
-def resumed_state(path: Path, config: TrainingConfig) -> TrainingState:
+def resumed_state(path: Path, config: TrainingConfig, device: torch.device = _CPU) -> TrainingState:
     """The state in a checkpoint, to be continued under a configuration that may differ in the run's length and logs."""
-    state = load_state(path)
+    state = load_state(path, device)
     for name in ("network", "data", "loss", "optimiser"):
         if getattr(state.config, name) != getattr(config, name):
             raise UsageError(
@@ -164,7 +198,9 @@ def _released(path: Path) -> dict[str, Tensor]:
 def fit_whitening(network: Network, materials: Materials, config: TrainingConfig) -> None:
     """Has a network take its whitening, where it has one, from 16 augmented samples (section 3.4)."""
     rng = step_generator(config.run.seed, _WHITENING_STEP)
-    network.fit(lambda source: draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng))
+    here = copy.deepcopy(network).to(_CPU)
+    here.fit(lambda source: draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng))
+    network.load_state_dict(here.state_dict())
 
 
 def train(
@@ -174,15 +210,18 @@ def train(
     say: Callable[[str], None] = print,
     start: Path | None = None,
     effort: ValidationEffort | None = None,
+    device: str = "cpu",
 ) -> TrainingState:
     """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
 
-    Validations take the usual effort, or `effort`.
+    Validations take the usual effort, or `effort`. The network lies on a `device` that `device_named` knows; batches
+    are drawn on the processor. A training may go on on another device than it began on.
 
     Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
     """
     if resume and start is not None:
         raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
+    where = device_named(device)
     last = out / LAST
     if not resume and last.exists():
         raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
@@ -190,7 +229,7 @@ def train(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
-    state = resumed_state(last, config) if resume else new_state(config)
+    state = resumed_state(last, config, where) if resume else new_state(config, where)
     train_materials, held_out = load_materials(config)
     say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")
     if not resume:

@@ -154,8 +154,11 @@ def _means(squares: Tensor) -> Tensor:
     return squares.sum((1, 2, 3)) / WEIGHT
 
 
+_CONSTANTS = OPPONENT, COSINES, SENSITIVITY
+
+
 def _bands(contrasts: Tensor) -> Tensor:
     """`metrics.visible.bands` with a gradient."""
-    opponent = torch.einsum("ck,nyxk->ncyx", torch.from_numpy(OPPONENT), contrasts)
-    basis = torch.from_numpy(COSINES)
-    return torch.from_numpy(SENSITIVITY) * (basis @ opponent @ basis.T)
+    matrix, basis, sensitivity = (torch.from_numpy(each).to(contrasts.device) for each in _CONSTANTS)
+    opponent = torch.einsum("ck,nyxk->ncyx", matrix, contrasts)
+    return sensitivity * (basis @ opponent @ basis.T)

@@ -151,9 +151,10 @@ class Validator:
 
     def stacks(self, network: Network, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
         """The network's stacks of one patch, by model."""
+        device = next(network.parameters()).device
         with torch.inference_mode():
-            stacks = network(torch.from_numpy(patch.stored)[None], patch.model, self.pixel_filter)
-        return {model: [level[0].numpy() for level in levels] for model, levels in stacks.items()}
+            stacks = network(torch.from_numpy(patch.stored)[None].to(device), patch.model, self.pixel_filter)
+        return {model: [level[0].cpu().numpy() for level in levels] for model, levels in stacks.items()}
 
     def score(self, network: Network) -> Score:
         """Measures the network on every patch."""

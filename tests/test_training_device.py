@@ -1,0 +1,71 @@
+"""Training on another device than the processor."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import torch
+
+from mipbake import _native
+from mipbake.errors import UsageError
+from mipbake.training.batches import draw_batch
+from mipbake.training.data import load_materials
+from mipbake.training.loop import LAST, device_named, fit_whitening, load_state, new_state
+
+from .small_training import tiny, tiny_balanced, train
+
+CONFIGS = {
+    "single lights": tiny,
+    "balanced": tiny_balanced,
+    "pictures": lambda: tiny_balanced(loss={"rooms": 2, "pictures": 1, "picture_weight": 0.5}),
+}
+ON_GPU = pytest.mark.skipif(
+    not (torch.cuda.is_available() and _native.cuda_available()), reason="no graphics card that torch and mipbake reach"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("gpu", "unknown device 'gpu'"), ("", "unknown device"), ("mps", "has no kernels"), ("meta", "has no kernels")],
+)
+def test_a_device_that_there_is_not_is_a_sentence(name, told) -> None:
+    with pytest.raises(UsageError, match=told):
+        device_named(name)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a graphics card")
+def test_no_graphics_card_is_a_sentence_before_anything_is_made(tmp_path) -> None:
+    with pytest.raises(UsageError, match="leave --device out to train on the processor"):
+        train(tiny(), tmp_path / "out", False, device="cuda")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_step_mixes_no_devices_and_waits_for_none(name) -> None:
+    """Tensors of the device `meta` have shapes and no values: what mixes them with others, or reads them, raises."""
+    config = CONFIGS[name]()
+    materials, _ = load_materials(config)
+    state, meta = new_state(config), torch.device("meta")
+    fit_whitening(state.network, materials, config)
+    for index in range(4):  # kinds of batches take turns
+        batch = draw_batch(materials, config, index)
+        assert batch.to(torch.device("cpu")) is batch
+        there, moved = copy.deepcopy(state.network).to(meta), batch.to(meta)
+        assert type(moved) is type(batch) and moved.patches.device == meta
+        loss = config.loss.value(there, moved)
+        loss.backward()
+        assert loss.device == meta and loss.shape == ()
+        assert all(each.grad is not None and each.grad.device == meta for each in there.parameters())
+
+
+@ON_GPU
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_training_on_a_graphics_card_is_one_on_the_processor(tmp_path, name) -> None:
+    config = CONFIGS[name]()
+    there = train(config, tmp_path / "there", False, device="cuda")
+    here = train(config, tmp_path / "here", False)
+    assert there.device.type == "cuda" and here.device.type == "cpu"
+    for one, other in zip(there.network.state_dict().values(), here.network.state_dict().values(), strict=True):
+        torch.testing.assert_close(one.cpu(), other, rtol=1e-3, atol=1e-4)
+    assert load_state(tmp_path / "there" / LAST).step == config.run.steps
