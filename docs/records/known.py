@@ -131,6 +131,8 @@ KNOWN: Mapping[str, Known] = {
     "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),
     "timing-training-step": _timing("training_step", "one step at the paper's settings"),
     "timing-bake": _timing("bake", "whole processes"),
+    "timing-network": _timing("network", "the network of a bake in the native core"),
+    "timing-pyramid": _timing("pyramid", "plain pyramids beside a copy"),
     "timing-texture": _timing("texture", "texture lookups beside torch's"),
     "timing-raster": _timing("raster", "rasterize, interpolate, antialias"),
     "timing-render": _timing("render", "renders of meshes"),
