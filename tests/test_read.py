@@ -176,3 +176,26 @@ def test_a_file_that_is_gone_is_refused(tmp_path: Path) -> None:
     for read in (read_header, read_image):
         with pytest.raises(InputError, match=r"a\.png cannot be read"):
             read(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("tile", [0, 16])
+@pytest.mark.parametrize(
+    ("suffix", "depth"), [("png", "uint16"), ("jpg", "uint8"), ("tif", "uint8"), ("exr", "half"), ("tga", "uint8")]
+)
+def test_an_image_is_the_same_in_bands_of_rows(tmp_path, monkeypatch, suffix, depth, tile) -> None:
+    """Tiled too, and where the texels of an EXR file do not begin at its origin."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    if tile and suffix not in ("tif", "exr"):
+        pytest.skip("no tiles in such files")
+    path, values = tmp_path / f"a.{suffix}", np.random.default_rng(0).random((53, 37, 3), np.float32)
+    spec = oiio.ImageSpec(37, 53, 3, depth)
+    spec.tile_width = spec.tile_height = tile
+    if suffix == "exr":
+        spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = 5, 7, 0, 0, 64, 80
+    out = oiio.ImageOutput.create(str(path))
+    assert out.open(str(path), spec) and out.write_image(values) and out.close(), out.geterror()
+    whole = read_image(path).pixels
+    assert whole.shape == (53, 37, 3) and np.ptp(whole.astype(float)) > 0.5
+    monkeypatch.setattr("mipbake.io.read._AT_ONCE", 1)
+    np.testing.assert_array_equal(read_image(path).pixels, whole)
