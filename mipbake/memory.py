@@ -36,7 +36,7 @@ LEAST_SIZE = 1 << 24
 AT_ONCE = 1 << 16
 """Texels whose temporaries are small, and hardly outnumbered by what a call costs. A guess."""
 
-_SHARE = 1 / 4
+SHARE = 1 / 4
 """Share of a limit that arrays of LEAST_SIZE and more may take before files do; the rest is for what works on them, and
 for pages of files. A guess."""
 
@@ -71,7 +71,7 @@ class Limit:
         if size < LEAST_SIZE:
             return np.empty(shape, dtype)
         with self._lock:
-            fits = self._in_memory + size <= self.size * _SHARE
+            fits = self._in_memory + size <= self.size * SHARE
             self._in_memory += size if fits else 0
         if not fits:
             return self._mapped(shape, dtype, size)

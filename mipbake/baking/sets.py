@@ -66,9 +66,9 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`."""
     asked, listener = run.asked, run.listener
     sources = job.found()
-    _check_memory(asked.options.method, sources)
     for found in [] if job.tiled else sources.values():
         check_output(place / found.name, file_hashes(found))
+    _check_memory(asked.options.method, sources)
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
         read = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()

@@ -33,7 +33,7 @@ IMAGE_SUFFIXES = frozenset(
 _NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
 """Types that texels keep, by the name that OpenImageIO has for them."""
 
-_AT_ONCE = 1 << 20
+AT_ONCE = 1 << 20
 """Texels that are read together. A guess."""
 
 
@@ -107,7 +107,7 @@ def _bands(image: OpenImageIO.ImageInput, stored: str) -> Iterator[tuple[slice, 
     """The texels of an image, of one type, some rows at a time; None for rows that cannot be read."""
     spec = image.spec()
     tall = spec.tile_height or 1
-    step = max(1, _AT_ONCE // (spec.width * tall)) * tall
+    step = max(1, AT_ONCE // (spec.width * tall)) * tall
     for start in range(0, spec.height, step):
         end = min(spec.height, start + step)
         lines = spec.y + start, spec.y + end
