@@ -67,7 +67,7 @@ def texelwise(function: Texelwise, image: Image, out: Image | None = None) -> Im
 
     The function is given planes, one for each channel: NumPy works on them several times faster than on texels.
     """
-    for part, rows in _chunks(image):
+    for part, rows in chunks(image):
         made = function(part)
         if out is None:
             out = np.empty((len(image), *made.shape[1:]), np.float32)
@@ -82,10 +82,10 @@ def texelwise_mean(function: Texelwise, image: Image) -> Image:
     count = -(-len(image) // rows)
 
     def summed(index: int) -> NDArray[np.float64]:
-        parts = (function(part) for part, _ in _chunks(image[index * rows : (index + 1) * rows]))
+        parts = (function(part) for part, _ in chunks(image[index * rows : (index + 1) * rows]))
         return np.asarray(np.sum([part.sum((0, 1), dtype=np.float64) for part in parts], 0))
 
-    total = np.sum(_on_threads(summed, count, lambda _: None), 0)
+    total = np.sum(on_threads(summed, count, lambda _: None), 0)
     return np.asarray(total / (image.shape[0] * image.shape[1]), np.float32)
 
 
@@ -111,7 +111,7 @@ class _Levels:
 
     def made(self, progress: Progress) -> list[Image]:
         """The levels. `progress`: told the finished share; all but a few hundredths of the work are the bands."""
-        _on_threads(self._band, self._bands, progress)
+        on_threads(self._band, self._bands, progress)
         levels, finer = self._made, self._reduced
         for level in range(len(levels), len(self._sizes)):
             assert finer is not None
@@ -165,7 +165,7 @@ class _Levels:
         return band, place
 
 
-def _chunks(image: Image) -> Iterator[tuple[Image, slice]]:
+def chunks(image: Image) -> Iterator[tuple[Image, slice]]:
     """Some rows of an image each, as planes in memory, and which rows they are."""
     step = max(1, CHUNK // image.shape[1])
     for start in range(0, len(image), step):
@@ -173,7 +173,7 @@ def _chunks(image: Image) -> Iterator[tuple[Image, slice]]:
         yield np.ascontiguousarray(image[rows].transpose(2, 0, 1)).transpose(1, 2, 0), rows
 
 
-def _on_threads(work: Callable[[int], _T], count: int, progress: Progress) -> list[_T]:
+def on_threads(work: Callable[[int], _T], count: int, progress: Progress) -> list[_T]:
     """work(0), work(1), ... on as many threads as there may be; progress is told from this one."""
     if count == 1 or threads() == 1:
         done = []

@@ -117,7 +117,7 @@ class Form:
         texels = Texels(stored)
         return np.concatenate([part.of(texels)[..., list(part.channels)] for part in self.parts], -1)
 
-    def levels(self, stored: Image, pixel_filter: str, wrap: Wrap, progress: Progress) -> list[Image]:
+    def chain(self, stored: Image, pixel_filter: str, wrap: Wrap, progress: Progress) -> list[Image]:
         """Every level of a complete chain, (H_L, W_L, C)."""
         if self.blur is None or pixel_filter != "box":
             read = None if self.unread else self.read
@@ -150,7 +150,7 @@ class ClosedForm:
     ) -> PrefilterResult:
         """See Prefilter."""
         form = self.form(Whole(stored, source), target)
-        levels = form.levels(stored, pixel_filter, wrap, progress)
+        levels = form.chain(stored, pixel_filter, wrap, progress)
         return PrefilterResult(directions.agreeing(levels, target, wrap))
 
 
