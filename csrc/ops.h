@@ -303,6 +303,20 @@ void texture_cpu(const TextureArgs<T>& args, T* out);
 template <class T>
 void texture_backward_cpu(const TextureArgs<T>& args, const TextureGrads<T>& grads);
 
+// Bilinear lookups in two steps, with the bits of texture_cpu: where they lie in level 0, of which only the size is
+// known, and what they make of texels. texels: (points, 4) counted row by row, two of a row and two of the row below.
+// fractions: (points, 2) the way from the first to the second along a row, and from row to row.
+void texture_taps_cpu(const TextureArgs<float>& args, std::int64_t* texels, float* fractions);
+struct TexelQuads {
+    const float* values;         // (texels, channels)
+    const std::int64_t* texels;  // (points, 4) indices of values
+    const float* fractions;      // (points, 2)
+    std::int64_t points;
+    int channels;
+};
+// out: (points, channels).
+void texture_quads_cpu(const TexelQuads& quads, float* out);
+
 // From (images, height, width, channels) to (images, max(1, height / 2), max(1, width / 2), channels), C-contiguous:
 // area averages, polyphase where a size is odd.
 struct MipShape {

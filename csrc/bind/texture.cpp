@@ -3,6 +3,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -246,6 +247,53 @@ void texture_backward(const Input& grad, const nb::list& levels, const Input& uv
     backward_as<double>(grad, lookup, wanted, stream);
 }
 
+void texture_taps(int height, int width, const Input& uv, const std::string& boundary_u, const std::string& boundary_v,
+                  const Output& texels, const Output& fractions) {
+    require(uv.ndim() == 2 && uv.shape(1) == 2 && height > 0 && width > 0,
+            "uv must be (points, 2), and sizes 1 or more");
+    require_contiguous(uv);
+    require(uv.device_type() == nb::device::cpu::value, "expected an array in the memory of the host");
+    mipbake::TextureArgs<float> args{};
+    args.filter = mipbake::Filter::linear;
+    args.boundary_u = boundary_of(boundary_u);
+    args.boundary_v = boundary_of(boundary_v);
+    require(args.boundary_u != mipbake::Boundary::cube && args.boundary_v != mipbake::Boundary::cube, "no cubes");
+    args.level_count = 1;
+    args.heights[0] = height;
+    args.widths[0] = width;
+    args.batch = 1;
+    args.points = size_of(uv, 0);
+    args.uv = read<float>(uv);
+    args.uv_point_stride = 2;
+    require(texels.dtype() == nb::dtype<std::int64_t>() && static_cast<Index>(texels.size()) == 4 * args.points,
+            "texels must be (points, 4) int64");
+    require_contiguous(texels);
+    auto* const to = static_cast<std::int64_t*>(texels.data());
+    float* const ways = write<float>(fractions, 2 * args.points);
+    const nb::gil_scoped_release unlocked;
+    mipbake::texture_taps_cpu(args, to, ways);
+}
+
+void texture_quads(const Input& values, const Input& texels, const Input& fractions, const Output& out) {
+    require(values.ndim() == 2 && texels.ndim() == 2 && texels.shape(1) == 4, "values (texels, C), texels (points, 4)");
+    require(texels.dtype() == nb::dtype<std::int64_t>(), "texels must be int64");
+    require(values.device_type() == nb::device::cpu::value, "expected an array in the memory of the host");
+    for (const Input& array : {values, texels, fractions}) require_contiguous(array);
+    mipbake::TexelQuads quads{};
+    quads.values = read<float>(values);
+    quads.texels = static_cast<const std::int64_t*>(texels.data());
+    quads.fractions = read<float>(fractions);
+    quads.points = size_of(texels, 0);
+    quads.channels = static_cast<int>(values.shape(1));
+    require(static_cast<Index>(fractions.size()) == 2 * quads.points, "fractions must be (points, 2)");
+    require(std::all_of(quads.texels, quads.texels + 4 * quads.points,
+                        [&](std::int64_t i) { return i >= 0 && i < size_of(values, 0); }),
+            "an index is out of range");
+    float* const to = write<float>(out, quads.points * quads.channels);
+    const nb::gil_scoped_release unlocked;
+    mipbake::texture_quads_cpu(quads, to);
+}
+
 // The shape of the finer level, after checking the coarser one's against it.
 template <class A, class B>
 mipbake::MipShape mip_shape(const A& finer, const B& coarser) {
@@ -318,6 +366,12 @@ void bind_texture(nb::module_& m) {
         "bias_grad"_a.none(), "stream"_a = 0,
         "Overwrites level_grads (one per level, or an empty list), and where they are not None uv_grad (B, P, 2 or 3), "
         "uv_da_grad (B, P, 4 or 6) and bias_grad (B, P), from grad (B, P, C). All C-contiguous, in the dtype of grad.");
+    m.def("texture_taps", &texture_taps, "height"_a, "width"_a, "uv"_a, "boundary_u"_a, "boundary_v"_a, "texels"_a,
+          "fractions"_a,
+          "Fills texels (P, 4) int64 and fractions (P, 2): where bilinear lookups at uv (P, 2) lie in an image of a "
+          "size.");
+    m.def("texture_quads", &texture_quads, "values"_a, "texels"_a, "fractions"_a, "out"_a,
+          "Fills out (P, C) with what such lookups make of values (N, C), of which texels (P, 4) holds the indices.");
     m.def("texture_mip", &texture_mip, "level"_a, "out"_a, "stream"_a = 0,
           "Fills out (N, max(1, H // 2), max(1, W // 2), C) from level (N, H, W, C) by area averaging.");
     m.def("texture_mip_backward", &texture_mip_backward, "grad_out"_a, "grad"_a, "stream"_a = 0,

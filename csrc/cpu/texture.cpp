@@ -152,6 +152,17 @@ void texture_cpu(const TextureArgs<T>& args, T* out) {
     });
 }
 
+void texture_taps_cpu(const TextureArgs<float>& args, Index* texels, float* fractions) {
+    parallel_for(args.points, lookups_per_task, [&](Index begin, Index end) {
+        MIPBAKE_DISPATCH(texture_taps_range)(args, begin, end, texels, fractions);
+    });
+}
+
+void texture_quads_cpu(const TexelQuads& quads, float* out) {
+    parallel_for(quads.points, lookups_per_task,
+                 [&](Index begin, Index end) { MIPBAKE_DISPATCH(texture_quads_range)(quads, begin, end, out); });
+}
+
 template <class T>
 void texture_backward_cpu(const TextureArgs<T>& args, const TextureGrads<T>& grads) {
     if (grads.levels[0] != nullptr) scatter(args, grads);

@@ -27,6 +27,10 @@ MIPBAKE_FOR_EACH_ISA(
     // Lookups [begin, end). `zeros` is a texel of zeros.
     template <class T>
     void texture_range(const TextureArgs<T>& args, const void* zeros, T* out, std::int64_t begin, std::int64_t end);
+    // The two steps of lookups [begin, end), which are all of one batch item.
+    void texture_taps_range(const TextureArgs<float>& args, std::int64_t begin, std::int64_t end, std::int64_t* texels,
+                            float* fractions);
+    void texture_quads_range(const TexelQuads& quads, std::int64_t begin, std::int64_t end, float* out);
     // Gradients of uv, uv_da and bias of lookups [begin, end).
     template <class T> void texture_slopes_range(const TextureArgs<T>& args, const void* zeros,
                                                  const TextureGrads<T>& grads, std::int64_t begin, std::int64_t end);

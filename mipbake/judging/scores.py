@@ -7,7 +7,7 @@ are linear in stored channels, so blends cost a shading each and no images.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,17 +131,37 @@ class Scores:
             for lod in self.lods
         ]
 
+    def places(self, index: int) -> Array:
+        """(M, 2) uv of all lookups of a probe: its points, and then the lookups of the pixels of its small pictures,
+        first of the pictures that make fewer of each pixel."""
+        probe = self.probes[index]
+        shown = (probe.shown.pictures.looked_up_at(*each).reshape(-1, 2) for each in self._alike(probe))
+        return np.concatenate([probe.uv.reshape(-1, 2), *shown])
+
+    def seen(self, lookups: Image, index: int) -> Image:
+        """(G * P + Q, C): what a probe sees, of (M, C) lookups at its `places`."""
+        probe, channels = self.probes[index], lookups.shape[-1]
+        single = probe.uv.shape[0] * probe.uv.shape[1]
+        out = np.empty((single + len(probe.shown.pictures.uv) * PIXELS, channels), np.float32)
+        out[:single] = lookups[:single]
+        pixels, begin = out[single:].reshape(-1, PIXELS, channels), single
+        for some, count in self._alike(probe):
+            own = lookups[begin : begin + len(some) * PIXELS * count].reshape(len(some), PIXELS, count, channels)
+            pixels[some] = own.mean(2) if count > 1 else own[:, :, 0]
+            begin += len(some) * PIXELS * count
+        return out
+
     def looked_up(self, level: Image, index: int) -> Image:
         """(G * P + Q, C): a level at all points of a probe, bilinearly, and last the means of the lookups of each of Q
         pixels of its small pictures."""
-        probe = self.probes[index]
-        single = bilinear(level, probe.uv.reshape(-1, 2), self.problem.wrap)
-        pixels = np.empty((len(probe.shown.pictures.uv), PIXELS, level.shape[-1]), np.float32)
-        for count in np.unique(probe.shown.pictures.lookups).tolist():
-            some = np.flatnonzero(probe.shown.pictures.lookups == count)
-            where = probe.shown.pictures.looked_up_at(some, count)
-            pixels[some] = bilinear(level, where, self.problem.wrap).mean(2)
-        return np.concatenate([single, pixels.reshape(-1, level.shape[-1])])
+        return self.seen(bilinear(level, self.places(index), self.problem.wrap), index)
+
+    @staticmethod
+    def _alike(probe: Probe) -> Iterator[tuple[NDArray[np.intp], int]]:
+        """Indices of the pictures that make as many lookups of each pixel, and how many."""
+        lookups = probe.shown.pictures.lookups
+        for count in np.unique(lookups).tolist():
+            yield np.flatnonzero(lookups == count), count
 
     def errors(self, texels: Image, index: int) -> Errors:
         """What (G * P + Q, C) stored channels of the target are off by at a probe, as `looked_up` has them."""

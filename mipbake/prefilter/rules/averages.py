@@ -12,16 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mipbake import directions, material
+from mipbake import material
 from mipbake.material import Kind
-from mipbake.pixel_filter import Wrap, filtered_levels, resample
-from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.bands import Array, Image, closed_form_levels, texelwise, texelwise_mean
+from mipbake.prefilter.rules.bands import Array, Image
+from mipbake.prefilter.rules.form import Blur, ClosedForm, Form, Part, Texels, Whole, stored_part
 
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""
@@ -50,7 +48,7 @@ class NormalMoments(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RoughnessRule:
+class RoughnessRule(ClosedForm):
     """A method that widens roughness by how much unit normals spread, the same in all directions.
 
     Reflectances are averaged in the target's channels, normals as unit vectors (their mean is the new normal).
@@ -75,51 +73,53 @@ class RoughnessRule:
     widened: Callable[[Array, Array], Array]
     weight: Callable[[Array], Array] | None = None
     top_blur: float = 1.0
-    averages: ClassVar[bool] = True
-    own_memory: ClassVar[int] = 0
 
-    def __call__(
-        self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
-    ) -> PrefilterResult:
-        """See Prefilter."""
+    def form(self, whole: Whole, target: str) -> Form:
+        """See ClosedForm."""
+        source, centre = whole.model, whole.centre
         given, wanted = material.model_named(source), material.model_named(target)
-        centre = normal_centre(stored, source)
+        # Round lobes stay one number; other distributions have another alpha for the same lobe.
+        isotropic = not given.anisotropic and given.lobe is wanted.lobe
 
-        def read(texels: Array) -> Array:
-            own = material.convert(texels, source, target)
-            # Round lobes stay one number; other distributions have another alpha for the same lobe.
-            isotropic = not given.anisotropic and given.lobe is wanted.lobe
-            alpha2 = given.roughness_tensor(texels) if isotropic else wanted.roughness_tensor(own)
-            spread = given.unit_normals(texels) - centre
-            normals = NormalMoments(spread, np.square(spread).sum(-1, keepdims=True), spread[..., :0])
+        def alpha2(texels: Texels) -> Array:
+            if isotropic:
+                return texels.once("own alpha2", lambda: given.roughness_tensor(texels.stored))
+            own = texels.converted(source, target)
+            return texels.once(("alpha2", target), lambda: wanted.roughness_tensor(own))
+
+        def spread(texels: Texels) -> Array:
+            return texels.once("spread", lambda: texels.normals(source) - centre)
+
+        def normals(texels: Texels) -> Array:
+            off = spread(texels)
+            moments = NormalMoments(off, np.square(off).sum(-1, keepdims=True), off[..., :0])
             if self.weight is not None:
-                weight = material.mean_eigenvalue(of_eigenvalues(alpha2, self.weight))
-                normals = NormalMoments(weight * normals.mean, weight * normals.square, weight)
-            averaged = of_eigenvalues(alpha2, self.averaged)
-            return np.concatenate(Averages(own[..., wanted.averaged], np.concatenate(normals, -1), averaged), -1)
+                weight = material.mean_eigenvalue(of_eigenvalues(alpha2(texels), self.weight))
+                moments = NormalMoments(weight * moments.mean, weight * moments.square, weight)
+            return np.concatenate(moments, -1)
 
-        def named(channels: Array) -> Averages:
-            return Averages(*split(channels, len(wanted.averaged), 4 if self.weight is None else 5))
+        def averaged(texels: Texels) -> Array:
+            return of_eigenvalues(alpha2(texels), self.averaged)
 
-        def write(channels: Array, blurred: Array | None = None) -> Array:
-            averages = named(channels)
+        colours, moments = len(wanted.averaged), 4 if self.weight is None else 5
+
+        def write(channels: Array, blurred: Array | None) -> Array:
+            averages = Averages(*split(channels, colours, moments))
             mean, variance = self._spread(averages.normals)
             if blurred is not None:
                 variance = self._spread(blurred)[1]
             alpha2 = of_eigenvalues(averages.alpha2, lambda value: self._level(value, variance))
             return stored_channels(averages.colours, mean + centre, alpha2, target)
 
-        if self.top_blur == 1.0 or pixel_filter != "box":
-            levels = closed_form_levels(stored, read, write, pixel_filter, wrap, progress)
-        else:
-            averaged = texelwise(read, stored)
-            size = (stored.shape[0], stored.shape[1])
-            blurred = resample(named(averaged).normals, size, "box", wrap, self.top_blur)
-            levels = filtered_levels(averaged, pixel_filter, wrap, progress)
-            del averaged
-            levels[0] = texelwise(_beside(write, levels[0].shape[-1]), np.concatenate([levels[0], blurred], -1))
-            levels[1:] = [texelwise(write, level) for level in levels[1:]]
-        return PrefilterResult(directions.agreeing(levels, target, wrap))
+        of = None if isotropic else target  # the model whose alpha^2 it is
+        size = 1 if isotropic or not wanted.anisotropic else 3
+        parts = [
+            stored_part(source, target, wanted.averaged),
+            Part(("normals", self.weight, of if self.weight else None), normals, range(moments)),
+            Part(("averaged", self.averaged, of), averaged, range(size)),
+        ]
+        blur = None if self.top_blur == 1.0 else Blur(self.top_blur, range(colours, colours + moments))
+        return Form(parts, write, blur)
 
     def _spread(self, normals: Array) -> tuple[Array, Array]:
         """(..., 3) mean of the normals about their centre, and (...) 1 - r^2, from averaged NormalMoments."""
@@ -143,6 +143,11 @@ def split(channels: Array, *widths: int) -> list[Array]:
 def length(variance: Array) -> Array:
     """r = |mean unit normal| from 1 - r^2, any shape; at least 0.001."""
     return np.asarray(np.sqrt(np.maximum(1 - variance, _MIN_LENGTH**2)))
+
+
+def perceptual(alpha2: Array) -> Array:
+    """Perceptual roughness of alpha^2, any shape: what engines and textures store."""
+    return np.asarray(np.sqrt(np.sqrt(alpha2)))
 
 
 def inverse_kappa(variance: Array) -> Array:
@@ -195,13 +200,3 @@ def stored_channels(colours: Array, normal: Array, tensor: Array, target: str) -
         else:
             channels.append(made[each.kind])
     return material.regularise(np.concatenate(channels, -1).astype(np.float32), target)
-
-
-def _beside(write: Callable[[Array, Array], Array], channels: int) -> Callable[[Array], Array]:
-    """A function of two images as one of both in one, the first with so many channels."""
-    return lambda both: write(*split(both, channels))
-
-
-def normal_centre(stored: Image, model: str) -> NDArray[np.float32]:
-    """(3,) the mean of the unit normals: moments about it are exact for flat maps, tilted ones too."""
-    return texelwise_mean(material.model_named(model).unit_normals, stored)

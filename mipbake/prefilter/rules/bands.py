@@ -64,7 +64,7 @@ def texelwise(function: Texelwise, image: Image, out: Image | None = None) -> Im
 
     The function is given planes, one for each channel: NumPy works on them several times faster than on texels.
     """
-    for part, rows in _chunks(image):
+    for part, rows in chunks(image):
         made = function(part)
         if out is None:
             out = memory.empty((len(image), *made.shape[1:]))
@@ -79,7 +79,7 @@ def texelwise_mean(function: Texelwise, image: Image) -> Image:
     count = -(-len(image) // rows)
 
     def summed(index: int) -> NDArray[np.float64]:
-        parts = (function(part) for part, _ in _chunks(image[index * rows : (index + 1) * rows]))
+        parts = (function(part) for part, _ in chunks(image[index * rows : (index + 1) * rows]))
         return np.asarray(np.sum([part.sum((0, 1), dtype=np.float64) for part in parts], 0))
 
     total = np.sum(on_threads(summed, count), 0)
@@ -162,7 +162,7 @@ class _Levels:
         return band, place
 
 
-def _chunks(image: Image) -> Iterator[tuple[Image, slice]]:
+def chunks(image: Image) -> Iterator[tuple[Image, slice]]:
     """Some rows of an image each, as planes in memory, and which rows they are."""
     step = max(1, CHUNK // image.shape[1])
     for start in range(0, len(image), step):

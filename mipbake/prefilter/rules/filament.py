@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa, perceptual
 
 _SCALE, _LIMIT = 0.5, 0.2**2  # Filament's own numbers
 
 FILAMENT = RoughnessRule(
     name="filament",
     summary="averages, roughness widened as by Filament's roughness-prefilter",
-    averaged=lambda alpha2: np.sqrt(np.sqrt(alpha2)),
+    averaged=perceptual,
     restored=lambda rough: rough**4,
     widened=lambda alpha2, variance: np.square(np.sqrt(alpha2) + np.minimum(_SCALE * inverse_kappa(variance), _LIMIT)),
 )

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
+from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa, perceptual
 
 _SCALE, _LIMIT = 0.75, 0.4**2  # Godot's own numbers
 
 GODOT = RoughnessRule(
     name="godot",
     summary="averages, roughness widened as by Godot's importer",
-    averaged=lambda alpha2: np.sqrt(np.sqrt(alpha2)),
+    averaged=perceptual,
     restored=lambda rough: rough**4,
     widened=lambda alpha2, variance: np.square(np.sqrt(alpha2) + np.minimum(_SCALE * inverse_kappa(variance), _LIMIT)),
 )

@@ -5,31 +5,22 @@ With the box filter this is what GPUs and most tools do; with a pixel filter, le
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mipbake import directions, material
-from mipbake.pixel_filter import Wrap
-from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.bands import Array, closed_form_levels
+from mipbake import material
+from mipbake.prefilter.rules.bands import Array
+from mipbake.prefilter.rules.form import ClosedForm, Form, Whole, stored_part
 
 
-class Linear:
+class Linear(ClosedForm):
     """Averages of the stored channels of the target model, under the pixel filter."""
 
     name = "linear"
     summary = "average of every stored channel (what GPUs do, with the pixel filter in place of the box)"
-    averages = True
-    own_memory = 0
 
-    def __call__(
-        self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
-    ) -> PrefilterResult:
-        """See Prefilter."""
-        read = None if source == target else lambda texels: material.convert(texels, source, target)
+    def form(self, whole: Whole, target: str) -> Form:
+        """See ClosedForm."""
+        channels = range(material.model_named(target).channels)
 
-        def write(texels: Array) -> Array:
+        def write(texels: Array, _: Array | None) -> Array:
             return material.regularise(texels, target)
 
-        levels = closed_form_levels(stored, read, write, pixel_filter, wrap, progress)
-        return PrefilterResult(directions.agreeing(levels, target, wrap))
+        return Form([stored_part(whole.model, target, channels)], write, unread=whole.model == target)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.prefilter.rules.averages import RoughnessRule
+from mipbake.prefilter.rules.averages import RoughnessRule, perceptual
 from mipbake.prefilter.rules.bands import Array
 from mipbake.prefilter.rules.toksvig import excess, widened
 
@@ -31,7 +31,7 @@ def _widened(alpha2: Array, variance: Array) -> Array:
 UNREAL = RoughnessRule(
     name="unreal",
     summary="averages, roughness widened as by Unreal Engine's composite textures",
-    averaged=lambda alpha2: np.sqrt(np.sqrt(alpha2)),
+    averaged=perceptual,
     restored=lambda rough: rough**4,
     widened=_widened,
     top_blur=2.0,

@@ -1,7 +1,7 @@
 """The best blend of ingredients at every level, by measurement: closed forms under both kernels, and a network.
 
-Every ingredient is baked, looked up at the points of three independent sets of renders and forgotten: 4096 x 4096 sets
-do not need fifteen stacks in memory. One set of renders is fitted to (level_fit.py), from the coarsest level to the
+Every ingredient is looked up at the points of three independent sets of renders, and of closed forms no level need
+exist as a whole for it (ingredients.py). One set of renders is fitted to (level_fit.py), from the coarsest level to the
 finest, each level together with the half level that it shares with the coarser one. Another judges. Where it finds a
 blend behind the best closed form that looks fine, at a level or halfway to the next, by more than chance, the levels
 around give way to the ingredient that is safe there, as far as needed. The third decides nothing: it bears witness to

@@ -1,8 +1,10 @@
 """Ingredients of a blend: stacks that may be baked, looked up at the points of several sets of renders, and scored.
 
-An ingredient is baked, looked up at all points and, unless there is memory to keep it, forgotten: 4096 x 4096 sets do
-not need fifteen stacks in memory. With a deadline, ingredients that would take too long are left out, the least
-promising first.
+Closed forms are measured together, in one pass over the image, and of their levels only the texels are made that
+lookups read (touched.py). Where that cannot be, an ingredient is baked, looked up at all points and, unless there is
+memory to keep it, forgotten: 4096 x 4096 sets do not need fifteen stacks in memory. That is so with a deadline, with
+which ingredients that would take too long are left out, the least promising first, and for models that store
+directions, whose signs hang on whole levels.
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
 from mipbake.prefilter.rules import RULES
+from mipbake.prefilter.rules.form import ClosedForm, Form, Whole
+from mipbake.prefilter.rules.together import Placed, Together
+from mipbake.prefilter.search.mixing import mixed
+from mipbake.prefilter.search.touched import Touched
 from mipbake.reference.problem import Image, Problem
 
 KERNEL_OF_ORIGIN = "box"
@@ -52,12 +58,14 @@ class Ingredient:
         name: what people call it: `lean (box)`, `neural`.
         closed_form: whether it is one.
         bake: gives its levels. part: bakes a part of level 0, to see how long it takes.
+        form: what it makes of an image by averages with a kernel, and the kernel; None for no closed form.
     """
 
     name: str
     closed_form: bool
     bake: Callable[[], list[Image]]
     part: Callable[[Image], object]
+    form: Callable[[Whole], tuple[Form, str]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +94,8 @@ def ingredient(problem: Problem, method: Prefilter, kernel: str) -> Ingredient:
         return method(stored, problem.source, problem.target, kernel, problem.wrap, lambda _: None).levels
 
     name = f"{method.name} ({kernel})" if method.averages else method.name
-    return Ingredient(name, method.averages, lambda: bake(problem.stored), bake)
+    form = (lambda whole: (method.form(whole, problem.target), kernel)) if isinstance(method, ClosedForm) else None
+    return Ingredient(name, method.averages, lambda: bake(problem.stored), bake, form)
 
 
 def _rule(name: str) -> str:
@@ -129,26 +138,35 @@ class Bench:
         self._seen: dict[tuple[str, int, int, int], Image] = {}
         self._found: dict[tuple[str, int], list[Score]] = {}
         timed = not math.isinf(deadline)
+        # Signs of directions hang on whole levels: without them, levels of closed forms need not exist.
+        self._forms_of_whole: dict[str, tuple[Form, str]] = {}
+        self._whole = Whole(problem.stored, problem.source)
+        if not timed and MODELS[problem.target].lines is None:
+            made = {each.name: each.form(self._whole) for each in ingredients if each.form is not None}
+            self._forms_of_whole = made
+        names = [name for name in dict.fromkeys([*first, *self._ingredients]) if name not in self._forms_of_whole]
 
         def look(name: str) -> bool:
             if timed and name != self.base and time.monotonic() + self._expected(name) > deadline:
                 return False
             levels = self.levels(name)
-            for which, each in enumerate(scores):
+            for which, each in enumerate((*scores, witness)):
                 self._see(name, levels, which, each)
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
-            self._see(name, levels, len(scores), witness)
             return True
 
+        done = {name: True for name in self._forms_of_whole}
+        if done:
+            self._look_together((*scores, witness))
+            progress(len(done) / (len(self._ingredients) + 1))
+        else:
+            done[self.base] = look(self.base)
+            names.remove(self.base)
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
-        look(self.base)
-        names = [name for name in dict.fromkeys([*first, *self._ingredients]) if name != self.base]
-        done = {self.base: True}
-        workers = 2 if texels <= _SIDE_BY_SIDE else 1
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(2 if texels <= _SIDE_BY_SIDE else 1) as pool:
             for name, looked in zip(names, pool.map(look, names), strict=True):
                 done[name] = looked
-                progress(len(done) / (len(names) + 2))
+                progress(len(done) / (len(self._ingredients) + 1))
         self.left_out = tuple(name for name, each in self._ingredients.items() if each.closed_form and not done[name])
         self._ingredients = {name: each for name, each in self._ingredients.items() if done[name]}
         self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
@@ -182,6 +200,25 @@ class Bench:
         if name in self._keep:
             self._kept[name] = levels
         return levels
+
+    def _look_together(self, sets: Sequence[Scores]) -> None:
+        """Looks all closed forms up, of which only the texels that lookups read are made."""
+        touched = Touched(self.problem, sets)
+        together = Together(self._whole, list(self._forms_of_whole.values()), self.problem.wrap)
+        touched.gather(together)
+
+        def look(named: tuple[str, Placed]) -> None:
+            name, placed = named
+            for level in range(self.problem.last + 1):
+                texels = touched.made(placed, level)
+                for which, each in enumerate(sets):
+                    for index, probe in enumerate(each.probes):
+                        if level in probe.levels:
+                            self._seen[name, which, index, level] = touched.seen(texels, which, index, level)
+            self._found[name, 0] = [self._score(name, 0, index) for index in range(len(sets[0].probes))]
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(look, zip(self._forms_of_whole, together.placed, strict=True)))
 
     def _see(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
         for index, probe in enumerate(scores.probes):
@@ -297,6 +334,11 @@ class Bench:
     def mixed(self, mixtures: Sequence[Mapping[str, Array]]) -> list[Image]:
         """The levels of mixtures, one each."""
         target = self.problem.target
+        if self._forms_of_whole:
+            names = dict.fromkeys(name for mixture in mixtures for name in mixture)
+            baked = {name: self.levels(name) for name in names if name not in self._forms_of_whole}
+            self._kept.clear()  # what was kept is written over
+            return mixed(self.problem, self._whole, self._forms_of_whole, baked, mixtures)
         shapes = [(*size, MODELS[target].channels) for size in self.problem.sizes]
         out = [np.zeros(shape, np.float32) for shape in shapes]
         for name in dict.fromkeys(name for mixture in mixtures for name in mixture):
