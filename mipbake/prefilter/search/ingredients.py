@@ -27,7 +27,9 @@ from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
 from mipbake.prefilter.rules import RULES
 from mipbake.prefilter.rules.form import ClosedForm, Form, Whole
+from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.together import Placed, Together
+from mipbake.prefilter.search import pixel_samples
 from mipbake.prefilter.search.mixing import mixed
 from mipbake.prefilter.search.touched import Touched
 from mipbake.reference.problem import Image, Problem
@@ -112,6 +114,9 @@ class Bench:
     witness.
 
     With a deadline, ingredients that are not baked by then are left out, and the blend mixes what was kept.
+
+    `typical` is (C,) a material that shades about as bright as the whole set, in the model PLAIN of pixel_samples.py;
+    None where closed forms were not measured together.
     """
 
     def __init__(
@@ -141,6 +146,7 @@ class Bench:
         # Signs of directions hang on whole levels: without them, levels of closed forms need not exist.
         self._forms_of_whole: dict[str, tuple[Form, str]] = {}
         self._whole = Whole(problem.stored, problem.source)
+        self.typical: Image | None = None
         if not timed and MODELS[problem.target].lines is None:
             made = {each.name: each.form(self._whole) for each in ingredients if each.form is not None}
             self._forms_of_whole = made
@@ -204,8 +210,10 @@ class Bench:
     def _look_together(self, sets: Sequence[Scores]) -> None:
         """Looks all closed forms up, of which only the texels that lookups read are made."""
         touched = Touched(self.problem, sets)
-        together = Together(self._whole, list(self._forms_of_whole.values()), self.problem.wrap)
+        typical = Lean().form(self._whole, pixel_samples.PLAIN.name), self.problem.pixel_filter
+        together = Together(self._whole, [*self._forms_of_whole.values(), typical], self.problem.wrap)
         touched.gather(together)
+        self.typical = touched.made(together.placed[-1], self.problem.last, pixel_samples.PLAIN)[0]
 
         def look(named: tuple[str, Placed]) -> None:
             name, placed = named
@@ -218,7 +226,7 @@ class Bench:
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(sets[0].probes))]
 
         with ThreadPoolExecutor(2) as pool:
-            list(pool.map(look, zip(self._forms_of_whole, together.placed, strict=True)))
+            list(pool.map(look, zip(self._forms_of_whole, together.placed[:-1], strict=True)))
 
     def _see(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
         for index, probe in enumerate(scores.probes):

@@ -130,7 +130,9 @@ class Make:
         start = self.way(search.ingredients)
         before = start.check.of_stack(start.levels)
         progress(1.0)
-        return replace(search, start=start, before=before, levels=start.levels, kept=[0.0] * len(start.levels))
+        # Nothing after this needs ingredients, whose lookups are hundreds of megabytes.
+        none = [0.0] * len(start.levels)
+        return replace(search, gathered=None, start=start, before=before, levels=start.levels, kept=none)
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,7 @@ class Descend:
 
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
-        work, levels = search.work, [level.copy() for level in search.levels]
+        work = search.work
         problem, last = work.problem, work.problem.last
         worst = np.array([score.decibels.min() for score in search.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
@@ -162,7 +164,10 @@ class Descend:
             for timed in timed_regions(problem, self.effort.window, self.fine, self.coarse)
             if any(moving[i] for i in timed.region.levels)
         ]
-        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by) if todo else None
+        changing = {i for timed in todo for i in timed.region.levels}
+        levels = [level.copy() if i in changing else level for i, level in enumerate(search.levels)]
+        typical = search.blend.typical
+        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, typical) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
             end -= _SETTLING * max(0.0, end - time.monotonic())
@@ -213,7 +218,10 @@ class Keep:
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
         start, problem, cache = search.blend, search.work.problem, dict[tuple[int, int], tuple[Image, Image]]()
-        changed = [not np.array_equal(*each) for each in zip(start.levels, search.levels, strict=True)]
+        changed = [
+            now is not then and not np.array_equal(then, now)
+            for then, now in zip(start.levels, search.levels, strict=True)
+        ]
         if not any(changed):
             return replace(search, levels=start.levels)
         check = start.check
