@@ -130,7 +130,9 @@ class Together:
         read, first = self._texels(np.unique(np.concatenate([part(rows)[1][0].ravel() for rows in every])))
 
         def averaged(image: Image, rows: Taps, columns: Taps) -> Image:
-            at, weights = part(rows)[1]
+            here, (at, weights) = part(rows)
+            if len(rows[0]) == len(first) and rows[0].shape[1] == columns[0].shape[1] == 1:
+                return image[first[here.start] :][: len(at)]  # level 0 as it is
             return resample_taps(image, (first[at], weights), columns)
 
         for level in range(len(self._direct)):
