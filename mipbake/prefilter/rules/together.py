@@ -81,12 +81,13 @@ class Together:
         self._reads = [(parts[key], channel) for key, channel in columns]
         place = {column: index for index, column in enumerate(columns)}
         kernels = dict.fromkeys(kernel for _, kernel in forms)
-        self._axes = {name: [self._taps(size, name) for size in self._direct] for name in kernels}
+        level0 = self._sizes[0]
+        self._axes = {name: [self._taps(level0, size, name) for size in self._direct] for name in kernels}
 
         widths = {form.blur.width for form, kernel in forms if kernel == "box" and form.blur is not None}
         if len(widths) > 1:
             raise AssertionError("two closed forms blur level 0 by boxes of different widths")
-        self._wide = [self._taps(self._sizes[0], "box", width) for width in widths]
+        self._wide = [self._taps(level0, level0, "box", width) for width in widths]
         self._blurred: list[int] = []
         self.placed = []
         for form, kernel in forms:
@@ -97,11 +98,19 @@ class Together:
                 blurred = [self._blurred.index(index) for index in own]
             self.placed.append(Placed(form, kernel, at, blurred))
 
+        # The next level comes from box averages that a band makes and forgets. Farther levels come from averages of
+        # these, which are few enough to keep.
+        self._halved: _Halved | None = None
         self._reduced: Image | None = None
-        if len(self._sizes) > len(self._direct):
-            size = reduced_size(self._sizes, len(self._direct), wrap)
-            self._box = self._taps(size, "box")
-            self._reduced = np.empty((*size, len(self._reads)), np.float32)
+        next_level = len(self._direct)
+        if len(self._sizes) > next_level:
+            halved, wanted = reduced_size(self._sizes, next_level, wrap), self._sizes[next_level]
+            axes, box = {name: self._taps(halved, wanted, name) for name in kernels}, None
+            if len(self._sizes) > next_level + 1:
+                size = reduced_size(self._sizes, next_level + 1, wrap)
+                box = self._taps(halved, size, "box")
+                self._reduced = np.empty((*size, len(self._reads)), np.float32)
+            self._halved = _Halved(halved[0], self._taps(level0, halved, "box"), axes, box)
 
     def widths(self, level: int) -> Mapping[str, int]:
         """How many channels the averages at a level have, by the names of kernels and BLURRED."""
@@ -118,52 +127,67 @@ class Together:
         count = max(1, height // max(bands.ROWS, bands.BAND // width))
         on_threads(lambda index: self._band(index, count, take), count, progress)
         finer, self._reduced = self._reduced, None
-        for level in range(len(self._direct), len(self._sizes)):
+        kept = len(self._direct) + 1
+        for level in range(kept, len(self._sizes)):
             assert finer is not None
-            if level > len(self._direct):
+            if level > kept:
                 finer = resample(finer, reduced_size(self._sizes, level, self._wrap), "box", self._wrap)
             size = self._sizes[level]
             take(level, slice(0, size[0]), {name: resample(finer, size, name, self._wrap) for name in self._axes})
         progress(1.0)
 
-    def _taps(self, size: tuple[int, int], kernel: str, width: float = 1.0) -> tuple[Taps, Taps]:
-        """Of rows and of columns, from level 0 to a size."""
+    def _taps(
+        self, source: tuple[int, int], size: tuple[int, int], kernel: str, width: float = 1.0
+    ) -> tuple[Taps, Taps]:
+        """Of rows and of columns, from one size to another."""
         rows, columns = (
-            resample_weights(self._stored.shape[axis], size[axis], kernel, self._wrap[1 - axis], width)
-            for axis in (0, 1)
+            resample_weights(source[axis], size[axis], kernel, self._wrap[1 - axis], width) for axis in (0, 1)
         )
         return rows, columns
 
     def _band(self, index: int, count: int, take: Take) -> None:
-        def part(rows: Taps) -> slice:
-            return slice(*(len(rows[0]) * end // count for end in (index, index + 1)))
+        def part(size: int) -> slice:
+            return slice(*(size * end // count for end in (index, index + 1)))
 
-        every = [rows for axes in self._axes.values() for rows, _ in axes] + [rows for rows, _ in self._wide]
-        every += [] if self._reduced is None else [self._box[0]]
-        image, first = self._read(np.unique(np.concatenate([rows[0][part(rows)].ravel() for rows in every])))
+        halved, direct = self._halved, [rows for axes in self._axes.values() for rows, _ in axes]
+        read = [rows[0][part(len(rows[0]))] for rows in (*direct, *(rows for rows, _ in self._wide))]
+        if halved is not None:
+            own = _rows([rows[0][part(len(rows[0]))] for rows in halved.reads])
+            read.append(halved.from0[0][0][own])
+        rows = _rows(read)
+        image, first = self._read(rows), _places(rows, len(self._stored))
 
-        def averaged(image: Image, rows: Taps, columns: Taps) -> Image:
-            here = part(rows)
+        def averaged(rows: Taps, columns: Taps) -> Image:
+            here = part(len(rows[0]))
             if len(rows[0]) == len(first) and rows[0].shape[1] == columns[0].shape[1] == 1:
                 return image[first[here.start] :][: here.stop - here.start]  # level 0 as it is
             return resample_taps(image, (first[rows[0][here]], rows[1][here]), columns)
 
         for level, size in enumerate(self._direct):
-            here = slice(*(size[0] * end // count for end in (index, index + 1)))
+            here = part(size[0])
             if here.start < here.stop:
-                averages = {name: averaged(image, *axes[level]) for name, axes in self._axes.items()}
+                averages = {name: averaged(*axes[level]) for name, axes in self._axes.items()}
                 if self._wide and level == 0:
-                    averages[BLURRED] = averaged(np.ascontiguousarray(image[..., self._blurred]), *self._wide[0])
+                    at, columns = self._wide[0]
+                    blurred = np.ascontiguousarray(image[..., self._blurred])
+                    averages[BLURRED] = resample_taps(blurred, (first[at[0][here]], at[1][here]), columns)
                 take(level, here, averages)
-        if self._reduced is not None:
-            here = part(self._box[0])
+        if halved is None or not len(own):
+            return
+        at, columns = halved.from0
+        image = resample_taps(image, (first[at[0][own]], at[1][own]), columns)
+        first = _places(own, halved.height)
+        level = len(self._direct)
+        here = part(self._sizes[level][0])
+        if here.start < here.stop:
+            take(level, here, {name: averaged(*axes) for name, axes in halved.axes.items()})
+        if self._reduced is not None and halved.box is not None:
+            here = part(len(self._reduced))
             if here.start < here.stop:
-                self._reduced[here] = averaged(image, *self._box)
+                self._reduced[here] = averaged(*halved.box)
 
-    def _read(self, rows: NDArray[np.int64]) -> tuple[Image, NDArray[np.int64]]:
-        """Those rows of what is averaged, and where each row of level 0 lies in them."""
-        place = np.arange(len(self._stored))
-        place[rows] = np.arange(len(rows))
+    def _read(self, rows: NDArray[np.int64]) -> Image:
+        """(R, W, D): those rows of what is averaged."""
         out = np.empty((len(rows), self._stored.shape[1], len(self._reads)), np.float32)
         ends = np.nonzero(np.diff(rows, prepend=-2, append=np.iinfo(np.int64).max) != 1)[0]
         for start, end in pairwise(ends):  # rows that lie one below the other
@@ -171,7 +195,39 @@ class Together:
                 texels, to = Texels(planes), out[start:end][some]
                 for channel, (part, own) in enumerate(self._reads):
                     to[..., channel] = part.of(texels)[..., own]
-        return out, place
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Halved:
+    """Box averages of level 0, as far as a band needs them.
+
+    Args:
+        height: of their image. from0: how they come from level 0.
+        axes: how the next level comes from them, by kernels. box: how the next box averages do.
+    """
+
+    height: int
+    from0: tuple[Taps, Taps]
+    axes: Mapping[str, tuple[Taps, Taps]]
+    box: tuple[Taps, Taps] | None
+
+    @property
+    def reads(self) -> list[Taps]:
+        """Rows of them that are read."""
+        return [rows for rows, _ in (*self.axes.values(), *([] if self.box is None else [self.box]))]
+
+
+def _rows(indices: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """All of them in order, each once."""
+    return np.unique(np.concatenate([each.ravel() for each in indices]))
+
+
+def _places(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
+    """Where each row of an image lies among some of its rows."""
+    place = np.zeros(height, np.int64)
+    place[rows] = np.arange(len(rows))
+    return place
 
 
 def _texels(planes: Array) -> Array:
