@@ -68,7 +68,7 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
     if out.size:
         of_texels = per_texel(to_light.shape, to_view.shape)
         lights, views = (_expanded(_readable(a), B, N if of_texels else None) for a in (to_light, to_view))
-        _native.shade(model, np.broadcast_to(_readable(texels), (B, *texels.shape[-2:])), lights, views, out)
+        _native.shade(model, _repeated(_readable(texels), (B, *texels.shape[-2:])), lights, views, out)
     return out[0] if batch is None else out
 
 
@@ -111,7 +111,7 @@ def shade_lit(
         raise UsageError(f"radiance holds a value that is not finite in {texels.dtype}: expected finite numbers")
     B = 1 if batch is None else batch
     texels, axes, to_view, to_light, power = (
-        np.broadcast_to(_readable(array), (B, *array.shape[-axes_of:]))
+        _repeated(_readable(array), (B, *array.shape[-axes_of:]))
         for array, axes_of in zip(given, LIT_AXES.values(), strict=True)
     )
     out = np.empty((*texels.shape[:2], 3), texels.dtype)
@@ -137,9 +137,14 @@ def _expanded(directions: NDArray[Any], B: int, N: int | None) -> NDArray[Any]:
     """(B, K, N, 3), or (B, K, 3) where N is None, of (K, 3), (B or 1, K, 3) or (B or 1, K, N or 1, 3)."""
     if N is None:
         shared = directions[:, :, 0] if directions.ndim == 4 else directions
-        return np.broadcast_to(shared, (B, *shared.shape[-2:]))
+        return _repeated(shared, (B, *shared.shape[-2:]))
     each = directions if directions.ndim == 4 else directions[..., None, :]
-    return np.broadcast_to(each, (B, each.shape[-3], N, 3))
+    return _repeated(each, (B, each.shape[-3], N, 3))
+
+
+def _repeated(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """The array broadcast to a shape; the array itself where it has it, as most do and NumPy takes its time."""
+    return array if array.shape == shape else np.broadcast_to(array, shape)
 
 
 def _reals(name: str, values: ArrayLike) -> NDArray[Any]:

@@ -29,13 +29,17 @@ from mipbake.pixel_filter import (
 from mipbake.prefilter.base import Progress
 from mipbake.prefilter.rules import bands
 from mipbake.prefilter.rules.bands import Array, Image, chunks
-from mipbake.prefilter.rules.form import Form, Part, Texels, Whole
+from mipbake.prefilter.rules.form import Form, Texels, Whole
 
 Column = tuple[Hashable, int]
 """A channel that is averaged: the key of a Part, and the channel of it."""
 
 Take = Callable[[int, slice, Mapping[str, Image]], None]
-"""Is given a level, some of its rows, and (rows, W_L, D) averages of each kernel there; from several threads."""
+"""Is given a level, some of its rows, and (rows, W_L, D) averages there by the names of `Together.widths`; from several
+threads. The averages may be views of what is gone later."""
+
+BLURRED = "blurred"
+"""Name of what is averaged over a wider box at level 0 (form.Blur), beside the names of kernels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +48,7 @@ class Placed:
 
     Args:
         form: the form. kernel: what it averages with.
-        at: where its channels lie in the averages of the kernel. blurred: where its blurred channels lie at level 0.
+        at: where its channels lie in the averages. blurred: where its blurred channels lie at level 0.
     """
 
     form: Form
@@ -52,11 +56,14 @@ class Placed:
     at: list[int]
     blurred: list[int] | None
 
+    def reads(self, level: int) -> list[str]:
+        """Which averages it reads at a level, by their names."""
+        return [self.kernel, *([BLURRED] if self.blurred is not None and level == 0 else [])]
+
     def made(self, planes: Mapping[str, Array], level: int) -> Array:
-        """(..., C) stored channels, of (D, ...) averages of each kernel at a level."""
-        own = planes[self.kernel]
-        blurred = _texels(own[self.blurred]) if self.blurred is not None and level == 0 else None
-        return self.form.write(_texels(own[self.at]), blurred)
+        """(..., C) stored channels, of (D, ...) averages at a level by their names."""
+        blurred = _texels(planes[BLURRED][self.blurred]) if self.blurred is not None and level == 0 else None
+        return self.form.write(_texels(planes[self.kernel][self.at]), blurred)
 
 
 class Together:
@@ -71,30 +78,49 @@ class Together:
         self._stored, self._wrap = whole.stored, wrap
         self._sizes = level_sizes(*self._stored.shape[:2])
         self._direct = self._sizes[: PRE_REDUCED + 1]
-        kernels = dict.fromkeys(kernel for _, kernel in forms)
-        self._kernels = {name: _Kernel(self, name, [form for form, own in forms if own == name]) for name in kernels}
-        self.placed = [self._kernels[kernel].placed(form) for form, kernel in forms]
         parts = {part.key: part for form, _ in forms for part in form.parts}
-        # Kernels that average the same read the same band.
-        self._read = {each.columns: [(parts[key], i) for key, i in each.columns] for each in self._kernels.values()}
-        self._box: tuple[Taps, Taps] | None = None
-        self._reduced: dict[tuple[Column, ...], Image] = {}
-        if len(self._sizes) > len(self._direct):
-            size = reduced_size(self._sizes, len(self._direct), wrap)
-            self._box = self.taps(size, "box")
-            self._reduced = {columns: memory.empty((*size, len(columns))) for columns in self._read}
+        columns = dict.fromkeys(column for form, _ in forms for column in _columns(form))
+        self._reads = [(parts[key], channel) for key, channel in columns]
+        place = {column: index for index, column in enumerate(columns)}
+        kernels = dict.fromkeys(kernel for _, kernel in forms)
+        level0 = self._sizes[0]
+        self._axes = {name: [self._taps(level0, size, name) for size in self._direct] for name in kernels}
 
-    @property
-    def direct(self) -> Sequence[tuple[int, int]]:
-        """Sizes of the levels that are filtered from level 0 itself."""
-        return self._direct
+        widths = {form.blur.width for form, kernel in forms if kernel == "box" and form.blur is not None}
+        if len(widths) > 1:
+            raise AssertionError("two closed forms blur level 0 by boxes of different widths")
+        self._wide = [self._taps(level0, level0, "box", width) for width in widths]
+        self._blurred: list[int] = []
+        self.placed = []
+        for form, kernel in forms:
+            at, blurred = [place[column] for column in _columns(form)], None
+            if kernel == "box" and form.blur is not None:
+                own = [at[channel] for channel in form.blur.channels]
+                self._blurred += [index for index in own if index not in self._blurred]
+                blurred = [self._blurred.index(index) for index in own]
+            self.placed.append(Placed(form, kernel, at, blurred))
+
+        # The next level comes from box averages that a band makes and forgets. Farther levels come from averages of
+        # these, which are few enough to keep.
+        self._halved: _Halved | None = None
+        self._reduced: Image | None = None
+        next_level = len(self._direct)
+        if len(self._sizes) > next_level:
+            halved, wanted = reduced_size(self._sizes, next_level, wrap), self._sizes[next_level]
+            axes, box = {name: self._taps(halved, wanted, name) for name in kernels}, None
+            if len(self._sizes) > next_level + 1:
+                size = reduced_size(self._sizes, next_level + 1, wrap)
+                box = self._taps(halved, size, "box")
+                self._reduced = memory.empty((*size, len(self._reads)))
+            self._halved = _Halved(halved[0], self._taps(level0, halved, "box"), axes, box)
 
     def widths(self, level: int) -> Mapping[str, int]:
-        """How many channels the averages of each kernel have at a level."""
-        return {name: each.width(level) for name, each in self._kernels.items()}
+        """How many channels the averages at a level have, by the names of kernels and BLURRED."""
+        own = dict.fromkeys(self._axes, len(self._reads))
+        return own | ({BLURRED: len(self._blurred)} if self._wide and level == 0 else {})
 
     def show(self, take: Take, progress: Progress = lambda _: None) -> None:
-        """Shows the averages of all levels, the levels of the bands first.
+        """Shows the averages of all levels, the levels of the bands first; once.
 
         Args:
             progress: told the finished share; all but a few hundredths of the work are the bands.
@@ -102,112 +128,108 @@ class Together:
         height, width = self._sizes[0]
         count = max(1, height // max(bands.ROWS, bands.BAND // width))
         on_threads(lambda index: self._band(index, count, take), count, progress)
-        finer, self._reduced = self._reduced, {}
-        for level in range(len(self._direct), len(self._sizes)):
-            if level > len(self._direct):
-                size = reduced_size(self._sizes, level, self._wrap)
-                finer = {key: resample(image, size, "box", self._wrap) for key, image in finer.items()}
+        finer, self._reduced = self._reduced, None
+        kept = len(self._direct) + 1
+        for level in range(kept, len(self._sizes)):
+            assert finer is not None
+            if level > kept:
+                finer = resample(finer, reduced_size(self._sizes, level, self._wrap), "box", self._wrap)
             size = self._sizes[level]
-            averages = {
-                name: resample(finer[each.columns], size, name, self._wrap) for name, each in self._kernels.items()
-            }
-            take(level, slice(0, size[0]), averages)
+            take(level, slice(0, size[0]), {name: resample(finer, size, name, self._wrap) for name in self._axes})
         progress(1.0)
 
-    def taps(self, size: tuple[int, int], kernel: str, width: float = 1.0) -> tuple[Taps, Taps]:
-        """Of rows and of columns, from level 0 to a size."""
+    def _taps(
+        self, source: tuple[int, int], size: tuple[int, int], kernel: str, width: float = 1.0
+    ) -> tuple[Taps, Taps]:
+        """Of rows and of columns, from one size to another."""
         rows, columns = (
-            resample_weights(self._stored.shape[axis], size[axis], kernel, self._wrap[1 - axis], width)
-            for axis in (0, 1)
+            resample_weights(source[axis], size[axis], kernel, self._wrap[1 - axis], width) for axis in (0, 1)
         )
         return rows, columns
 
     def _band(self, index: int, count: int, take: Take) -> None:
-        def part(rows: Taps) -> tuple[slice, Taps]:
-            here = slice(*(len(rows[0]) * end // count for end in (index, index + 1)))
-            return here, (rows[0][here], rows[1][here])
+        def part(size: int) -> slice:
+            return slice(*(size * end // count for end in (index, index + 1)))
 
-        boxes = [] if self._box is None else [self._box[0]]
-        every = [rows for each in self._kernels.values() for rows, _ in each.axes] + boxes
-        read, first = self._texels(np.unique(np.concatenate([part(rows)[1][0].ravel() for rows in every])))
+        halved, direct = self._halved, [rows for axes in self._axes.values() for rows, _ in axes]
+        read = [rows[0][part(len(rows[0]))] for rows in (*direct, *(rows for rows, _ in self._wide))]
+        if halved is not None:
+            own = _rows([rows[0][part(len(rows[0]))] for rows in halved.reads])
+            read.append(halved.from0[0][0][own])
+        rows = _rows(read)
+        image, first = self._read(rows), _places(rows, len(self._stored))
 
-        def averaged(image: Image, rows: Taps, columns: Taps) -> Image:
-            at, weights = part(rows)[1]
-            return resample_taps(image, (first[at], weights), columns)
+        def averaged(rows: Taps, columns: Taps) -> Image:
+            here = part(len(rows[0]))
+            if len(rows[0]) == len(first) and rows[0].shape[1] == columns[0].shape[1] == 1:
+                return image[first[here.start] :][: here.stop - here.start]  # level 0 as it is
+            return resample_taps(image, (first[rows[0][here]], rows[1][here]), columns)
 
-        for level in range(len(self._direct)):
-            averages = {}
-            for name, each in self._kernels.items():
-                image, blur = read[each.columns], each.blur
-                own = averaged(image, *each.axes[level])
-                if blur is not None and level == 0 and len(own):
-                    wide = averaged(np.ascontiguousarray(image[..., blur.at]), *blur.axes)
-                    own = np.concatenate([own, wide], -1)
-                averages[name] = own
-            here = part(next(iter(self._kernels.values())).axes[level][0])[0]
+        for level, size in enumerate(self._direct):
+            here = part(size[0])
             if here.start < here.stop:
+                averages = {name: averaged(*axes[level]) for name, axes in self._axes.items()}
+                if self._wide and level == 0:
+                    at, columns = self._wide[0]
+                    blurred = np.ascontiguousarray(image[..., self._blurred])
+                    averages[BLURRED] = resample_taps(blurred, (first[at[0][here]], at[1][here]), columns)
                 take(level, here, averages)
-        if self._box is not None:
-            here = part(self._box[0])[0]
-            for columns, image in read.items():
-                if here.start < here.stop:
-                    self._reduced[columns][here] = averaged(image, *self._box)
+        if halved is None or not len(own):
+            return
+        at, columns = halved.from0
+        image = resample_taps(image, (first[at[0][own]], at[1][own]), columns)
+        first = _places(own, halved.height)
+        level = len(self._direct)
+        here = part(self._sizes[level][0])
+        if here.start < here.stop:
+            take(level, here, {name: averaged(*axes) for name, axes in halved.axes.items()})
+        if self._reduced is not None and halved.box is not None:
+            here = part(len(self._reduced))
+            if here.start < here.stop:
+                self._reduced[here] = averaged(*halved.box)
 
-    def _texels(self, rows: NDArray[np.int64]) -> tuple[dict[tuple[Column, ...], Image], NDArray[np.int64]]:
-        """Those rows of what is averaged, and where each row of level 0 lies in them."""
-        place = np.arange(len(self._stored))
-        place[rows] = np.arange(len(rows))
-        width = self._stored.shape[1]
-        out = {columns: np.empty((len(rows), width, len(columns)), np.float32) for columns in self._read}
+    def _read(self, rows: NDArray[np.int64]) -> Image:
+        """(R, W, D): those rows of what is averaged."""
+        out = np.empty((len(rows), self._stored.shape[1], len(self._reads)), np.float32)
         ends = np.nonzero(np.diff(rows, prepend=-2, append=np.iinfo(np.int64).max) != 1)[0]
         for start, end in pairwise(ends):  # rows that lie one below the other
             for planes, some in chunks(self._stored[rows[start] : rows[start] + end - start]):
-                texels = Texels(planes)
-                to = slice(start + some.start, start + some.start + len(planes))
-                for columns, reads in self._read.items():
-                    image = out[columns][to]
-                    for channel, (part, own) in enumerate(reads):
-                        image[..., channel] = part.of(texels)[..., own]
-        return out, place
+                texels, to = Texels(planes), out[start:end][some]
+                for channel, (part, own) in enumerate(self._reads):
+                    to[..., channel] = part.of(texels)[..., own]
+        return out
 
 
 @dataclass(frozen=True, eq=False)
-class _Blurred:
-    """What is averaged over a wider box at level 0: which columns, and how."""
+class _Halved:
+    """Box averages of level 0, as far as a band needs them.
 
-    at: list[int]
-    axes: tuple[Taps, Taps]
+    Args:
+        height: of their image. from0: how they come from level 0.
+        axes: how the next level comes from them, by kernels. box: how the next box averages do.
+    """
+
+    height: int
+    from0: tuple[Taps, Taps]
+    axes: Mapping[str, tuple[Taps, Taps]]
+    box: tuple[Taps, Taps] | None
+
+    @property
+    def reads(self) -> list[Taps]:
+        """Rows of them that are read."""
+        return [rows for rows, _ in (*self.axes.values(), *([] if self.box is None else [self.box]))]
 
 
-class _Kernel:
-    """What forms with one kernel average."""
+def _rows(indices: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """All of them in order, each once."""
+    return np.unique(np.concatenate([each.ravel() for each in indices]))
 
-    def __init__(self, together: Together, name: str, forms: Sequence[Form]) -> None:
-        self._name = name
-        self.columns = tuple(dict.fromkeys(column for form in forms for column in _columns(form.parts)))
-        self._place = {column: index for index, column in enumerate(self.columns)}
-        self.axes = [together.taps(size, name) for size in together.direct]
-        blurs = [form for form in forms if form.blur is not None] if name == "box" else []
-        widths = {form.blur.width for form in blurs if form.blur is not None}
-        if len(widths) > 1:
-            raise AssertionError("two closed forms blur level 0 by boxes of different widths")
-        at = dict.fromkeys(index for form in blurs for index in self._blurred(form))
-        self.blur = _Blurred(list(at), together.taps(together.direct[0], "box", *widths)) if at else None
 
-    def width(self, level: int) -> int:
-        """Channels of the averages at a level: the blurred ones come last at level 0."""
-        return len(self.columns) + (len(self.blur.at) if self.blur is not None and level == 0 else 0)
-
-    def placed(self, form: Form) -> Placed:
-        """A form with its places in the averages."""
-        blurred = None
-        if form.blur is not None and self.blur is not None:
-            blurred = [len(self.columns) + self.blur.at.index(index) for index in self._blurred(form)]
-        return Placed(form, self._name, [self._place[column] for column in _columns(form.parts)], blurred)
-
-    def _blurred(self, form: Form) -> list[int]:
-        own = [self._place[column] for column in _columns(form.parts)]
-        return [own[channel] for channel in (() if form.blur is None else form.blur.channels)]
+def _places(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
+    """Where each row of an image lies among some of its rows."""
+    place = np.zeros(height, np.int64)
+    place[rows] = np.arange(len(rows))
+    return place
 
 
 def _texels(planes: Array) -> Array:
@@ -215,5 +237,5 @@ def _texels(planes: Array) -> Array:
     return np.moveaxis(planes, 0, -1)
 
 
-def _columns(parts: Sequence[Part]) -> list[Column]:
-    return [(part.key, channel) for part in parts for channel in part.channels]
+def _columns(form: Form) -> list[Column]:
+    return [(part.key, channel) for part in form.parts for channel in part.channels]

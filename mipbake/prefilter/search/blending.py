@@ -71,6 +71,7 @@ class Blend:
         judge, check, witness: as Gathered has them.
         witnessed: what the best closed forms of pair sets have, by the witness.
         left_out: closed forms that there was no time to bake, in none of the above.
+        typical: as Bench has it.
     """
 
     levels: list[Image]
@@ -80,6 +81,7 @@ class Blend:
     witness: Scores
     witnessed: list[list[Rival]]
     left_out: tuple[str, ...] = ()
+    typical: Image | None = None
 
 
 def gathered(
@@ -167,4 +169,4 @@ def _made(found: Gathered, mixtures: list[dict[str, NDArray[np.float64]]]) -> Bl
     rivals = [bench.rivals(1, index)[: len(PAIR_SETS)] for index in range(len(found.check.lods))]
     witnessed = [bench.witnessed(index, each) for index, each in enumerate(rivals)]
     sources = [tuple(mixture) for mixture in mixtures]
-    return Blend(levels, sources, found.judge, found.check, found.witness, witnessed, bench.left_out)
+    return Blend(levels, sources, found.judge, found.check, found.witness, witnessed, bench.left_out, bench.typical)

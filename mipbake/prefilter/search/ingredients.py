@@ -27,8 +27,11 @@ from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
 from mipbake.prefilter.rules import RULES
 from mipbake.prefilter.rules.form import ClosedForm, Form, Whole
+from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.together import Placed, Together
+from mipbake.prefilter.search import pixel_samples
 from mipbake.prefilter.search.mixing import mixed
+from mipbake.prefilter.search.side_by_side import WORKERS, side_by_side
 from mipbake.prefilter.search.touched import Touched
 from mipbake.reference.problem import Image, Problem
 
@@ -112,6 +115,9 @@ class Bench:
     witness.
 
     With a deadline, ingredients that are not baked by then are left out, and the blend mixes what was kept.
+
+    `typical` is (C,) a material that shades about as bright as the whole set, in the model PLAIN of pixel_samples.py;
+    None where closed forms were not measured together.
     """
 
     def __init__(
@@ -141,6 +147,7 @@ class Bench:
         # Signs of directions hang on whole levels: without them, levels of closed forms need not exist.
         self._forms_of_whole: dict[str, tuple[Form, str]] = {}
         self._whole = Whole(problem.stored, problem.source)
+        self.typical: Image | None = None
         if not timed and MODELS[problem.target].lines is None:
             made = {each.name: each.form(self._whole) for each in ingredients if each.form is not None}
             self._forms_of_whole = made
@@ -157,13 +164,13 @@ class Bench:
 
         done = {name: True for name in self._forms_of_whole}
         if done:
-            self._look_together((*scores, witness))
+            self._look_together((*scores, witness), others)
             progress(len(done) / (len(self._ingredients) + 1))
         else:
             done[self.base] = look(self.base)
             names.remove(self.base)
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
-        with ThreadPoolExecutor(2 if texels <= _SIDE_BY_SIDE else 1) as pool:
+        with ThreadPoolExecutor(WORKERS if texels <= _SIDE_BY_SIDE else 1) as pool:
             for name, looked in zip(names, pool.map(look, names), strict=True):
                 done[name] = looked
                 progress(len(done) / (len(self._ingredients) + 1))
@@ -174,7 +181,7 @@ class Bench:
             self._ingredients = {
                 name: each for name, each in self._ingredients.items() if each.closed_form or name in self._kept
             }
-        self.judged = [self._judged(index) for index in range(len(scores[1].probes))]
+        self.judged = side_by_side(self._judged, range(len(scores[1].probes)))
         self._baked = set(self._kept) if timed else set(self._ingredients)
 
     def _expected(self, name: str) -> float:
@@ -201,11 +208,13 @@ class Bench:
             self._kept[name] = levels
         return levels
 
-    def _look_together(self, sets: Sequence[Scores]) -> None:
+    def _look_together(self, sets: Sequence[Scores], others: Sequence[str]) -> None:
         """Looks all closed forms up, of which only the texels that lookups read are made."""
         touched = Touched(self.problem, sets)
-        together = Together(self._whole, list(self._forms_of_whole.values()), self.problem.wrap)
+        typical = Lean().form(self._whole, pixel_samples.PLAIN.name), self.problem.pixel_filter
+        together = Together(self._whole, [*self._forms_of_whole.values(), typical], self.problem.wrap)
         touched.gather(together)
+        self.typical = touched.made(together.placed[-1], self.problem.last, pixel_samples.PLAIN)[0]
 
         def look(named: tuple[str, Placed]) -> None:
             name, placed = named
@@ -216,9 +225,12 @@ class Bench:
                         if level in probe.levels:
                             self._seen[name, which, index, level] = touched.seen(texels, which, index, level)
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(sets[0].probes))]
+            if name not in (self.base, *others):
+                for index, probe in enumerate(sets[0].probes):
+                    for level in probe.levels:
+                        del self._seen[name, 0, index, level]  # only blends are fitted again
 
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(look, zip(self._forms_of_whole, together.placed, strict=True)))
+        side_by_side(look, zip(self._forms_of_whole, together.placed[:-1], strict=True))
 
     def _see(self, name: str, levels: list[Image], which: int, scores: Scores) -> None:
         for index, probe in enumerate(scores.probes):

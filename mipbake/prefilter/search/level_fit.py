@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs
+from mipbake.prefilter.search.side_by_side import side_by_side
 from mipbake.reference.problem import Image
 from mipbake.render.small_pictures import PIXELS
 from mipbake.shading import shade
@@ -73,20 +75,21 @@ def fit_level(seen: Sequence[SeenAt], scores: Scores, judge: Judge) -> NDArray[n
         return none.astype(np.float32)
     count = len(MODELS[scores.problem.target].maps)
 
-    def value(theta: Array) -> float:
-        return sum(error.value(theta) for error in errors)
+    def values(thetas: Sequence[Array]) -> list[float]:
+        found = side_by_side(lambda each: each[0].value(each[1]), [(one, theta) for theta in thetas for one in errors])
+        return [sum(found[k : k + len(errors)]) for k in range(0, len(found), len(errors))]
 
     starts = [none, *np.tile(np.eye(len(none) // count), count)]  # the best of the ingredients
-    best, start = min(((value(each), each) for each in starts), key=lambda found: found[0])
+    best, start = min(zip(values(starts), starts, strict=True), key=lambda found: found[0])
     low, high = (np.full(none.shape, end) for end in _RANGE)
     held = 2 * _RIDGE * np.eye(none.size)[None]
     begin, unit = start[None], np.ones((1, none.size))
     here, damping = begin, _DAMPING
     for turn in range(_ITERATIONS):
-        equations = [error.equations(here[0], np.random.default_rng(turn), turn) for error in errors]
+        equations = side_by_side(partial(_Error.equations, theta=here[0], turn=turn), errors)
         slope, curvature = (np.sum(parts, 0)[None] for parts in zip(*equations, strict=True))
         system = System(begin, curvature, held, unit, (low, high), damping)
-        step = accepted(system, here, slope, lambda tried: value(tried[0]), best, damping)
+        step = accepted(system, here, slope, lambda tried: values([tried[0]])[0], best, damping)
         if step is None:
             break
         before, (here, best, damping) = best, step
@@ -110,8 +113,9 @@ class _Error:
         """What is minimised, in nepers."""
         return self._judge.value(self._scores.of(self._texels(theta), self._seen.index), self._seen.index)
 
-    def equations(self, theta: Array, rng: np.random.Generator, turn: int) -> tuple[Array, Array]:
+    def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the shares, and (J, J) its Gauss-Newton curvature."""
+        rng = np.random.default_rng(turn)
         texels, probe = self._texels(theta), self._probe
         single = texels[: self._single].reshape(self._groups, self._points, -1)
         pixels = texels[self._single :].reshape(-1, PIXELS, texels.shape[-1])

@@ -43,12 +43,12 @@ def mixed(
 
     def take(level: int, rows: slice, averages: Mapping[str, Image]) -> None:
         own, width = shares[level], problem.sizes[level][1]
-        kernels = {placed[name].kernel for name in own if name in placed}
+        read = {each for name in own if name in placed for each in placed[name].reads(level)}
         step = max(1, CHUNK // width)
         for start in range(rows.start, rows.stop, step):
             here = slice(start, min(start + step, rows.stop))
             some = slice(start - rows.start, here.stop - rows.start)
-            planes = {name: np.ascontiguousarray(averages[name][some].transpose(2, 0, 1)) for name in kernels}
+            planes = {name: np.ascontiguousarray(averages[name][some].transpose(2, 0, 1)) for name in read}
             total = np.zeros((shapes[level][2], here.stop - start, width), np.float32).transpose(1, 2, 0)
             for name, share in own.items():
                 texels = placed[name].made(planes, level) if name in placed else baked[name][level][here]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +50,18 @@ class PictureChunk:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
 
+    @cached_property
+    def own(self) -> Shown:
+        """These pictures alone."""
+        return self.shown.part(self.some)
+
     def pixels(self, texels: Image) -> Image:
         """(N, PIXELS, C) what pixels see, of (P, C) lookups."""
         return np.asarray(texels.reshape(len(self.some), PIXELS, self.lookups, -1).mean(2))
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
         """(P, C) derivatives by (P, C) lookups, from (N, PIXELS, 3) derivatives by the radiance of pixels."""
-        pictures = self.shown.pictures.part(self.some)
-        by_pixel = pictures.adjoint(model, self.pixels(texels), gradient / np.float32(self.lookups))
+        by_pixel = self.own.pictures.adjoint(model, self.pixels(texels), gradient / np.float32(self.lookups))
         return np.repeat(by_pixel.reshape(-1, by_pixel.shape[-1]), self.lookups, 0)
 
 
@@ -115,7 +120,7 @@ def picture_slopes(
         many[chunk.level] += np.bincount(chunk.kinds, minlength=KINDS_SHOWN)
     out = []
     for chunk, seen in zip(chunks, texels, strict=True):
-        shown = chunk.shown.part(chunk.some)
+        shown = chunk.own
         radiance = shown.pictures.radiance(model, chunk.pixels(seen))
         slope = shown.slope(radiance)
         each = counts[chunk.level] / np.maximum(many[chunk.level], 1) / WEIGHT

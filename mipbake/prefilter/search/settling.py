@@ -9,6 +9,7 @@ import numpy as np
 from mipbake import material
 from mipbake.judging.judge import Judge
 from mipbake.judging.scores import Score, Scores, between_levels
+from mipbake.prefilter.search.side_by_side import side_by_side
 from mipbake.reference.problem import Image
 
 KEPT = (1.0, 0.75, 0.5, 0.25, 0.0)
@@ -30,14 +31,17 @@ def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[flo
 
     known: dict[tuple[int, tuple[float, ...]], Score] = {}  # many choices are looked at again and again
 
-    def score(index: int) -> Score:
-        much = tuple(kept[level] for level in check.probes[index].levels)
-        if (index, much) not in known:
-            seen = [texels(index, *each) for each in zip(check.probes[index].levels, much, strict=True)]
-            known[index, much] = check.of(between_levels(seen), index)
-        return known[index, much]
+    def choice(index: int) -> tuple[int, tuple[float, ...]]:
+        return index, tuple(kept[level] for level in check.probes[index].levels)
 
-    now = [score(index) for index in range(len(check.probes))]
+    def score(chosen: tuple[int, tuple[float, ...]]) -> Score:
+        index, much = chosen
+        if chosen not in known:
+            seen = [texels(index, *each) for each in zip(check.probes[index].levels, much, strict=True)]
+            known[chosen] = check.of(between_levels(seen), index)
+        return known[chosen]
+
+    now = side_by_side(score, [choice(index) for index in range(len(check.probes))])
     for _ in range(2):
         lost = [judge.behind(each, index).max() for index, each in enumerate(now)]
         for index in sorted(range(len(now)), key=lambda each: -lost[each]):
@@ -45,10 +49,12 @@ def settle(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[flo
                 continue
             for level in check.probes[index].levels:
                 near = [i for i in range(2 * level - 1, 2 * level + 2) if 0 <= i < len(now)]
-                tried = {}
+                choices = []
                 for much in KEPT:
                     kept[level] = much
-                    tried[much] = [score(i) for i in near]
+                    choices += [choice(i) for i in near]
+                scores = side_by_side(score, choices)
+                tried = {much: scores[k * len(near) : (k + 1) * len(near)] for k, much in enumerate(KEPT)}
                 totals = {
                     much: sum(judge.value(each, i) for each, i in zip(found, near, strict=True))
                     for much, found in tried.items()

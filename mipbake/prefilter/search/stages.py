@@ -130,7 +130,9 @@ class Make:
         start = self.way(search.ingredients)
         before = start.check.of_stack(start.levels)
         progress(1.0)
-        return replace(search, start=start, before=before, levels=start.levels, kept=[0.0] * len(start.levels))
+        # Nothing after this needs ingredients, whose lookups are hundreds of megabytes.
+        none = [0.0] * len(start.levels)
+        return replace(search, gathered=None, start=start, before=before, levels=start.levels, kept=none)
 
 
 @dataclass(frozen=True)
@@ -162,9 +164,10 @@ class Descend:
             for timed in timed_regions(problem, self.effort.window, self.fine, self.coarse)
             if any(moving[i] for i in timed.region.levels)
         ]
-        moved = {level for timed in todo for level in timed.region.levels}
+        moved = {i for timed in todo for i in timed.region.levels}
         levels = [memory.copied(level) if i in moved else level for i, level in enumerate(search.levels)]
-        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by) if todo else None
+        typical = search.blend.typical
+        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, typical) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
             end -= _SETTLING * max(0.0, end - time.monotonic())

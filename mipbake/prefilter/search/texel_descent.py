@@ -16,6 +16,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,8 @@ class Descent:
         effort: effort on a region.
         trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
         judged_by: what errors count.
+        typical: (C,) stored channels of the model PLAIN that shade about as bright as the whole set; None for the mean
+            of the wide lobes.
     """
 
     def __init__(
@@ -76,10 +79,21 @@ class Descent:
         effort: DescentEffort,
         trust: float = 0.0,
         judged_by: Weights = SINGLE_LIGHTS,
+        typical: Image | None = None,
     ) -> None:
         self.problem, self.moving, self.effort, self.trust = problem, moving, effort, trust
         self.judged_by = judged_by
-        self.lobes = Lobes.under(problem)
+        self._typical = typical
+
+    @cached_property
+    def lobes(self) -> list[Lobes]:
+        """What half vectors of fine levels are drawn from: stacks, which coarse levels do without."""
+        return Lobes.under(self.problem)
+
+    @property
+    def typical(self) -> Image:
+        """(C,) stored channels of PLAIN that shade about as bright as the whole set."""
+        return self.lobes[-1].levels[-1][0, 0] if self._typical is None else self._typical
 
 
 def descend(
@@ -112,7 +126,7 @@ def descend(
     scores = _looks(problem, region, effort, int(rng.integers(1 << 31)))
     errors = scores.stack_errors(levels)
     judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
-    weights = PairWeights(scores, judge, descent.lobes[-1].levels[-1][0, 0])
+    weights = PairWeights(scores, judge, descent.typical)
     weights.update(errors)
     states = {i: _State() for i in free}
     last = _values(judge, errors)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.judging.scores import Scores
-from mipbake.material import MODELS
+from mipbake.material import MODELS, MaterialModel
 from mipbake.prefilter.rules.bands import CHUNK
 from mipbake.prefilter.rules.together import Placed, Together
 from mipbake.reference.problem import Image, Problem
@@ -70,13 +70,15 @@ class Touched:
 
         together.show(take)
 
-    def made(self, form: Placed, level: int) -> Image:
-        """(N, C) the texels of a form at a level."""
-        averages = self._averages[level][form.kernel]
-        out = np.empty((len(averages), MODELS[self._problem.target].channels), np.float32)
+    def made(self, form: Placed, level: int, model: MaterialModel | None = None) -> Image:
+        """(N, C) the texels of a form at a level, in a model; None for the target."""
+        averages = {name: self._averages[level][name] for name in form.reads(level)}
+        channels = (model or MODELS[self._problem.target]).channels
+        out = np.empty((len(averages[form.kernel]), channels), np.float32)
         for start in range(0, len(out), CHUNK):
-            planes = np.ascontiguousarray(averages[start : start + CHUNK].T)
-            out[start : start + CHUNK] = form.made({form.kernel: planes}, level)
+            some = slice(start, start + CHUNK)
+            planes = {name: np.ascontiguousarray(each[some].T) for name, each in averages.items()}
+            out[some] = form.made(planes, level)
         return out
 
     def seen(self, texels: Image, which: int, index: int, level: int) -> Image:
