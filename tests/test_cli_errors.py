@@ -151,7 +151,12 @@ def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatc
     bake = ["bake", "-o", str(tmp_path / "out"), "--method", "linear", "--quiet"]
     assert main([*bake, str(first)]) == 0
     assert main([*bake, str(same), "--filter", "mitchell"]) == 0  # the same files: baked again
-    monkeypatch.setattr(type(METHODS["linear"]), "__call__", lambda *_: pytest.fail("found only after the bake"))
+
+    class Late(type(METHODS["linear"])):
+        def __call__(self, *_):
+            pytest.fail("found only after the bake")
+
+    monkeypatch.setitem(METHODS, "linear", Late())
     capsys.readouterr()
     message = fails(capsys, 4, *bake, other)
     assert str(tmp_path / "out" / "metal") in message and "roughness.png" in message and "remove" in message

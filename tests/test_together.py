@@ -92,7 +92,7 @@ def test_mixtures_are_sums_of_whole_levels() -> None:
 def test_lookups_of_few_texels_have_the_bits_of_lookups_of_levels(
     monkeypatch: pytest.MonkeyPatch, most: float, sampler: str
 ) -> None:
-    monkeypatch.setattr(touched, "_MOST", most)
+    monkeypatch.setattr(touched, "MOST", most)
     problem = Problem(gltf_level((64, 96), 3), "gltf", "gltf", "gaussian", ("wrap", "clamp"), sampler)  # type: ignore[arg-type]
     whole = Whole(problem.stored, "gltf")
     forms = forms_of(whole, "gltf")

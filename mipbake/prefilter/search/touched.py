@@ -19,7 +19,7 @@ from mipbake.prefilter.rules.together import Placed, Together
 from mipbake.reference.problem import Image, Problem
 from mipbake.sampling.taps import LinearTaps, linear_taps
 
-_MOST = 0.25  # share of a level's texels that lookups read from which on all of its texels are made; a guess
+MOST = 0.25  # share of a level's texels that lookups read from which on all of its texels are made; a guess
 
 
 class Touched:
@@ -93,4 +93,4 @@ def _read(size: tuple[int, int], lookups: Sequence[NDArray[np.int64]]) -> NDArra
     for each in lookups:
         marked[each.ravel()] = True
     texels = np.flatnonzero(marked)
-    return None if len(texels) >= _MOST * len(marked) else texels
+    return None if len(texels) >= MOST * len(marked) else texels
