@@ -153,7 +153,9 @@ struct NetworkBakeArgs {
 class Network;  // packed weights
 
 // Bakes every level of a set, some rows of level 0 at a time. What args point to must live as long. Results do not
-// depend on the number of threads.
+// depend on the number of threads. Rows of `stored` are read from the top down, but for those that filters and the
+// encoder reach beyond the rows that are baked, across the border where rows wrap. A row of a level is written once,
+// when it is complete; all rows are after the last advance().
 class NetworkBake {
   public:
     NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args);

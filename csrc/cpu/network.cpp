@@ -1,17 +1,25 @@
 #include "cpu/network.h"
 
 #include <algorithm>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <utility>
 #include <vector>
 
 #include "core/parallel.h"
+#include "cpu/network_sinks.h"
 #include "cpu/network_weights.h"
 
 // A bake goes down the image in bands of rows. Of each band the rows of latents that its filters reach are encoded into
 // a ring of rows; level 0 is filtered and decoded; and the band is added to the rows of coarser images that it is a
 // part of. A row of these that has got all its parts is filtered across, and decoded, or handed on to images that are
 // coarser still. Every sum runs in the order of the rows.
+//
+// Threads meet twice a band, because handing a loop over to a thread takes as long as a task does: when the band is
+// encoded, and when all that reads it is done. A task of the second kind takes some texels of an image, adds up all
+// that they are filtered from, and decodes those of the rows that are complete, so that sums stay in the cache of one
+// core.
 
 namespace mipbake {
 
@@ -19,46 +27,42 @@ using Index = std::int64_t;
 
 namespace {
 
-// Columns that one thread adds up at a time. A guess.
-constexpr Index kColumns = 256;
+// Rows of a sink that a task filters across together, from sums in its scratch. A guess.
+constexpr int kComplete = 8;
 
-// Which rows a row of the finer image is a part of.
-struct Part {
-    int row;
-    float sharp, plain;
-};
+using Task = std::function<void(float* scratch)>;
 
-struct Row {
-    Index index;
-    const float* planes;
+// What a step adds to the rows of a sink, for the tasks that do so.
+struct Addition {
+    std::vector<Sum> sums;
+    Index row_plane;
 };
 
 }  // namespace
 
 struct NetworkBake::State {
-    struct Sink {
-        NetworkSink args;
-        std::vector<float> bias;
-        Index width;  // of the finer image
-        bool decoded, feeds;
-        std::vector<std::vector<Part>> parts;  // by row of the finer image
-        std::vector<int> left;                 // parts that a row waits for
-        std::vector<int> slot, free;           // memory of rows that have begun, and of none
-        std::vector<Floats> sums;
-        Index plane;
+    // A row that is filtered for other sinks, and where it lies in memory.
+    struct Ready {
+        int row, latents;
+    };
+
+    // A sink; its rows that the step adds to others, and those that it filters for the next step.
+    struct Stage {
+        Sink sink;
+        std::vector<Ready> added, ready;
     };
 
     std::shared_ptr<const Network> network;
     NetworkBakeArgs args;
-    std::vector<Sink> sinks;
+    std::vector<Stage> stages;
     std::vector<float> bias;
     Index latents, plane, ring_rows, encoded, done = 0;
+    std::vector<Index> columns;  // of level 0 that the encoder reads, from left to right
     std::vector<Floats> ring;
-    Floats transposed;
-    Index texel;  // floats from texel to texel of `transposed`
+    Index texel;  // floats from texel to texel where channels lie side by side
     std::mutex lending;
     std::vector<std::unique_ptr<Floats>> scratch;
-    Index scratch_floats;
+    Index texels_floats, filter_floats, task_floats;  // of scratch: for texels of a span, with a decoder, for any task
 
     State(std::shared_ptr<const Network> given, const NetworkBakeArgs& a)
         : network(std::move(given)), args(a), bias(network->padded(a.bias)) {
@@ -67,47 +71,31 @@ struct NetworkBake::State {
         plane = rounded_up(args.width + 2 * args.reach, kSlack) + kTile + 2 * kSlack;
         ring_rows = kBand + 2 * args.reach;
         encoded = -args.reach;
-        for (Index i = 0; i < ring_rows; ++i) ring.emplace_back(latents * plane + kSlack);
+        for (Index i = 0; i < ring_rows; ++i) ring.emplace_back(latents * plane + 2 * kSlack);
+        for (Index x = -args.reach - net.halo; x < args.width + args.reach + net.halo; ++x)
+            columns.push_back(placed(x, args.width, args.wrap_columns));
         texel = rounded_up(latents + net.detail, kSlack);
-        transposed = Floats(args.width * texel + kSlack);
-        scratch_floats = std::max(MIPBAKE_DISPATCH(network_encode_scratch)(net),
-                                  MIPBAKE_DISPATCH(network_decode_scratch)(net, args.reach));
-        for (int i = 0; i < num_threads(); ++i) scratch.push_back(std::make_unique<Floats>(scratch_floats));
+        Index widest = 0;
         for (int i = 0; i < args.sink_count; ++i) {
-            sinks.push_back(sink(args.sinks[i]));
-            const int source = args.sinks[i].source;
-            if (source >= 0) sinks[static_cast<std::size_t>(source)].feeds = true;
+            stages.push_back({sink(args.sinks[i]), {}, {}});
+            for (const Span& span : stages.back().sink.spans) widest = std::max(widest, span.columns);
         }
+        for (int i = 0; i < args.sink_count; ++i)
+            if (args.sinks[i].source >= 0) sink_of(args.sinks[i].source).feeds = true;
+        texels_floats = widest * texel;
+        filter_floats = texels_floats + MIPBAKE_DISPATCH(network_decode_scratch)(net, args.reach);
+        task_floats = std::max(MIPBAKE_DISPATCH(network_encode_scratch)(net),
+                               filter_floats + kComplete * (latents + net.detail) * widest);
     }
 
-    Sink sink(const NetworkSink& given) const {
-        const bool decoded = given.out != nullptr;
-        const Index width =
-            given.source < 0 ? args.width : sinks[static_cast<std::size_t>(given.source)].args.columns.n;
-        const Index height = given.source < 0 ? args.height : sinks[static_cast<std::size_t>(given.source)].args.rows.n;
-        Sink out = {given, decoded ? network->padded(given.bias) : std::vector<float>(),
-                    width, decoded,
-                    false, {},
-                    {},    {},
-                    {},    {},
-                    0};
-        out.parts.resize(static_cast<std::size_t>(height));
-        out.left.resize(static_cast<std::size_t>(given.rows.n));
-        out.slot.assign(static_cast<std::size_t>(given.rows.n), -1);
-        out.plane = rounded_up(width, kSlack) + kSlack;
-        for (int row = 0; row < given.rows.n; ++row)
-            for (int tap = 0; tap < given.rows.taps; ++tap) {
-                const Index at = static_cast<Index>(row) * given.rows.taps + tap;
-                auto& parts = out.parts[static_cast<std::size_t>(given.rows.index[at])];
-                if (!parts.empty() && parts.back().row == row) {  // where many taps are one row
-                    parts.back().sharp += given.rows.sharp[at];
-                    parts.back().plain += given.rows.plain[at];
-                    continue;
-                }
-                parts.push_back({row, given.rows.sharp[at], given.rows.plain[at]});
-                ++out.left[static_cast<std::size_t>(row)];
-            }
-        return out;
+    Sink& sink_of(int index) { return stages[static_cast<std::size_t>(index)].sink; }
+
+    Sink sink(const NetworkSink& given) {
+        const bool top = given.source < 0;
+        const Index height = top ? args.height : sink_of(given.source).args.rows.n;
+        const Index width = top ? args.width : sink_of(given.source).args.columns.n;
+        return Sink(given, height, width, latents, network->kernel.detail,
+                    given.out != nullptr ? network->padded(given.bias) : std::vector<float>());
     }
 
     // Calls f(scratch) with memory that no other thread uses meanwhile.
@@ -121,7 +109,7 @@ struct NetworkBake::State {
                 scratch.pop_back();
             }
         }
-        if (lent == nullptr) lent = std::make_unique<Floats>(scratch_floats);
+        if (lent == nullptr) lent = std::make_unique<Floats>(task_floats);
         f(lent->data());
         const std::lock_guard<std::mutex> lock(lending);
         scratch.push_back(std::move(lent));
@@ -135,136 +123,163 @@ struct NetworkBake::State {
 
     float* ring_row(Index row) const {
         const Index at = (row + args.reach) % ring_rows;
-        return ring[static_cast<std::size_t>(at)].data();
+        return ring[static_cast<std::size_t>(at)].data() + rounded_up(args.reach, kSlack) - args.reach;
     }
 
-    void encode(Index begin, Index end) {
+    // Rows of latents up to `to`.
+    void encode(Index to, std::vector<Task>& tasks) {
         const KernelNetwork& net = network->kernel;
-        const Index halo = net.halo, wide = args.width + 2 * args.reach;
-        std::vector<Index> rows, columns;
-        for (Index y = begin - halo; y < end + halo; ++y) rows.push_back(placed(y, args.height, args.wrap_rows));
-        for (Index x = -args.reach - halo; x < args.width + args.reach + halo; ++x)
-            columns.push_back(placed(x, args.width, args.wrap_columns));
-        const auto kernel = MIPBAKE_DISPATCH(network_encode);
-        parallel_for(wide, kTile, [&](Index from, Index to) {
-            float* out[kBand];
-            for (Index y = begin; y < end; ++y) out[y - begin] = ring_row(y) + from;
-            const EncodeTile tile = {args.stored,
-                                     args.width,
-                                     network->counts.read,
-                                     rows.data(),
-                                     columns.data() + from,
-                                     static_cast<int>(end - begin),
-                                     static_cast<int>(to - from),
-                                     out,
-                                     plane};
-            with_scratch([&](float* memory) { kernel(net, tile, memory); });
-        });
-    }
-
-    void decode_top(Index begin, Index end) {
-        const KernelNetwork& net = network->kernel;
-        const auto kernel = MIPBAKE_DISPATCH(network_top);
-        const Index tiles = (args.width + kChunk - 1) / kChunk;
-        std::vector<const float*> rows;  // around the first row and on
-        for (Index y = begin - args.reach; y < end + args.reach; ++y) rows.push_back(ring_row(y));
-        parallel_for(tiles * (end - begin), 1, [&](Index item, Index) {
-            const Index y = begin + item / tiles, from = item % tiles * kChunk;
-            const TopTile tile = {rows.data() + (y - begin),
-                                  from,
-                                  plane,
-                                  args.sharp,
-                                  args.plain,
-                                  args.reach,
-                                  static_cast<int>(std::min<Index>(kChunk, args.width - from)),
-                                  bias.data(),
-                                  args.top + (y * args.width + from) * net.channels};
-            with_scratch([&](float* memory) { kernel(net, tile, memory); });
-        });
-    }
-
-    // Adds rows of an image to all that are filtered from it, `source` as NetworkSink has it.
-    void feed(int source, const std::vector<Row>& rows, Index row_plane) {
-        for (std::size_t index = 0; index < sinks.size(); ++index)
-            if (sinks[index].args.source == source) add(static_cast<int>(index), rows, row_plane);
-    }
-
-    void add(int index, const std::vector<Row>& rows, Index row_plane) {
-        const KernelNetwork& net = network->kernel;
-        Sink& sink = sinks[static_cast<std::size_t>(index)];
-        const Index detail = sink.decoded ? net.detail : 0;
-        std::vector<AddRow> adds;
-        std::vector<int> finished;
-        for (const Row& row : rows)
-            for (const Part& part : sink.parts[static_cast<std::size_t>(row.index)]) {
-                int& slot = sink.slot[static_cast<std::size_t>(part.row)];
-                const bool first = slot < 0;
-                if (first) {
-                    if (sink.free.empty()) {
-                        sink.sums.emplace_back((latents + detail) * sink.plane);
-                        sink.free.push_back(static_cast<int>(sink.sums.size()) - 1);
-                    }
-                    slot = sink.free.back();
-                    sink.free.pop_back();
-                }
-                adds.push_back({row.planes, row_plane, sink.sums[static_cast<std::size_t>(slot)].data(), sink.plane,
-                                part.sharp, part.plain, first});
-                if (--sink.left[static_cast<std::size_t>(part.row)] == 0) finished.push_back(part.row);
-            }
-        const auto kernel = MIPBAKE_DISPATCH(network_add);
-        parallel_for(sink.width, kColumns, [&](Index begin, Index end) {
-            for (const AddRow& each : adds) kernel(each, latents, detail, begin, end);
-        });
-        const Index wide = sink.feeds ? rounded_up(sink.args.columns.n, kSlack) + kSlack : 0;
-        for (const int row : finished) {
-            const Floats made(latents * wide);
-            across(sink, row, sink.feeds ? made.data() : nullptr, wide);
-            if (sink.feeds) feed(index, {{row, made.data()}}, wide);
+        const Index wide = args.width + 2 * args.reach;
+        while (encoded < to) {
+            const Index begin = encoded, end = std::min<Index>(to, begin + kBand);
+            const auto rows = std::make_shared<std::vector<Index>>();
+            for (Index y = begin - net.halo; y < end + net.halo; ++y)
+                rows->push_back(placed(y, args.height, args.wrap_rows));
+            for (Index from = 0; from < wide; from += kTile)
+                tasks.push_back([this, rows, begin, end, from, wide](float* memory) {
+                    float* out[kBand];
+                    for (Index y = begin; y < end; ++y) out[y - begin] = ring_row(y) + from;
+                    const EncodeTile tile = {args.stored,
+                                             args.width,
+                                             network->counts.read,
+                                             rows->data(),
+                                             columns.data() + from,
+                                             static_cast<int>(end - begin),
+                                             static_cast<int>(std::min<Index>(kTile, wide - from)),
+                                             out,
+                                             plane};
+                    MIPBAKE_DISPATCH(network_encode)(network->kernel, tile, memory);
+                });
+            encoded = end;
         }
-        for (const int row : finished) sink.free.push_back(sink.slot[static_cast<std::size_t>(row)]);
     }
 
-    void across(const Sink& sink, int row, float* planes, Index planes_stride) {
+    // Level 0.
+    void decode(Index begin, Index end, std::vector<Task>& tasks) const {
+        const auto rows = std::make_shared<std::vector<const float*>>();  // around the first row and on
+        for (Index y = begin - args.reach; y < end + args.reach; ++y) rows->push_back(ring_row(y));
+        for (Index y = begin; y < end; ++y)
+            for (Index from = 0; from < args.width; from += kChunk)
+                tasks.push_back([this, rows, begin, y, from](float* memory) {
+                    const TopTile tile = {rows->data() + (y - begin),
+                                          from,
+                                          plane,
+                                          args.sharp,
+                                          args.plain,
+                                          args.reach,
+                                          static_cast<int>(std::min<Index>(kChunk, args.width - from)),
+                                          bias.data(),
+                                          args.top + (y * args.width + from) * network->kernel.channels};
+                    MIPBAKE_DISPATCH(network_top)(network->kernel, tile, memory);
+                });
+    }
+
+    // Adds rows to a sink and filters those across that are complete then: f(take) calls take(row, planes) for each.
+    template <class F>
+    void add(Stage& stage, Index row_plane, F&& f, std::vector<Task>& tasks) {
+        Sink& sink = stage.sink;
+        const auto made = std::make_shared<Addition>();
+        made->row_plane = row_plane;
+        f([&](Index row, const float* planes) { sink.take(row, planes, made->sums); });
+        sink.place(made->sums);
+        for (const Sum& sum : made->sums)
+            if (sum.latents >= 0) stage.ready.push_back({sum.row, sum.latents});
+        if (made->sums.empty()) return;
+        for (const Span& span : sink.spans)
+            tasks.push_back([this, &sink, made, &span](float* memory) { add_span(sink, *made, span, memory); });
+    }
+
+    // Sums that are complete are not kept: they lie in `memory`.
+    void add_span(const Sink& sink, const Addition& made, const Span& span, float* memory) const {
+        const auto kernel = MIPBAKE_DISPATCH(network_add);
+        std::vector<AddRow> rows;
+        for (std::size_t first = 0, last = 0; first < made.sums.size(); first = last) {
+            rows.clear();
+            float* complete = memory + filter_floats;
+            for (int left = kComplete; last < made.sums.size() && left > 0; ++last) {
+                const Sum& sum = made.sums[last];
+                float* const kept = sum.slot < 0 ? nullptr : sink.sums.at(sum.slot) + span.offset;
+                rows.push_back({sum.taps.data(), static_cast<int>(sum.taps.size()), sum.begun ? kept : nullptr,
+                                sum.last ? complete : kept});
+                if (!sum.last) continue;
+                complete += (latents + sink.detail) * span.columns;
+                --left;
+            }
+            for (const Span::Range& range : span.ranges)
+                for (Index from = range.begin; from < range.end; from += kColumns)
+                    kernel({rows.data(), static_cast<int>(rows.size()), latents, sink.detail, made.row_plane,
+                            span.columns, from, range.place + from - range.begin,
+                            std::min<Index>(kColumns, range.end - from)});
+            for (std::size_t i = first; i < last; ++i)
+                if (made.sums[i].last) across(sink, made.sums[i], span, rows[i - first].into, memory);
+        }
+    }
+
+    // Filters texels of a row across from its sums.
+    void across(const Sink& sink, const Sum& row, const Span& span, const float* sums, float* memory) const {
         const KernelNetwork& net = network->kernel;
-        const Index channels = latents + (sink.decoded ? net.detail : 0);
-        const float* const sums = sink.sums[static_cast<std::size_t>(sink.slot[static_cast<std::size_t>(row)])].data();
-        const auto transpose = MIPBAKE_DISPATCH(network_transpose);
-        parallel_for(sink.width, kColumns, [&](Index begin, Index end) {
-            transpose(sums, sink.plane, channels, begin, end, transposed.data(), texel);
+        MIPBAKE_DISPATCH(network_transpose)(sums, span.columns, latents + sink.detail, span.columns, memory, texel);
+        const AxisWeights& axis = sink.args.columns;
+        const Index at = span.begin * axis.taps, place = static_cast<Index>(row.row) * axis.n + span.begin;
+        const AcrossTile tile = {memory,
+                                 texel,
+                                 sink.at.data() + at,
+                                 axis.sharp + at,
+                                 axis.plain + at,
+                                 axis.taps,
+                                 static_cast<int>(span.end - span.begin),
+                                 sink.bias.data(),
+                                 sink.decoded() ? sink.args.out + place * net.channels : nullptr,
+                                 row.latents < 0 ? nullptr : sink.latents.at(row.latents) + span.begin,
+                                 sink.latents_plane};
+        MIPBAKE_DISPATCH(network_across)(net, tile, memory + texels_floats);
+    }
+
+    // Rows [begin, end) of level 0, and what the step before has got ready for coarser ones.
+    void step(Index begin, Index end) {
+        std::vector<Task> tasks;
+        encode(end + args.reach, tasks);
+        run(tasks);
+        add_all(begin, end, tasks);
+        decode(begin, end, tasks);
+        run(tasks);
+        done = end;
+    }
+
+    void add_all(Index begin, Index end, std::vector<Task>& tasks) {
+        for (Stage& stage : stages) {
+            for (const Ready& row : stage.added) stage.sink.latents.give_back(row.latents);
+            stage.added = std::exchange(stage.ready, {});
+        }
+        for (Stage& stage : stages) {
+            const int source = stage.sink.args.source;
+            if (source < 0) {
+                const auto band = [&](auto&& take) {
+                    for (Index y = begin; y < end; ++y) take(y, ring_row(y) + args.reach);
+                };
+                add(stage, plane, band, tasks);
+                continue;
+            }
+            const Stage& from = stages[static_cast<std::size_t>(source)];
+            const auto rows = [&](auto&& take) {
+                for (const Ready& row : from.added) take(row.row, from.sink.latents.at(row.latents));
+            };
+            add(stage, from.sink.latents_plane, rows, tasks);
+        }
+    }
+
+    // Runs tasks, and leaves none.
+    void run(std::vector<Task>& tasks) {
+        parallel_for(static_cast<Index>(tasks.size()), 1, [&](Index task, Index) {
+            with_scratch([&](float* memory) { tasks[static_cast<std::size_t>(task)](memory); });
         });
-        const auto kernel = MIPBAKE_DISPATCH(network_across);
-        const AxisWeights& columns = sink.args.columns;
-        parallel_for(columns.n, kChunk, [&](Index begin, Index end) {
-            const Index at = begin * columns.taps;
-            float* const out =
-                sink.decoded ? sink.args.out + (static_cast<Index>(row) * columns.n + begin) * net.channels : nullptr;
-            const AcrossTile tile = {transposed.data(),
-                                     texel,
-                                     columns.index + at,
-                                     columns.sharp + at,
-                                     columns.plain + at,
-                                     columns.taps,
-                                     static_cast<int>(end - begin),
-                                     sink.bias.data(),
-                                     out,
-                                     planes == nullptr ? nullptr : planes + begin,
-                                     planes_stride};
-            with_scratch([&](float* memory) { kernel(net, tile, memory); });
-        });
+        tasks.clear();
     }
 
     void advance() {
-        const Index begin = done, end = std::min<Index>(args.height, begin + kBand);
-        while (encoded < end + args.reach) {
-            const Index to = std::min<Index>(end + args.reach, encoded + kBand);
-            encode(encoded, to);
-            encoded = to;
-        }
-        decode_top(begin, end);
-        std::vector<Row> rows;
-        for (Index y = begin; y < end; ++y) rows.push_back({y, ring_row(y) + args.reach});
-        feed(-1, rows, plane);
-        done = end;
+        step(done, std::min<Index>(args.height, done + kBand));
+        const auto busy = [](const Stage& stage) { return !stage.ready.empty(); };
+        while (done == args.height && std::any_of(stages.begin(), stages.end(), busy)) step(done, done);
     }
 };
 

@@ -14,6 +14,8 @@ constexpr int kChunk = 96;
 // Rows of level 0 that are worked on together, and texels to a side of a tile of them: what the encoder holds of a tile
 // stays in a core's second cache. Guesses.
 constexpr int kBand = 16, kTile = kChunk;
+// Columns that are added up together: what a band has of them stays in a core's second cache. A guess.
+constexpr int kColumns = 64;
 // Floats that kernels may read and write behind the end of a row of a plane: one packet of any instruction set.
 constexpr int kSlack = 16;
 
@@ -78,14 +80,27 @@ struct AcrossTile {
     std::int64_t plane;
 };
 
-// An operation on a row of latents: `into` += weight * row, or = where it is the first.
-struct AddRow {
+// A row of latents that is added to another: by `sharp`, and by `plain` to the further channels.
+struct AddTap {
     const float* row;
-    std::int64_t row_plane;
-    float* into;
-    std::int64_t into_plane;
     float sharp, plain;
-    bool first;
+};
+
+// What taps add to a row of sums: `into` is `from`, or zeros where that is null, plus the taps in their order.
+struct AddRow {
+    const AddTap* taps;
+    int count;
+    const float* from;
+    float* into;
+};
+
+// Columns of such rows. Channels [0, channels) are added by `sharp`, and `detail` further ones, of the first channels,
+// by `plain`.
+struct AddTile {
+    const AddRow* rows;
+    int rows_count;
+    std::int64_t channels, detail, row_plane, sums_plane;
+    std::int64_t begin, place, count;  // where the columns are in the rows that are added, and in the sums
 };
 
 MIPBAKE_FOR_EACH_ISA(NetworkCounts network_kernel_counts(NetworkKind kind, int read, int made);
@@ -97,11 +112,9 @@ MIPBAKE_FOR_EACH_ISA(NetworkCounts network_kernel_counts(NetworkKind kind, int r
                      std::int64_t network_decode_scratch(const KernelNetwork&, int reach);
                      void network_top(const KernelNetwork&, const TopTile&, float* scratch);
                      void network_across(const KernelNetwork&, const AcrossTile&, float* scratch);
-                     // Channels [0, channels) by `sharp`, and `detail` further ones, of the first channels, by `plain`.
-                     void network_add(const AddRow&, std::int64_t channels, std::int64_t detail, std::int64_t begin,
-                                      std::int64_t end);
+                     void network_add(const AddTile&);
                      // (channels, plane) to (count, stride).
                      void network_transpose(const float* planes, std::int64_t plane, std::int64_t channels,
-                                            std::int64_t begin, std::int64_t end, float* out, std::int64_t stride);)
+                                            std::int64_t count, float* out, std::int64_t stride);)
 
 }  // namespace mipbake

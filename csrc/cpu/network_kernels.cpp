@@ -69,27 +69,61 @@ void network_across(const KernelNetwork& net, const AcrossTile& tile, float* scr
     visit(net, [&](auto kernels) { layers::across_tile<decltype(kernels)>(net, tile, scratch); });
 }
 
-void network_add(const AddRow& add, std::int64_t channels, std::int64_t detail, std::int64_t begin, std::int64_t end) {
-    for (std::int64_t z = 0; z < channels + detail; ++z) {
-        const float* const row = add.row + (z < channels ? z : z - channels) * add.row_plane;
-        float* const into = add.into + z * add.into_plane;
-        const T weight(z < channels ? add.sharp : add.plain);
-        std::int64_t x = begin;
-        if (add.first) {
-            for (; x + lanes <= end; x += lanes) store_lanes(into + x, load(row + x) * weight);
-        } else {
-            for (; x + lanes <= end; x += lanes) store_lanes(into + x, load(into + x) + load(row + x) * weight);
-        }
-        const float single = z < channels ? add.sharp : add.plain;
-        for (; x < end; ++x) into[x] = (add.first ? 0.0f : into[x]) + row[x] * single;
+namespace {
+
+// P packets of a channel, which stay in registers while all taps are added.
+template <int P, float AddTap::* weight>
+MIPBAKE_INLINE void add_packets(const AddRow& add, std::int64_t at, const float* from, float* into) {
+    T sums[P];
+    const AddTap* tap = add.taps;
+    if (from == nullptr) {
+        for (int p = 0; p < P; ++p) sums[p] = load(tap->row + at + p * lanes) * T(tap->*weight);
+        ++tap;
+    } else {
+        for (int p = 0; p < P; ++p) sums[p] = load(from + p * lanes);
+    }
+    for (; tap != add.taps + add.count; ++tap) {
+        const T each(tap->*weight);
+        for (int p = 0; p < P; ++p) sums[p] += load(tap->row + at + p * lanes) * each;
+    }
+    for (int p = 0; p < P; ++p) store_lanes(into + p * lanes, sums[p]);
+}
+
+// Columns of a channel: `at` is where they begin in the rows that are added.
+template <float AddTap::* weight>
+MIPBAKE_INLINE void add_channel(const AddRow& add, std::int64_t at, std::int64_t count, std::int64_t sums_at) {
+    constexpr int some = 4;
+    const float* const from = add.from == nullptr ? nullptr : add.from + sums_at;
+    float* const into = add.into + sums_at;
+    const auto behind = [from](std::int64_t x) { return from == nullptr ? nullptr : from + x; };
+    std::int64_t x = 0;
+    for (; x + some * lanes <= count; x += some * lanes) add_packets<some, weight>(add, at + x, behind(x), into + x);
+    for (; x + lanes <= count; x += lanes) add_packets<1, weight>(add, at + x, behind(x), into + x);
+    for (; x < count; ++x) {
+        float sum = from == nullptr ? 0.0f : from[x];
+        for (int k = 0; k < add.count; ++k) sum += add.taps[k].row[at + x] * (add.taps[k].*weight);
+        into[x] = sum;
     }
 }
 
-void network_transpose(const float* planes, std::int64_t plane, std::int64_t channels, std::int64_t begin,
-                       std::int64_t end, float* out, std::int64_t stride) {
+}  // namespace
+
+void network_add(const AddTile& tile) {
+    for (const AddRow* row = tile.rows; row != tile.rows + tile.rows_count; ++row) {
+        for (std::int64_t z = 0; z < tile.channels; ++z)
+            add_channel<&AddTap::sharp>(*row, z * tile.row_plane + tile.begin, tile.count,
+                                        z * tile.sums_plane + tile.place);
+        for (std::int64_t z = 0; z < tile.detail; ++z)
+            add_channel<&AddTap::plain>(*row, z * tile.row_plane + tile.begin, tile.count,
+                                        (tile.channels + z) * tile.sums_plane + tile.place);
+    }
+}
+
+void network_transpose(const float* planes, std::int64_t plane, std::int64_t channels, std::int64_t count, float* out,
+                       std::int64_t stride) {
     constexpr std::int64_t some = 16;
-    for (std::int64_t x0 = begin; x0 < end; x0 += some) {
-        const std::int64_t x1 = x0 + some < end ? x0 + some : end;
+    for (std::int64_t x0 = 0; x0 < count; x0 += some) {
+        const std::int64_t x1 = x0 + some < count ? x0 + some : count;
         for (std::int64_t z = 0; z < channels; ++z)
             for (std::int64_t x = x0; x < x1; ++x) out[x * stride + z] = planes[z * plane + x];
     }

@@ -74,6 +74,18 @@ struct Halved {
     AxisWeights view() const { return {index.data(), weights.data(), weights.data(), count, 2}; }
 };
 
+// An axis whose texels all move by one, and the first to the end.
+struct Copied {
+    std::vector<std::int32_t> index;
+    Numbers weights;
+    int count;
+
+    explicit Copied(Index size) : weights(static_cast<std::size_t>(size), 1.0f), count(static_cast<int>(size)) {
+        for (Index i = 0; i < size; ++i) index.push_back(static_cast<std::int32_t>((i + 1) % size));
+    }
+    AxisWeights view() const { return {index.data(), weights.data(), weights.data(), count, 1}; }
+};
+
 // (height, width, 8) stored channels of gltf, valid ones.
 Numbers material(Index height, Index width, bool constant) {
     Numbers out;
@@ -91,17 +103,22 @@ Numbers material(Index height, Index width, bool constant) {
 }
 
 struct Baked {
-    Numbers top, half;
+    Numbers top, half, quarter, same;
 };
 
-// Level 0 by `sharp` and `plain`, and box averages by 2 as level 1.
+// Level 0 by `sharp` and `plain`, box averages by 2 as level 1, by 2 again as level 2, and level 0 without a filter.
 Baked bake(const std::shared_ptr<const Network>& network, const Numbers& stored, Index height, Index width,
            const Numbers& sharp, const Numbers& plain, const Numbers& bias) {
-    const Halved rows(height), columns(width);
-    Baked out = {Numbers(stored.size()), Numbers(static_cast<std::size_t>(8 * rows.count * columns.count))};
+    const Halved rows(height), columns(width), fewer_rows(rows.count), fewer_columns(columns.count);
+    const Copied all_rows(height), all_columns(width);
+    Baked out = {Numbers(stored.size()), Numbers(static_cast<std::size_t>(8 * rows.count * columns.count)),
+                 Numbers(static_cast<std::size_t>(8 * fewer_rows.count * fewer_columns.count)), Numbers(stored.size())};
     // A box that is not decoded, and a level that has the same texels.
     std::vector<NetworkSink> sinks = {{-1, rows.view(), columns.view(), nullptr, nullptr},
-                                      {-1, rows.view(), columns.view(), out.half.data(), bias.data()}};
+                                      {-1, rows.view(), columns.view(), out.half.data(), bias.data()},
+                                      {-1, all_rows.view(), all_columns.view(), out.same.data(), bias.data()}};
+    if (fewer_rows.count > 0 && fewer_columns.count > 0)
+        sinks.push_back({0, fewer_rows.view(), fewer_columns.view(), out.quarter.data(), bias.data()});
     NetworkBake running(network, {stored.data(), height, width, true, false, sharp.data(), plain.data(),
                                   static_cast<int>(sharp.size() / 2), bias.data(), out.top.data(), sinks.data(),
                                   static_cast<int>(sinks.size())});
@@ -126,6 +143,13 @@ void test_identities() {
         const Numbers stored = material(height, width, false);
         const Baked found = bake(network, stored, height, width, {1.0f}, {}, Numbers(7));
         CHECK(farthest(found.top, stored) < 2e-6f);
+        for (Index y = 0; y < height; ++y)
+            for (Index x = 0; x < width; ++x)
+                for (Index c = 0; c < 8; ++c) {
+                    const Index from = (y + 1) % height * width + (x + 1) % width;
+                    CHECK(found.same[static_cast<std::size_t>(8 * (y * width + x) + c)] ==
+                          found.top[static_cast<std::size_t>(8 * from + c)]);
+                }
         // Colours and the logarithm of roughness are averaged, and normals lifted again.
         const Index across = width / 2;
         for (Index y = 0; y < height / 2; ++y)
@@ -170,6 +194,8 @@ void test_constant_material() {
     CHECK(farthest(found.top, stored) < 1e-4f);
     CHECK(farthest(found.half, Numbers(stored.begin(), stored.begin() + static_cast<Index>(found.half.size()))) <
           1e-4f);
+    CHECK(farthest(found.quarter, Numbers(stored.begin(), stored.begin() + static_cast<Index>(found.quarter.size()))) <
+          1e-4f);
 }
 
 void test_threads() {
@@ -182,7 +208,7 @@ void test_threads() {
     const Baked one = bake(network, stored, 35, 203, kSharp, kPlain, bias);
     set_num_threads(4);
     const Baked four = bake(network, stored, 35, 203, kSharp, kPlain, bias);
-    CHECK(one.top == four.top && one.half == four.half);
+    CHECK(one.top == four.top && one.half == four.half && one.quarter == four.quarter && one.same == four.same);
     for (const float each : one.top) CHECK(std::isfinite(each));
 }
 
