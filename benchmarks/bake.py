@@ -1,9 +1,9 @@
 """Time and peak memory of `mipbake` as a whole process, start-up included.
 
-    python benchmarks/bake.py [--sizes 1024 4096 8192 16384] [--runs 3]
+    python benchmarks/bake.py [--sizes 1024 4096 8192] [--runs 3]
 
-The sets are generated (examples/generate.py), and temporary files need up to 25 GB. Prints a Markdown table. Figures
-are medians of the runs; sets of more than 1024 x 1024 are baked once.
+The sets are generated (examples/generate.py). Temporary files need 7 GB, or 25 GB for 16384. Prints a Markdown table.
+Figures are medians of the runs; sets of more than 1024 x 1024 are baked once.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def row(label: str, arguments: Sequence[str], runs: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096, 8192, 16384])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096, 8192])
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
     print(f"{cpu_name()}, Python {platform.python_version()}\n")

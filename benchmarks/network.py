@@ -1,11 +1,11 @@
-"""Time of a bake's network in the native core, and which share of the machine's peak it reaches.
+"""Time of a bake's network in the native core, beside a product of matrices.
 
     python benchmarks/network.py [--size N] [--rounds N] [--torch]
 
 Operations are counted from the weights: two for each weight and each texel that it is used for, in all levels. The
-moments, the statistics, the corrections and the filters come on top of that and are not counted, so the share is what
-the products of the layers would reach if all else cost nothing. The peak is the best that products of matrices in
-NumPy's library reach with as many threads. `--torch` also bakes the same tiles in torch, which is the twin.
+moments, the statistics, the corrections and the filters come on top of that and are not counted. The product is of
+matrices in NumPy's library, with as many threads. It is no peak: that library may be made for an older processor.
+`--torch` also bakes the same tiles in torch, which is the twin.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mipbake.models.registry import find_weights, load_baker, load_network
 from mipbake.pixel_filter import level_sizes
 
 _WEIGHTS = "mipbake-2"
-_SIDE = 1536  # of the matrices whose product measures the peak; a guess
+_SIDE = 1536  # of the matrices that are multiplied; a guess
 
 
 def stored_of(size: int) -> NDArray[np.float32]:
@@ -62,7 +62,7 @@ def main() -> None:
     left, right = (np.random.default_rng(i).random((_SIDE, _SIDE), np.float32) for i in (0, 1))
     candidates: dict[str, Callable[[], object]] = {
         "native": lambda: baker.levels(stored, lookup, ("wrap", "wrap")),
-        "peak": lambda: left @ right,
+        "product": lambda: left @ right,
     }
     if options.torch:
         from mipbake.models.moment_inference import bake_levels
@@ -71,10 +71,10 @@ def main() -> None:
         candidates["torch"] = lambda: bake_levels(network, stored, lookup, ("wrap", "wrap"))
     found = measure(candidates, options.rounds)
     count, texels = operations(baker, options.size), options.size**2
-    rate, peak = count / found["native"].median / 1e9, 2 * _SIDE**3 / found["peak"].median / 1e9
+    rate, product = count / found["native"].median / 1e9, 2 * _SIDE**3 / found["product"].median / 1e9
     print(f"{cpu_name()}; {_native.num_threads()} threads, {_native.isa()}; {options.size} x {options.size} texels")
-    print(f"{count / 1e9:.1f} GFLOP in the layers; peak by a product of matrices {peak:.0f} GFLOP/s")
-    print(f"native: {found['native'].text(texels)} a texel; {rate:.0f} GFLOP/s, {rate / peak:.0%} of the peak")
+    print(f"{count / 1e9:.1f} GFLOP in the layers; NumPy's product of matrices {product:.0f} GFLOP/s")
+    print(f"native: {found['native'].text(texels)} a texel; {rate:.0f} GFLOP/s, {rate / product:.2f} times the product")
     if options.torch:
         ratio = found["torch"].median / found["native"].median
         print(f"torch: {found['torch'].text(texels)} a texel; {ratio:.1f} times the native time")
