@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from typing import TypeVar
 
 _T = TypeVar("_T")
+_R = TypeVar("_R")
+
+MOSTLY_PYTHON = 2
+"""Threads for work in small steps: more wait for Python's lock. A guess."""
 
 
 def threads() -> int:
@@ -45,3 +50,23 @@ def on_threads(
             pool.shutdown(cancel_futures=True)
             raise
         return [each.result() for each in waiting]
+
+
+def side_by_side(work: Callable[[_T], _R], items: Iterable[_T]) -> list[_R]:
+    """What work in small steps makes of each item, in their order."""
+    every = list(items)
+    return on_threads(lambda index: work(every[index]), len(every), most=MOSTLY_PYTHON)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Holds the matrix products of NumPy to one thread each, in the whole process.
+
+    A library that shares a product among threads adds up in another order, so the last bits of a sum hang on how many
+    cores there are. Whoever decides by such a sum decides otherwise on another machine. What calls many small products
+    from threads of its own is also slower with such threads.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield

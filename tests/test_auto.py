@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, shading
 from mipbake.errors import UsageError
@@ -392,3 +393,18 @@ def test_promises_of_other_shapes_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=sentence):
             promise_from(wrong)
+
+
+def test_a_search_adds_up_in_one_order_on_any_number_of_cores(two: np.ndarray) -> None:
+    threads = set()
+
+    def look(share: float) -> None:
+        threads.update(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas" and share < 1)
+
+    with threadpool_limits(2, user_api="blas"):
+        QUICK["auto"](two, "gltf", "gltf", "gaussian", WRAP, look)
+        after = {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+    if not after:
+        pytest.skip("NumPy's library is none that threadpoolctl knows")
+    assert threads == {1}
+    assert after == {2}

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
+from mipbake._threads import MOSTLY_PYTHON, side_by_side
 from mipbake.directions import facing
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.scores import Array, Score, Scores, between_levels
@@ -31,7 +32,6 @@ from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.together import Placed, Together
 from mipbake.prefilter.search import pixel_samples
 from mipbake.prefilter.search.mixing import mixed
-from mipbake.prefilter.search.side_by_side import WORKERS, side_by_side
 from mipbake.prefilter.search.touched import Touched
 from mipbake.reference.problem import Image, Problem
 
@@ -170,7 +170,7 @@ class Bench:
             done[self.base] = look(self.base)
             names.remove(self.base)
         # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
-        with ThreadPoolExecutor(WORKERS if texels <= _SIDE_BY_SIDE else 1) as pool:
+        with ThreadPoolExecutor(MOSTLY_PYTHON if texels <= _SIDE_BY_SIDE else 1) as pool:
             for name, looked in zip(names, pool.map(look, names), strict=True):
                 done[name] = looked
                 progress(len(done) / (len(self._ingredients) + 1))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
+from mipbake._threads import side_by_side
 from mipbake.judging.judge import Judge
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import mean_squares
@@ -27,7 +28,6 @@ from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs
-from mipbake.prefilter.search.side_by_side import side_by_side
 from mipbake.reference.problem import Image
 from mipbake.render.small_pictures import PIXELS
 from mipbake.shading import shade

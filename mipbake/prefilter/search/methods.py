@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mipbake._threads import one_blas_thread
 from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, baked_sampler, checked_aim
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
@@ -25,6 +26,7 @@ from mipbake.judging.weights import SINGLE_LIGHTS, Weights, weights_for
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
+from mipbake.prefilter.promise import Promise
 from mipbake.prefilter.search.blending import best, blend
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import Ingredient, closed_forms, ingredient
@@ -113,11 +115,7 @@ class Searching:
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
         search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
-        done = 0.0
-        for step in self.steps:
-            search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
-            done += step.share
-        promise = promised(search)
+        search, promise = self._searched(search, progress)
         progress(1.0)
         taken = any(self._neural.name in sources for sources in search.blend.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None
@@ -125,6 +123,15 @@ class Searching:
         return PrefilterResult(
             search.levels, info.name if info else None, info.sha256 if info else None, promise, *made_for
         )
+
+    @one_blas_thread()
+    def _searched(self, search: Search, progress: Progress) -> tuple[Search, Promise]:
+        """All stages, and what the witness found."""
+        done = 0.0
+        for step in self.steps:
+            search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
+            done += step.share
+        return search, promised(search)
 
     def _learned(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from mipbake import material
+from mipbake._threads import side_by_side
 from mipbake.judging.judge import Judge
 from mipbake.judging.scores import Score, Scores, between_levels
-from mipbake.prefilter.search.side_by_side import side_by_side
 from mipbake.reference.problem import Image
 
 KEPT = (1.0, 0.75, 0.5, 0.25, 0.0)
