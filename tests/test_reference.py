@@ -185,3 +185,14 @@ def test_results_go_where_they_are_wanted_and_are_functions_of_the_generator() -
     )
     assert estimate(source("tent"), case.pixels, case.lighting, 4, np.random.default_rng(1), out) is out
     assert np.array_equal(first, again) and np.array_equal(first, out) and not np.array_equal(first, other)
+
+
+def test_generators_of_groups_draw_what_they_draw_alone() -> None:
+    what, uv = source("mitchell"), np.random.default_rng(0).random((3, 50, 2))
+    pairs = pairs_of(12, 3)
+    groups = GroupPairs(*(each.reshape(3, 4, 3) for each in (pairs.light, pairs.view)))
+    together = estimate(what, Pixels(uv, 1.5), groups, 8, [np.random.default_rng(group) for group in range(3)])
+    for group, found in enumerate(together):
+        one = LightViewPairs(groups.light[group], groups.view[group])
+        alone = reference(what, uv[group], 1.5, one, 8, np.random.default_rng(group))
+        np.testing.assert_allclose(found, alone, rtol=1e-5, atol=1e-7)

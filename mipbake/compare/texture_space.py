@@ -1,12 +1,7 @@
 """Measures in texture space, of many candidates at once: every pixel covers 2^lod texels, lit by single directions.
 
 All candidates are measured against the same two independent estimates of the reference, at the same pixels, so
-whatever differs is a difference of the candidates. With A and B the estimates, M = (A + B) / 2 and D = (A - B) / 2,
-
-    (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
-
-what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
-the sums of `mipbake.metrics.snr_sums` and `flicker_sums`.
+whatever differs is a difference of the candidates (texture_sums.py).
 
 Light-view pairs are measured in blocks of 64, and every block has surface points of its own. So 1,024 pairs cost no
 more than 64 pairs at as many points, and no figure hangs on how 64 pairs happened to fall.
@@ -15,35 +10,22 @@ more than 64 pairs at as many points, and no figure hangs on how 64 pairs happen
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mipbake._threads import on_threads
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.result import SCALES, Figure
+from mipbake.compare.texture_sums import BLOCKS, Draws, Found, Scene, Sums, a_block, at_rest, blocks, in_motion
 from mipbake.errors import UsageError
-from mipbake.metrics import (
-    PAIR_SETS,
-    Interval,
-    LightViewPairs,
-    bootstrap,
-    flicker_interval,
-    pair_set,
-    snr_gain_interval,
-    snr_interval,
-)
-from mipbake.metrics.images import displayed
-from mipbake.metrics.pairs import BLOCK, PAIRS
+from mipbake.metrics import PAIR_SETS, Interval, bootstrap, flicker_interval, snr_gain_interval, snr_interval
+from mipbake.metrics.pairs import BLOCK
 from mipbake.metrics.snr import snr_from_sums
 from mipbake.pixel_filter import level_sizes
-from mipbake.reference.estimate import reference
-from mipbake.reference.sequences import random_points
+from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
 from mipbake.texture_set import TextureSet
 
 DEFAULT_SEED = 0  # not tuned
@@ -53,33 +35,24 @@ DEFAULT_SAMPLES = 64  # a guess
 STEP = 0.25
 """Levels of detail between points of a curve, and within a scale. A guess."""
 
-SHIFTS = ((0.5, 0.0), (0.0, 0.5))
-"""How far pixels move for flicker, in pixels: along u, and along v. Not tuned: flicker is
-defined by half a pixel."""
-
 _SIDE_BY_SIDE = 1 << 12
-"""Samples of a block of pairs from which blocks are worked on side by side: with fewer, threads wait for the
+"""Samples of a piece of work from which pieces are worked on side by side: with fewer, threads wait for the
 interpreter. A guess."""
 
-_BLOCKS = PAIRS // BLOCK
+_TOGETHER = 256
+"""Points up to which blocks of pairs are one piece of work: calls for few points take longer than what they do. A
+guess."""
+
 _POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail; a guess
 # Times the samples are spent on flicker there: the reference hardly changes, and noise drowns it; a guess.
 _FEW_PIXELS_WORK = 8
 _LEAST_CHANGE_POINTS = 1024  # a guess
-# Encoding costs far more than a lookup, and no square gives few bright pixels all the weight; a guess.
-_TONE_POINTS = 2048
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""
-
-Radiance = NDArray[np.float32]
-"""(K, P, 3) linear radiance of P pixels under K light-view pairs."""
-
-Sums = NDArray[np.float64]
-"""(K, M): what each light-view pair adds to the M sums of a measure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,26 +183,29 @@ def measure(
 
     model = texture_set.source_model
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
-    blocks = [_Scene(source, pairs) for pairs in _blocks(seed)]
+    every_pair, own = blocks(seed), a_block(points)
+    together = max(1, min(BLOCKS, _TOGETHER // own))
+    parts = [slice(first, first + together) for first in range(0, BLOCKS, together)]
+    scenes = [Scene(source, GroupPairs(every_pair.light[part], every_pair.view[part])) for part in parts]
     texels = texture_set.width * texture_set.height
     drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
 
-    def measured(item: int) -> list[_Found]:
-        index, block = divmod(item, len(blocks))
-        lod, rng = every[index], np.random.default_rng([seed, index, block])
-        draws = _Draws(_a_block(points), samples, rng)
-        found = list(_at_rest(blocks[block], candidates, lod, draws, lod in shifted))
+    def measured(item: int) -> list[Found]:
+        index, part = divmod(item, len(parts))
+        lod = every[index]
+        rngs = [np.random.default_rng([seed, index, block]) for block in range(BLOCKS)[parts[part]]]
+        found = list(at_rest(scenes[part], candidates, lod, Draws(own, samples, rngs), lod in shifted))
         if lod in shifted:
             count, most = drawn[lod]
-            found += _in_motion(blocks[block], candidates, lod, _Draws(_a_block(count), most, rng))
+            found += in_motion(scenes[part], candidates, lod, Draws(a_block(count), most, rngs))
         return found
 
     sums: _Collected = {}
-    side_by_side = _a_block(points) * samples >= _SIDE_BY_SIDE
-    items, told = len(every) * len(blocks), lambda share: progress(PHASE, share)
-    for parts in on_threads(measured, items, told, None if side_by_side else 1):
-        for key, rows in parts:
-            sums.setdefault(key, []).append(rows)
+    side_by_side = together * own * samples >= _SIDE_BY_SIDE
+    items, told = len(every) * len(parts), lambda share: progress(PHASE, share)
+    for pieces in on_threads(measured, items, told, None if side_by_side else 1):
+        for key, rows in pieces:
+            sums.setdefault(key, []).extend(rows)
     progress(PHASE, 1.0)
     named = [(each.name, view) for each in candidates for view in PAIR_SETS]
     pooled = {
@@ -255,9 +231,6 @@ def measure(
         sums=snr,
     )
 
-
-_Found = tuple[tuple[str, str, float], Sums]
-"""Measure, method and level of detail, and what the pairs of a block add to it."""
 
 _Collected = dict[tuple[str, str, float], list[Sums]]
 """Measure, method and level of detail to what the pairs of every block add, one pair set after the other."""
@@ -296,106 +269,10 @@ def _unresolved(figures: Sequence[Figure]) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """The source under its pixel filter, and a block of light-view pairs of every set."""
-
-    source: FilteredSource
-    pairs: LightViewPairs
-
-    def estimate(self, uv: NDArray[np.float64], lod: float, samples: int, rng: np.random.Generator) -> Radiance:
-        return reference(self.source, uv, lod, self.pairs, samples, rng)
-
-    def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
-        return candidate(each.levels, each.method.model, self.source.wrap, uv, lod, self.pairs)
-
-
-class _Compared:
-    """What a candidate is compared with: the mean of two independent estimates, (K, P, 3), and what they say of it."""
-
-    def __init__(self, first: Radiance, second: Radiance) -> None:
-        self.mean: Radiance = (first + second) / np.float32(2)
-        self.noise = _squares(first - second) / 2
-        self.signal = _squares(self.mean) - self.noise / 2
-
-    def snr_sums(self, shown: Radiance) -> Sums:
-        """(K, 3) as mipbake.metrics.snr_sums has them."""
-        return np.stack([self.signal, _squares(shown - self.mean) - self.noise / 2, self.noise], -1)
-
-    def flicker_sums(self, shown: Radiance) -> Sums:
-        """(K, 3) as mipbake.metrics.flicker_sums has them, where both this and what is shown are changes."""
-        return np.stack([_squares(shown), self.signal, self.noise], -1)
-
-
-def _squares(radiance: Radiance) -> NDArray[np.float64]:
-    """(K,) sums of squares; in float32 along a row, which is exact to 1e-5."""
-    rows = radiance.reshape(len(radiance), 1, -1)
-    return np.asarray((rows @ rows.swapaxes(1, 2))[:, 0, 0], np.float64)
-
-
-class _Draws(NamedTuple):
-    """How many pixels are drawn, how many samples of each, and by whom."""
-
-    points: int
-    samples: int
-    rng: np.random.Generator
-
-
-def _at_rest(
-    scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws, tones: bool
-) -> Iterator[_Found]:
-    """The SNR of a block at a level of detail, and the tonemapped error where it is wanted."""
-    uv = random_points(draws.rng, draws.points)
-    compared = _Compared(*(scene.estimate(uv, lod, draws.samples, draws.rng) for _ in range(2)))
-    some = _a_block(_TONE_POINTS)
-    toned = displayed(compared.mean[:, :some]) if tones else None
-    for each in candidates:
-        shown = scene.shown(each, uv, lod)
-        yield ("snr", each.name, lod), compared.snr_sums(shown)
-        if toned is not None:
-            apart = np.abs(displayed(shown[:, :some]) - toned).sum((1, 2))
-            yield ("tonemapped", each.name, lod), np.stack([apart, np.full_like(apart, toned[0].size)], -1)
-
-
-def _in_motion(scene: _Scene, candidates: Sequence[Candidate], lod: float, draws: _Draws) -> Iterator[_Found]:
-    """Flicker and the SNR of the change of a block at a level of detail, both shifts together.
-
-    Sums are for one pixel: levels of detail take different numbers of pixels, and count alike where a scale pools
-    them.
-    """
-    height, width = scene.source.stored.shape[:2]
-    points, samples, rng = draws
-    uv = random_points(rng, points)
-    places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
-    first, second = ([scene.estimate(place, lod, samples, rng) for place in places] for _ in range(2))
-    compared = [_Compared(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
-    del first, second
-    for each in candidates:
-        start, *ends = (scene.shown(each, place, lod) for place in places)
-        changes = [end - start for end in ends]
-        both = list(zip(compared, changes, strict=True))
-        yield ("flicker", each.name, lod), np.sum([of.flicker_sums(change) for of, change in both], 0) / points
-        yield ("flicker-snr", each.name, lod), np.sum([of.snr_sums(change) for of, change in both], 0) / points
-
-
-def _blocks(seed: int) -> list[LightViewPairs]:
-    """Blocks of pairs: BLOCK of every set, one set after the other."""
-    sets = [pair_set(name, seed) for name in PAIR_SETS]
-    parts = [[pairs[slice(i * BLOCK, (i + 1) * BLOCK)] for pairs in sets] for i in range(_BLOCKS)]
-    return [
-        LightViewPairs(*(np.concatenate([getattr(p, a) for p in part]) for a in ("light", "view"))) for part in parts
-    ]
-
-
 def _of_set(blocks: Sequence[Sums], name: str) -> Sums:
     """(PAIRS, M): the rows of one pair set, of all blocks."""
     first = list(PAIR_SETS).index(name) * BLOCK
     return np.concatenate([rows[first : first + BLOCK] for rows in blocks])
-
-
-def _a_block(points: int) -> int:
-    """How many of so many points a block of pairs has."""
-    return max(1, points // _BLOCKS)
 
 
 def _steps(low: float, high: float) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from mipbake import sampling
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.lighting import Illumination, common_pairs
-from mipbake.reference.samples import Pixels, Samples, Span
+from mipbake.reference.samples import Generators, Pixels, Samples, Span
 from mipbake.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
@@ -31,7 +31,7 @@ def estimate(
     pixels: Pixels,
     lighting: Illumination,
     samples: int,
-    rng: np.random.Generator,
+    rng: Generators,
     out: Image | None = None,
 ) -> Image:
     """Unbiased Monte Carlo estimates of the reference: (G, K, P, 3) linear radiance, K renders of P pixels in G groups.
@@ -40,7 +40,9 @@ def estimate(
     weights of its samples, as a control variate: the estimate stays unbiased, and is exact on a constant material.
 
     Args:
-        samples: of each pixel, in each group. Estimates from different generators are independent.
+        samples: of each pixel, in each group.
+        rng: one for all, or one for each group, where groups have pixels of their own. Estimates from different
+            generators are independent.
         out: to write to.
     """
     groups, count = lighting.groups, pixels.uv.shape[-2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple, TypeVar
@@ -13,6 +14,9 @@ from mipbake.pixel_filter import filter_named
 from mipbake.reference.sequences import SEQUENCE
 
 Image = NDArray[np.float32]
+
+Generators = np.random.Generator | Sequence[np.random.Generator]
+"""What draws random numbers: for all groups, or for each of them by itself."""
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -95,6 +99,7 @@ class Samples:
     Args:
         size: (width, height) of level 0.
         groups: that look pixels up. samples: of each pixel, in each group.
+        rng: one for all, or one for each group, where groups have pixels of their own.
     """
 
     def __init__(
@@ -104,14 +109,14 @@ class Samples:
         pixels: Pixels,
         groups: int,
         samples: int,
-        rng: np.random.Generator,
+        rng: Generators,
     ) -> None:
         self._bins = _bins(pixel_filter)
         uv = np.asarray(pixels.uv, np.float32)
         uv = uv.reshape(-1, *uv.shape[-2:])
         own, count, _ = uv.shape
         # From here on the axes are: u and v; groups; samples; pixels. Axes of size 1 repeat.
-        shift = rng.random((2, own, 1, count)) * _BINS
+        shift = _uniform(rng, own, count) * _BINS
         self._first = shift.astype(np.intp)
         self._inside = (shift - self._first).astype(np.float32)
         self._steps = _steps(samples * (groups if own == 1 else 1)).reshape(2, -1, samples, 1)
@@ -146,6 +151,15 @@ class Samples:
         offset *= _within(self._inside[axis], span)
         offset += bins.start.take(index)
         return offset, None if bins.weight is None else bins.weight.take(index)
+
+
+def _uniform(rng: Generators, own: int, count: int) -> NDArray[np.float64]:
+    """(2, own, 1, count) uniform numbers."""
+    if not isinstance(rng, Sequence):
+        return rng.random((2, own, 1, count))
+    if len(rng) != own:
+        raise AssertionError(f"{len(rng)} generators for {own} groups of pixels")
+    return np.concatenate([each.random((2, 1, 1, count)) for each in rng], 1)
 
 
 def _planes(axes: Image) -> Image:

@@ -36,8 +36,14 @@ def candidate(
 
     Returns (K, P, 3) float32 linear radiance.
     """
-    texels = levels.lookup(uv, lod, wrap) if isinstance(levels, LooksUp) else lookup(levels, uv, lod, wrap)
-    return shading.shade(model, texels, pairs.light, pairs.view)
+    return shading.shade(model, looked_up(levels, uv, lod, wrap), pairs.light, pairs.view)
+
+
+def looked_up(
+    levels: Sequence[NDArray[np.float32]], uv: NDArray[np.float64], lod: float, wrap: Wrap
+) -> NDArray[np.float32]:
+    """(P, C) float32: `lookup`, by levels themselves where they look up in their own way."""
+    return levels.lookup(uv, lod, wrap) if isinstance(levels, LooksUp) else lookup(levels, uv, lod, wrap)
 
 
 def lookup(levels: Sequence[NDArray[Any]], uv: NDArray[np.float64], lod: float, wrap: Wrap) -> NDArray[np.float32]:
