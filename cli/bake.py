@@ -161,6 +161,10 @@ def bake(
             show_default=f"{DEFAULT_AIM:g}",
         ),
     ] = None,
+    device: Annotated[
+        Optional[str],  # noqa: UP045
+        options.device(some_of("device")),
+    ] = None,
 ) -> None:
     """Bake texture sets into MIP stacks.
 
@@ -183,6 +187,7 @@ def bake(
         budget=budget,
         sampler=sampler,
         aim=aim,
+        device=device,
     )
     made = bake_sources(sources, out, wanted, replace(load, alpha_cutoff=alpha_cutoff), Printer(session))
     results = [told(each) for each in made]

@@ -109,6 +109,10 @@ def compare(
             show_default=f"{DEFAULT_AIM:g}",
         ),
     ] = None,
+    device: Annotated[
+        Optional[str],  # noqa: UP045
+        options.device(some_of("device")),
+    ] = None,
     fail_if: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(
@@ -206,7 +210,7 @@ def compare(
         stack = mipbake.open_stack(known) if known else None
         with timings(session, texture_set.name) as progress, temporary_folder() as kept:
             renders = kept if keep_renders else None
-            compared = Subjects(stack, known, names, target, pixel_filter, aim)
+            compared = Subjects(stack, known, names, target, pixel_filter, aim, device)
             found = compare_methods(texture_set, compared, settings, conditions, renders, progress)
             comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
             source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)

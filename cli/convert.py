@@ -23,6 +23,7 @@ from mipbake.convert import (
     LEARNED,
     TARGETS,
     Material,
+    check_device,
     check_material_output,
     image_container,
     is_material_folder,
@@ -71,6 +72,10 @@ def convert(
             show_default="none: a formula converts each texel, and nothing is filtered",
         ),
     ] = None,
+    device: Annotated[
+        Optional[str],  # noqa: UP045
+        options.device("conversions with --weights"),
+    ] = None,
 ) -> None:
     """Convert texture sets, or materials that were converted before, to another material model.
 
@@ -80,8 +85,9 @@ def convert(
     session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
     image_container(model_named(to).name, format)
+    check_device(weights, device)
     if weights is not None:
-        method_named(LEARNED, weights)
+        method_named(LEARNED, weights, device=device)
     results: list[dict[str, Any]] = []
 
     def attempt(source: Path, convert_one: Callable[[], dict[str, Any]]) -> None:
@@ -91,7 +97,7 @@ def convert(
             results.append(session.failed(source, error))
 
     def write(given: TextureSet | Material, place: Path, reading: Timings) -> dict[str, Any]:
-        return _write(session, given, place, to, format, weights, reading)
+        return _write(session, given, place, to, format, weights, device, reading)
 
     every = expand(sources)
     materials = [path for path in every if is_material_folder(path)]
@@ -168,11 +174,12 @@ def _write(
     to: str,
     format: str,
     weights: str | None,
+    device: str | None,
     reading: Timings,
 ) -> dict[str, Any]:
     with timings(session, place.name) as converting:
         converting.seconds.update(reading.seconds)
-        made = mipbake.convert(given, to, weights)
+        made = mipbake.convert(given, to, weights, device)
         converting("convert", 1.0)
         files = made.save(place, format, lambda share: converting("write", share))
     size = sum(file.stat().st_size for file in files)

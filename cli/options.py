@@ -11,6 +11,7 @@ import typer
 
 from mipbake._allocator import keep_freed_memory
 from mipbake.cli.session import Session
+from mipbake.device import PROCESSOR
 from mipbake.errors import UsageError
 from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
 from mipbake.memory import default, limited, parsed
@@ -145,6 +146,22 @@ def _role_and_source(text: str) -> tuple[str, str | float | None]:
         return role, float(source)
     except ValueError:
         return role, source
+
+
+def device(users: str) -> Any:
+    """The option --device of commands that bake with networks.
+
+    Args:
+        users: what it is for, as in a sentence.
+    """
+    return typer.Option(
+        "--device",
+        metavar="cpu|cuda|cuda:N",
+        help=f"Where networks run, for {users}: on the processor, or on a graphics card that torch reaches with CUDA, "
+        "which needs the extra `train`. What searches does so on the processor. Levels differ by rounding. mipbake's "
+        "tests have never run this on a graphics card.",
+        show_default=PROCESSOR,
+    )
 
 
 def parse_lods(text: str) -> tuple[float, ...]:

@@ -60,6 +60,7 @@ def bake(
     budget: str | None = None,
     sampler: str | None = None,
     aim: float | None = None,
+    device: str | None = None,
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
 
@@ -75,6 +76,8 @@ def bake(
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
             for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
+        device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card, which needs torch; None for
+            `cpu`. Levels of different devices differ by rounding. All but the network runs on the processor.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
@@ -84,9 +87,9 @@ def bake(
 
     Raises:
         UsageError: an unknown method, target, filter, weights or sampler, a choice that the method does not have, a
-            budget that cannot be read, or an aim that is no number from 0 to 1.
+            budget that cannot be read, an aim that is no number from 0 to 1, or a device that cannot be used.
     """
-    prefilter = method_named(method, weights, budget, sampler, aim)
+    prefilter = method_named(method, weights, budget, sampler, aim, device)
     model = resolve_target(texture_set, target)
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model

@@ -167,7 +167,9 @@ class Material:
         }
 
 
-def convert(source: TextureSet | Material, target: str, weights: str | None = None) -> Material:
+def convert(
+    source: TextureSet | Material, target: str, weights: str | None = None, device: str | None = None
+) -> Material:
     """Converts level 0 to another material model.
 
     By default a formula converts texel by texel, and nothing is filtered: what the models share is kept to rounding,
@@ -179,11 +181,14 @@ def convert(source: TextureSet | Material, target: str, weights: str | None = No
         source: from `mipbake.load`, or, without weights, a material that was converted before.
         target: a material model in `mipbake.material.MODELS`.
         weights: trained weights that read the source's model and make the target; None for the analytic rule.
+        device: where the network of the weights runs, as `mipbake.bake` takes it; None for the processor.
 
     Raises:
-        UsageError: an unknown target or weights, weights that do not make it, or weights with a converted material.
+        UsageError: an unknown target or weights, weights that do not make it, weights with a converted material, a
+            device that cannot be used, or a device without weights.
     """
     model_named(target)
+    check_device(weights, device)
     if isinstance(source, Material):
         if weights is not None:
             raise UsageError(
@@ -198,12 +203,18 @@ def convert(source: TextureSet | Material, target: str, weights: str | None = No
     made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
     if weights is None:
         return _converted(source.name, source.material(model), target, extra, source.wrap, made)
-    stack = bake(source, LEARNED, target, weights=weights)
+    stack = bake(source, LEARNED, target, weights=weights, device=device)
     by = stack.provenance
     made = replace(
         made, rule=LEARNED, weights=by.weights, weights_sha256=by.weights_sha256, pixel_filter=by.pixel_filter
     )
     return Material(source.name, target, stack.levels[0], extra, source.wrap, made)
+
+
+def check_device(weights: str | None, device: str | None) -> None:
+    """UsageError where a device is asked for and no network: a formula converts on the processor."""
+    if device is not None and weights is None:
+        raise UsageError("a conversion without weights takes no device: name weights, or leave the device out")
 
 
 def _converted(

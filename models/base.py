@@ -36,6 +36,11 @@ class Network(nn.Module, Baker):
         self.pixel_filters: tuple[str, ...] = ()
         """The pixel filters that it was trained for; only released weights say that."""
 
+    @property
+    def device(self) -> torch.device:
+        """Where its parameters lie. It bakes there."""
+        return next(self.parameters()).device
+
     @abstractmethod
     def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: str = DEFAULT_SAMPLER) -> Stacks:
         """Every level of the stacks of every model that is made; differentiable in the parameters.

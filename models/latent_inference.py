@@ -14,11 +14,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import directions, material
+from mipbake import directions, material, memory
 from mipbake.models.latent_filter import latent_weights
 from mipbake.models.latent_network import LatentNetwork
 from mipbake.models.level_filter import checked_filter
-from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
+from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
+from mipbake.models.workers import baking_on
 from mipbake.pixel_filter import Wrap, level_sizes
 
 
@@ -45,7 +46,7 @@ def bake_levels(
     network: LatentNetwork,
     stored: NDArray[np.float32],
     wrap: Wrap,
-    tile: int = DEFAULT_TILE,
+    tile: int | None = None,
     progress: Callable[[float], None] = lambda _: None,
     source: str | None = None,
     target: str | None = None,
@@ -53,33 +54,34 @@ def bake_levels(
     """Every level of the stack of a material, down to 1 x 1.
 
     Args:
-        network: the trained network; its buffers and weights on the CPU.
+        network: the trained network. Tiles are worked on where it lies, and come back one by one.
         stored: (H, W, C) float32 stored channels of the source, any size.
         wrap: wrap mode along u and along v.
-        tile: side of a tile in texels; the result does not depend on it beyond rounding.
+        tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
         progress: told the finished share, from 0 to 1.
         source, target: the encoder and the decoder, where the network has several.
 
     Returns:
         (H_L, W_L, C) float32 stored channels of the target, of every level.
     """
-    sizes = level_sizes(*stored.shape[:2])
+    sizes, device = level_sizes(*stored.shape[:2]), network.device
+    tile = tile or tile_for(device)
     texels = sum(height * width for height, width in sizes)
     done = 0
     levels = []
     latent: Tensor | None = None
-    with torch.inference_mode():
+    with baking_on(device):
         for level, (height, width) in enumerate(sizes):
             down = sizes[level + 1] if level + 1 < len(sizes) else None
             columns = _pieces(width, down and down[1], tile, network, wrap[0], level == 0)
-            coarser = torch.zeros(*down, network.config.latent_channels) if down else None
+            coarser = torch.zeros(*down, network.config.latent_channels, device=device) if down else None
             out: NDArray[np.float32] | None = None
             for row in _pieces(height, down and down[0], tile, network, wrap[1], level == 0):
                 for column in columns:
                     part = slice(row.start, row.stop), slice(column.start, column.stop)
                     z = _encode_tile(network, stored, wrap, row, column, source) if latent is None else latent[part]
-                    decoded = network.decode(z, target).numpy()
-                    out = np.empty((height, width, decoded.shape[-1]), np.float32) if out is None else out
+                    decoded = network.decode(z, target).cpu().numpy()
+                    out = memory.empty((height, width, decoded.shape[-1])) if out is None else out
                     out[part] = decoded
                     if coarser is not None:
                         add(coarser, z, row, column)
@@ -98,11 +100,12 @@ def _encode_tile(
     halo = network.halo
     rows = border_indices(row.start - halo, row.stop + halo, stored.shape[0], wrap[1]).numpy()
     columns = border_indices(column.start - halo, column.stop + halo, stored.shape[1], wrap[0]).numpy()
-    return network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None], source)[0]
+    around = torch.from_numpy(stored[np.ix_(rows, columns)]).to(network.device)
+    return network.encode_extended(around[None], source)[0]
 
 
 def _pieces(n_in: int, n_out: int | None, tile: int, network: LatentNetwork, wrap: str, first: bool) -> list[Piece]:
     if n_out is None:
         return [Piece(0, n_in, torch.empty(0), torch.empty(0))]
     index, weights = latent_weights(n_in, n_out, network.config.latent_filter, wrap, first)
-    return pieces(index, weights, n_in, tile)
+    return pieces(index, weights, n_in, tile, network.device)

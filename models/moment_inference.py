@@ -15,13 +15,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import directions, material
+from mipbake import directions, material, memory
 from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
-from mipbake.models.tiles import DEFAULT_TILE, Piece, add, border_indices, pieces
-from mipbake.models.workers import in_order
-from mipbake.pixel_filter import Wrap, level_sizes, resample, resample_weights
+from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
+from mipbake.models.workers import baking_on, in_order
+from mipbake.pixel_filter import Wrap, level_sizes, resample_weights
 
 
 def bake(
@@ -64,23 +64,23 @@ def bake_levels(
     stored: NDArray[np.float32],
     lookup: Lookup,
     wrap: Wrap,
-    tile: int = DEFAULT_TILE,
+    tile: int | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[NDArray[np.float32]]:
     """Every level of the stack of a material, down to 1 x 1.
 
     Args:
-        network: the trained network.
+        network: the trained network. Tiles are worked on where it lies, and come back one by one.
         stored: (H, W, R) stored channels of the model that is read, any size.
         lookup: what the levels are for. wrap: wrap mode along u and along v.
-        tile: side of a tile in texels; the result does not depend on it beyond rounding.
+        tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
         progress: told the finished share, from 0 to 1.
 
     Returns:
         (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
     """
-    plan = _Plan(network, np.ascontiguousarray(stored), lookup, wrap, tile)
-    with torch.inference_mode():
+    plan = _Plan(network, np.ascontiguousarray(stored), lookup, wrap, tile or tile_for(network.device))
+    with baking_on(network.device):
         top, latents = _from_top(plan, lambda share: progress(0.8 * share))
         levels = [top, *(_decoded(plan, latent, level) for level, latent in enumerate(latents, 1))]
     progress(1.0)
@@ -97,29 +97,38 @@ class _Sink:
     columns: Sequence[Piece]
 
 
-def _sink(plan: _Plan, into: tuple[int, int], kernel: str, width: float = 1.0) -> _Sink:
-    size, wrap = plan.sizes[0], plan.wrap
+def _sink(plan: _Plan, size: tuple[int, int], into: tuple[int, int], kernel: str, width: float = 1.0) -> _Sink:
+    """What tiles of an image of a size are added to."""
+    wrap, device = plan.wrap, plan.network.device
     rows, columns = (
-        pieces(*resample_weights(size[axis], into[axis], kernel, wrap[1 - axis], width), size[axis], plan.tile)
+        pieces(*resample_weights(size[axis], into[axis], kernel, wrap[1 - axis], width), size[axis], plan.tile, device)
         for axis in (0, 1)
     )
-    return _Sink(torch.zeros(*into, plan.network.latent_channels), rows, columns)
+    return _Sink(torch.zeros(*into, plan.network.latent_channels, device=device), rows, columns)
+
+
+def _filled(sink: _Sink, image: Tensor) -> Tensor:
+    """The image of a sink after all tiles of (H, W, Z) were added."""
+    for row in sink.rows:
+        for column in sink.columns:
+            add(sink.image, image[row.start : row.stop, column.start : column.stop], row, column)
+    return sink.image
 
 
 def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[np.float32], list[Tensor]]:
     """Level 0 of the stack, and the filtered latents (H_L, W_L, Z) of every other level."""
     network, stored, lookup, wrap, tile = plan.network, plan.stored, plan.lookup, plan.wrap, plan.tile
-    kernel = lookup.kernel
-    sizes = plan.sizes
+    kernel, sizes, device = lookup.kernel, plan.sizes, network.device
     finest = list(enumerate(sizes))[1 : 1 + FROM_TOP]
-    direct = [_sink(plan, size, kernel, lookup.width(level)) for level, size in finest]
+    direct = [_sink(plan, sizes[0], size, kernel, lookup.width(level)) for level, size in finest]
     coarse = len(sizes) > 1 + FROM_TOP
-    boxes = [_sink(plan, sizes[1], "box")] if coarse else []
+    boxes = [_sink(plan, sizes[0], sizes[1], "box")] if coarse else []
     taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
     a = sharpening(0)
     sharp = np.convolve(taps, [-a, 1 + 2 * a, -a])
     reach = len(taps) // 2 + 1  # and the sharpening's neighbour
-    top = np.empty((*sizes[0], material.model_named(network.config.decoders[0]).channels), np.float32)
+    top = memory.empty((*sizes[0], material.model_named(network.config.decoders[0]).channels))
+    first = torch.zeros(1, device=device)
     border = reach + network.halo
     corners = [(y, x) for y in range(0, sizes[0][0], tile) for x in range(0, sizes[0][1], tile)]
 
@@ -129,23 +138,24 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
         stop = min(y + tile, height), min(x + tile, width)
         rows = border_indices(y - border, stop[0] + border, height, wrap[1]).numpy()
         columns = border_indices(x - border, stop[1] + border, width, wrap[0]).numpy()
-        around = network.encode_extended(torch.from_numpy(stored[np.ix_(rows, columns)])[None])[0]
+        texels = torch.from_numpy(stored[np.ix_(rows, columns)]).to(device)
+        around = network.encode_extended(texels[None])[0]
         filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, : network.detail], taps))
-        top[y : stop[0], x : stop[1]] = network.decode(filtered, torch.zeros(1), kernel, lookup.sampler).numpy()
+        top[y : stop[0], x : stop[1]] = network.decode(filtered, first, kernel, lookup.sampler).cpu().numpy()
         return around[reach:-reach, reach:-reach]
 
-    for done, ((y, x), inside) in enumerate(zip(corners, in_order(made, corners), strict=True), 1):
+    for done, ((y, x), inside) in enumerate(zip(corners, in_order(made, corners, device), strict=True), 1):
         for sink in (*direct, *boxes):
             add(sink.image, inside, sink.rows[y // tile], sink.columns[x // tile])
         progress(done / len(corners))
     latents = [sink.image for sink in direct]
     if boxes:
-        box = boxes[0].image.numpy()
+        box = boxes[0].image
         for level in range(1 + FROM_TOP, len(sizes)):
             finer = level - FROM_TOP
             if finer > 1:
-                box = resample(box, sizes[finer], "box", wrap)
-            latents.append(torch.from_numpy(resample(box, sizes[level], kernel, wrap, lookup.width(level))))
+                box = _filled(_sink(plan, sizes[finer - 1], sizes[finer], "box"), box)
+            latents.append(_filled(_sink(plan, sizes[finer], sizes[level], kernel, lookup.width(level)), box))
     return top, latents
 
 
@@ -163,9 +173,11 @@ def _valid(image: Tensor, taps: NDArray[np.floating]) -> Tensor:
 
 def _decoded(plan: _Plan, latent: Tensor, level: int) -> NDArray[np.float32]:
     """(H, W, C) stored channels of a level's latents."""
-    ready = with_detail(sharpened(latent, level, plan.wrap), latent[..., : plan.network.detail])
-    index = torch.full((1,), float(level))
-    rows = torch.split(ready, max(1, DEFAULT_TILE**2 // latent.shape[1]))  # as many texels at a time as of level 0
-    lookup = plan.lookup
-    parts = in_order(lambda some: plan.network.decode(some, index, lookup.kernel, lookup.sampler).numpy(), rows)
+    network, lookup, device = plan.network, plan.lookup, plan.network.device
+    ready = with_detail(sharpened(latent, level, plan.wrap), latent[..., : network.detail])
+    index = torch.full((1,), float(level), device=device)
+    rows = torch.split(ready, max(1, tile_for(device) ** 2 // latent.shape[1]))  # as many texels at a time as a tile's
+    parts = in_order(
+        lambda some: network.decode(some, index, lookup.kernel, lookup.sampler).cpu().numpy(), rows, device
+    )
     return np.concatenate(list(parts))

@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.device import PROCESSOR
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture, Baker
@@ -183,13 +185,25 @@ def load_network(info: WeightsInfo) -> Network:
     return _fitting(info, network_of)
 
 
-def load_baker(info: WeightsInfo) -> Baker:
-    """What bakes with the weights, in the native core where the architecture has it.
+def load_baker(info: WeightsInfo, device: str = PROCESSOR) -> Baker:
+    """What bakes with the weights: on the processor in the native core where the architecture has it, else in torch.
+
+    Args:
+        info: the weights.
+        device: one that `mipbake.device.checked_device` knows.
 
     Raises:
         InputError: the safetensors file is missing, or is not the one that was released.
     """
+    if device != PROCESSOR:
+        return _network_on(info, device)
     return _fitting(info, lambda config, tensors, filters: config.baker(tensors, filters))
+
+
+# `auto` and `refine` bake a part first, to see how long the whole takes: loading is not to count there.
+@lru_cache(maxsize=4)
+def _network_on(info: WeightsInfo, device: str) -> Network:
+    return load_network(info).to(device)
 
 
 def _fitting(

@@ -17,6 +17,14 @@ from mipbake.pixel_filter import Wrap
 DEFAULT_TILE = 128
 """Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
 
+_CARD_TILE = 512
+"""The same on a graphics card, which small tiles keep waiting for the next call; 1 or 2 GB are held of it. A guess."""
+
+
+def tile_for(device: torch.device) -> int:
+    """Texels on a tile's side that suit a device."""
+    return DEFAULT_TILE if device.type == "cpu" else _CARD_TILE
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -28,8 +36,13 @@ class Piece:
     weights: Tensor
 
 
-def pieces(index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, tile: int) -> list[Piece]:
-    """The tiles of an axis of n_in texels, whose coarser level takes (n_out, taps) source texels with their weights."""
+def pieces(
+    index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, tile: int, device: torch.device
+) -> list[Piece]:
+    """The tiles of an axis of n_in texels, whose coarser level takes (n_out, taps) source texels with their weights.
+
+    Their tensors lie on the device.
+    """
     found = []
     for start in range(0, n_in, tile):
         stop = min(start + tile, n_in)
@@ -38,7 +51,7 @@ def pieces(index: NDArray[np.int64], weights: NDArray[np.float32], n_in: int, ti
         matrix = np.zeros((len(rows), stop - start), np.float32)
         output, tap = np.nonzero(inside[rows])
         np.add.at(matrix, (output, index[rows][output, tap] - start), weights[rows][output, tap])
-        found.append(Piece(start, stop, torch.from_numpy(rows), torch.from_numpy(matrix)))
+        found.append(Piece(start, stop, torch.from_numpy(rows).to(device), torch.from_numpy(matrix).to(device)))
     return found
 
 

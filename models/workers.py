@@ -1,4 +1,4 @@
-"""Tiles worked on side by side, one on a core.
+"""Tiles worked on side by side, one on a core; or one after the other, on a graphics card.
 
 Networks here are many small calls of torch. A team of torch threads for each call mostly waits for one another; torch
 gives Python's lock away while it computes, so whole tiles in threads of their own use the same cores far better.
@@ -15,10 +15,13 @@ from typing import TypeVar
 
 import torch
 
+from mipbake.errors import UsageError
+
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")
 
 _MOST = 16  # workers: each holds tens of megabytes; a guess
+_PROCESSOR = torch.device("cpu")
 _AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up; a guess
 
 
@@ -66,12 +69,37 @@ def one_torch_thread() -> Iterator[None]:
         _alone.leave()
 
 
-def in_order(work: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[_Made]:
+@contextmanager
+def baking_on(device: torch.device) -> Iterator[None]:
+    """Inside, torch calculates without gradients, and on a graphics card in float32 throughout.
+
+    Raises:
+        UsageError: the memory of the graphics card is too small for what is done inside.
+    """
+    with torch.inference_mode():
+        if device.type == _PROCESSOR.type:
+            yield
+            return
+        try:
+            # Convolutions there would round their factors to 10 bits, which is torch's default.
+            with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False):
+                yield
+        except torch.OutOfMemoryError as error:
+            raise UsageError(
+                f"the memory of the device {device} is too small to bake this set: leave the device out to bake on the "
+                "processor"
+            ) from error
+
+
+def in_order(
+    work: Callable[[_Item], _Made], items: Iterable[_Item], device: torch.device = _PROCESSOR
+) -> Iterator[_Made]:
     """work(item) of every item, in their order, as many at a time as torch has threads, 16 at most; without gradients.
 
-    The results do not depend on that number. An error in one ends all with it.
+    The results do not depend on that number. An error in one ends all with it. On another `device` than the processor
+    it is one item after the other, in the thread that asks: each fills the whole device.
     """
-    workers = min(torch.get_num_threads(), _MOST)
+    workers = min(torch.get_num_threads(), _MOST) if device.type == _PROCESSOR.type else 1
 
     def quietly(item: _Item) -> _Made:
         with torch.inference_mode():  # which each thread enters for itself

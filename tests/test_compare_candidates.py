@@ -12,7 +12,7 @@ from mipbake import OutputError, TextureSet, UsageError
 from mipbake.compare.candidates import (
     BAKED,
     bake_all,
-    check_aim,
+    check_asked,
     chosen,
     closed_forms,
     default_names,
@@ -101,13 +101,27 @@ def test_stacks_are_made_for_a_sampler_by_methods_that_take_one() -> None:
         assert [each.method.sampler for each in candidates] == ["anisotropic", None]
 
 
-def test_an_aim_that_nothing_takes_is_refused() -> None:
-    check_aim(["linear", "auto"], 1.0)
-    check_aim(["linear"], None)
+def test_an_aim_and_a_device_that_nothing_takes_are_refused() -> None:
+    check_asked(["linear", "auto"], 1.0, "cpu")
+    check_asked(["linear"], None, None)
     with pytest.raises(UsageError, match=r"no method that is baked takes an aim: .* one of auto, refine"):
-        check_aim(["linear", "neural"], 1.0)
+        check_asked(["linear", "neural"], 1.0, None)
+    with pytest.raises(UsageError, match=r"no method that is baked takes a device: .* one of auto, neural, refine"):
+        check_asked(["linear", "optimum"], None, "cpu")
     with pytest.raises(UsageError, match="expected a number from 0"):
-        check_aim(["auto"], -1.0)
+        check_asked(["auto"], -1.0, None)
+    with pytest.raises(UsageError, match="unknown device 'gpu'"):
+        check_asked(["auto"], None, "gpu")
+
+
+def test_a_device_is_told_to_methods_that_take_one() -> None:
+    with bake_all(noisy(), "gltf", "gaussian", ["neural", "linear (box)"], device="cpu") as candidates:
+        assert len(candidates) == 2
+    with (
+        pytest.raises(UsageError, match="unknown device 'gpu'"),
+        bake_all(noisy(), "gltf", "gaussian", ["neural"], device="gpu"),
+    ):
+        pass
 
 
 def test_stacks_for_another_sampler_are_named() -> None:

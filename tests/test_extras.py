@@ -34,7 +34,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for arguments in (
         ("bake", SET, "-o", out, "--method", "linear", "--format", "exr,ktx2:bc,dds:bc1"),
-        ("bake", SET, "-o", tmp_path / "neural", "--method", "neural"),
+        ("bake", SET, "-o", tmp_path / "neural", "--method", "neural", "--device", "cpu"),
         (
             "bake",
             SET,
@@ -71,6 +71,11 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
             ("inspect", SET, "--colour-space", "ProPhoto RGB"),
             "the colour space 'ProPhoto RGB', which is none of sRGB, linear Rec.709, ACEScg, ACES2065-1, ACEScc, "
             "ACEScct, Display P3, ITU-R BT.2020, Adobe RGB (1998), needs colour-science",
+        ),
+        (
+            ("bake", SET, "-o", "{tmp}", "--device", "cuda"),
+            "the device cuda needs torch, which mipbake's extra `train` brings: python -m pip install "
+            '"mipbake[train]"',
         ),
         (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "ktx2:uastc"), 'pip install "mipbake[uastc]"'),
         (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "glb"), 'pip install "mipbake[uastc]"'),

@@ -1,4 +1,4 @@
-"""What can be chosen for a method beside its name: weights, the time it may take, a sampler and an aim."""
+"""What can be chosen for a method beside its name: weights, the time it may take, a sampler, an aim and a device."""
 
 from __future__ import annotations
 
@@ -33,7 +33,14 @@ def test_other_budgets_say_what_is_expected(text: str) -> None:
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_methods_without_an_option_refuse_it(option: str) -> None:
-    value = {"weights": list_weights()[0].name, "budget": "1s", "sampler": "anisotropic", "aim": 1.0}[option]
+    values = {
+        "weights": list_weights()[0].name,
+        "budget": "1s",
+        "sampler": "anisotropic",
+        "aim": 1.0,
+        "device": "cpu",
+    }
+    value = values[option]
     for name in METHODS:
         if name in OPTIONS[option]:
             assert method_named(name, **{option: value}).name == name

@@ -9,6 +9,7 @@ import torch
 
 from mipbake import _native
 from mipbake.errors import UsageError
+from mipbake.training import loop
 from mipbake.training.batches import draw_batch
 from mipbake.training.data import load_materials
 from mipbake.training.loop import LAST, device_named, fit_whitening, load_state, new_state
@@ -25,18 +26,22 @@ ON_GPU = pytest.mark.skipif(
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [("gpu", "unknown device 'gpu'"), ("", "unknown device"), ("mps", "has no kernels"), ("meta", "has no kernels")],
-)
-def test_a_device_that_there_is_not_is_a_sentence(name, told) -> None:
-    with pytest.raises(UsageError, match=told):
+@pytest.mark.parametrize("name", ["gpu", "", "mps", "meta"])
+def test_a_device_that_there_is_not_is_a_sentence(name) -> None:
+    with pytest.raises(UsageError, match=f"unknown device '{name}'"):
         device_named(name)
+
+
+def test_a_card_without_kernels_of_mipbake_is_a_sentence(monkeypatch) -> None:
+    monkeypatch.setattr(loop, "checked_device", lambda name, work: name)
+    monkeypatch.setattr(_native, "cuda_available", lambda: False)
+    with pytest.raises(UsageError, match=r"cuda cannot be used \(mipbake, which shades there, .* to train on the proc"):
+        device_named("cuda")
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a graphics card")
 def test_no_graphics_card_is_a_sentence_before_anything_is_made(tmp_path) -> None:
-    with pytest.raises(UsageError, match="leave --device out to train on the processor"):
+    with pytest.raises(UsageError, match="leave the device out to train on the processor"):
         train(tiny(), tmp_path / "out", False, device="cuda")
     assert not (tmp_path / "out").exists()
 

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake.device import checked_device
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.models.base import Network
 from mipbake.training.base import Batch
@@ -88,29 +89,20 @@ class TrainingState:
 
 
 def device_named(name: str) -> torch.device:
-    """The device of a name that torch knows: `cpu`, `cuda` or `cuda:1`.
+    """The device of a name: `cpu`, `cuda` or `cuda:1`.
 
     Raises:
         UsageError: there is no such device, or mipbake or torch is built without CUDA.
     """
-    try:
-        device = torch.device(name)
-    except RuntimeError:
-        raise UsageError(
-            f"unknown device {name!r}: expected cpu, cuda, or cuda:1 for the second graphics card"
-        ) from None
-    if device.type not in ("cpu", "cuda"):
-        raise UsageError(f"the device {name} has no kernels of mipbake: expected cpu or cuda")
+    device = torch.device(checked_device(name, "train"))
     if device.type == "cuda":
         from mipbake import _native
 
-        if not (torch.cuda.is_available() and _native.cuda_available()):
+        if not _native.cuda_available():
             raise UsageError(
-                f"the device {name} cannot be used: expected a graphics card that both torch and mipbake reach "
-                "(`mipbake --version` says whether mipbake does); leave --device out to train on the processor"
+                f"the device {name} cannot be used (mipbake, which shades there, was built without CUDA or finds no "
+                "graphics card; `mipbake --version` says which): leave the device out to train on the processor"
             )
-        if (device.index or 0) >= torch.cuda.device_count():
-            raise UsageError(f"there is no device {name}: expected cuda:0 to cuda:{torch.cuda.device_count() - 1}")
     return device
 
 

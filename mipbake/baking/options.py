@@ -23,7 +23,7 @@ class BakeOptions:
     """How sources are baked and written, the same for all, as `mipbake bake` takes it.
 
     Args:
-        method, pixel_filter, weights, budget, aim: as `mipbake.bake` takes them.
+        method, pixel_filter, weights, budget, aim, device: as `mipbake.bake` takes them.
         target: a material model, or "auto"; None: what the preset chooses, else "auto".
         sampler: as `mipbake.bake` takes it; None: what the preset chooses, for methods that take one.
         preset: a name in `mipbake.presets.PRESETS`: an engine, which chooses what is None here.
@@ -50,10 +50,11 @@ class BakeOptions:
     budget: str | None = None
     sampler: str | None = None
     aim: float | None = None
+    device: str | None = None
 
     def asked(self) -> Asked:
         """What that means for every source. UsageError for what no source can be baked with."""
-        method_named(self.method, self.weights, self.budget, self.sampler, self.aim)
+        method_named(self.method, self.weights, self.budget, self.sampler, self.aim, self.device)
         filter_named(self.pixel_filter)
         preset = preset_named(self.preset) if self.preset else None
         sampler = self.sampler

@@ -94,6 +94,7 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
             options.budget,
             options.sampler,
             options.aim,
+            options.device,
         )
         baked = adjusted(baked, whole, asked.adjustments)
         return [

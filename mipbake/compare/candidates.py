@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mipbake.aim import BakedSampler, checked_aim
 from mipbake.bake import DEFAULT_METHOD
 from mipbake.compare.result import Method
+from mipbake.device import checked_device
 from mipbake.errors import OutputError, UsageError
 from mipbake.io.map_files import Levels
 from mipbake.io.publish import reason, temporary_folder
@@ -133,6 +134,7 @@ def bake_all(
     folder: Path | None = None,
     sampler: BakedSampler | None = None,
     aim: float | None = None,
+    device: str | None = None,
 ) -> Iterator[list[Candidate]]:
     """The stacks of many methods, each with how long its bake took: `with bake_all(...) as candidates`.
 
@@ -148,6 +150,7 @@ def bake_all(
         memory_limit: in bytes.
         folder: where the temporary files go; None for the system's folder of such.
         sampler, aim: what the stacks are made for, by methods that take them; None for the defaults.
+        device: where networks run, for methods that take one; None for the default.
 
     Raises:
         UsageError: an unknown name, model or pixel filter, or a method that does not have them.
@@ -167,7 +170,8 @@ def bake_all(
                     progress("bake", (done + share) / len(wanted))
 
             start = time.perf_counter()
-            result = _conditioned(method, sampler, aim)(stored, source, model, kernel, texture_set.wrap, tell)
+            prefilter = _conditioned(method, sampler, aim, device)
+            result = prefilter(stored, source, model, kernel, texture_set.wrap, tell)
             seconds = time.perf_counter() - start
             made = Method(name, method, kernel, model, seconds, sampler=result.sampler, aim=result.aim)
             candidates.append(Candidate(made, keep(result.levels)))
@@ -176,23 +180,27 @@ def bake_all(
         yield candidates
 
 
-def check_aim(methods: Iterable[str], aim: float | None) -> None:
-    """UsageError where an aim was asked for that is none, or that none of the methods takes."""
-    if aim is None:
-        return
-    checked_aim(aim)
-    if not set(methods) & set(OPTIONS["aim"]):
-        raise UsageError(
-            f"no method that is baked takes an aim: leave it out, or name one of {', '.join(OPTIONS['aim'])}"
-        )
+def check_asked(methods: Iterable[str], aim: float | None, device: str | None) -> None:
+    """UsageError where an aim or a device was asked for that is none, or that none of the methods takes."""
+    if aim is not None:
+        checked_aim(aim)
+    if device is not None:
+        checked_device(device)
+    names = set(methods)
+    for option, what, value in (("aim", "an aim", aim), ("device", "a device", device)):
+        if value is not None and not names & set(OPTIONS[option]):
+            raise UsageError(
+                f"no method that is baked takes {what}: leave it out, or name one of {', '.join(OPTIONS[option])}"
+            )
 
 
-def _conditioned(method: str, sampler: BakedSampler | None, aim: float | None) -> Prefilter:
-    """The method with what it takes of a sampler and an aim."""
+def _conditioned(method: str, sampler: BakedSampler | None, aim: float | None, device: str | None) -> Prefilter:
+    """The method with what it takes of a sampler, an aim and a device."""
     return method_named(
         method,
         sampler=sampler if method in OPTIONS["sampler"] else None,
         aim=aim if method in OPTIONS["aim"] else None,
+        device=device if method in OPTIONS["device"] else None,
     )
 
 

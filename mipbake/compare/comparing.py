@@ -16,7 +16,7 @@ import numpy as np
 from mipbake._extras import check_extra
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
-from mipbake.compare.candidates import Candidate, bake_all, check_aim, chosen, default_names, mismatch, opened
+from mipbake.compare.candidates import Candidate, bake_all, check_asked, chosen, default_names, mismatch, opened
 from mipbake.compare.cautions import limits, made_for_others, not_converged, unjudged
 from mipbake.compare.conditions import IN_TEXTURE_SPACE, Condition
 from mipbake.compare.film_figures import film_measures
@@ -133,8 +133,8 @@ class Subjects:
             `pixel_filter`. path: the folder it came from, for readers.
         methods: labels or names of methods (`mipbake.compare.candidates.chosen`), the subject first where there is no
             stack; None for auto (where there is no stack), neural and all closed forms.
-        target, pixel_filter, aim: as in `mipbake.bake`. Methods that take a sampler make their stacks for the sampler
-            of `Settings`; what a stack that is there was made for stays as it is.
+        target, pixel_filter, aim, device: as in `mipbake.bake`. Methods that take a sampler make their stacks for the
+            sampler of `Settings`; what a stack that is there was made for stays as it is.
     """
 
     stack: MipStack | None = None
@@ -143,6 +143,7 @@ class Subjects:
     target: str = AUTO_TARGET
     pixel_filter: str = DEFAULT_FILTER
     aim: float | None = None
+    device: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +194,7 @@ def compare(
         else (tuple(asked.methods), ())
     )
     wanted = chosen(names, kernel)
-    check_aim([method for method, _ in wanted.values()], asked.aim)
+    check_asked([method for method, _ in wanted.values()], asked.aim, asked.device)
     labels = tuple(wanted)
     views, films = _views(texture_set, settings), _films(texture_set, settings)
     rivals = [opened(stack, path).method] if stack else []
@@ -207,7 +208,9 @@ def compare(
     foreign = mismatch(stack, texture_set) if stack else None
     warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
     made_for = baked_for(settings.sampler)
-    with bake_all(texture_set, model, kernel, labels, clock, sampler=made_for, aim=asked.aim) as baked:
+    with bake_all(
+        texture_set, model, kernel, labels, clock, sampler=made_for, aim=asked.aim, device=asked.device
+    ) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
         comparison = _compared(texture_set, candidates, kernel, settings, views, films, renders, clock)
         shown = (comparison.subject, best_closed_form(comparison), "linear (box)")

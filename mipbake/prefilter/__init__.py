@@ -22,6 +22,7 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
     "budget": (Auto.name, Refine.name, Optimum.name),
     "sampler": (Auto.name, Neural.name, Refine.name),
     "aim": (Auto.name, Refine.name),
+    "device": (Auto.name, Neural.name, Refine.name),
 }
 """Option to the methods that take it, as a keyword of what makes them."""
 
@@ -36,6 +37,7 @@ def method_named(
     budget: str | None = None,
     sampler: str | None = None,
     aim: float | None = None,
+    device: str | None = None,
 ) -> Prefilter:
     """The method of that name, with what was chosen for it.
 
@@ -47,14 +49,22 @@ def method_named(
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
             for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
+        device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card; None for `cpu`.
 
     Raises:
         UsageError: an unknown name, with the list of names; an option that the method does not take; unknown weights or
-            an unknown sampler; a budget that cannot be read; an aim that is no number from 0 to 1.
+            an unknown sampler; a budget that cannot be read; an aim that is no number from 0 to 1; a device that cannot
+            be used.
     """
     if name not in METHODS:
         raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
-    asked: dict[str, Any] = {"weights": weights, "budget": budget, "sampler": sampler, "aim": aim}
+    asked: dict[str, Any] = {
+        "weights": weights,
+        "budget": budget,
+        "sampler": sampler,
+        "aim": aim,
+        "device": device,
+    }
     given = {option: value for option, value in asked.items() if value is not None}
     for option in given:
         if name not in OPTIONS[option]:

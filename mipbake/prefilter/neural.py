@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.aim import DEFAULT_SAMPLER, baked_sampler
+from mipbake.device import PROCESSOR, checked_device
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.base import PrefilterResult, Progress
@@ -22,9 +23,11 @@ class Neural:
     Args:
         weights: name of the weights; None for the weights released as the default of the target and the pixel filter.
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
+        device: where the network runs, as `mipbake.device.checked_device` takes it. Levels of different devices differ
+            by rounding.
 
     Raises:
-        UsageError: no weights or no sampler of that name.
+        UsageError: no weights or no sampler of that name, or a device that cannot be used.
     """
 
     name = "neural"
@@ -32,9 +35,9 @@ class Neural:
     averages = False
     own_memory = 0
 
-    def __init__(self, weights: str | None = None, sampler: str = DEFAULT_SAMPLER) -> None:
+    def __init__(self, weights: str | None = None, sampler: str = DEFAULT_SAMPLER, device: str = PROCESSOR) -> None:
         self._chosen: WeightsInfo | None = None
-        self.sampler = baked_sampler(sampler)
+        self.sampler, self.device = baked_sampler(sampler), checked_device(device)
         if weights is not None:
             from mipbake.models.registry import find_weights
 
@@ -63,9 +66,11 @@ class Neural:
     def __call__(
         self, stored: NDArray[np.float32], source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
-        """See Prefilter. UsageError where no weights were released for the target and the pixel filter."""
+        """See Prefilter. UsageError where no weights were released for the target and the pixel filter, or the memory
+        of the device is too small."""
         from mipbake.models.registry import load_baker
 
         info = self.weights(target, pixel_filter, source)
-        levels = load_baker(info).bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
+        baker = load_baker(info, self.device)
+        levels = baker.bake(stored, source, target, pixel_filter, wrap, progress, self.sampler)
         return PrefilterResult(levels, info.name, info.sha256, sampler=self.sampler)
