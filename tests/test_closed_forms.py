@@ -12,6 +12,8 @@ from mipbake import material
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, resample
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.rules import averages, bands, vmf
+from mipbake.prefilter.rules.closed_form import chain
+from mipbake.prefilter.rules.form import Form, Part, Whole
 
 from .stacks import constant, gltf_level
 
@@ -291,7 +293,9 @@ def test_levels_of_bands_are_levels_of_the_whole(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(bands, "BAND", 1)
     stored = gltf_level((70, 61), 4)
     shares: list[float] = []
-    found = bands.closed_form_levels(stored, np.square, np.negative, kernel, wrap, shares.append)
+    squares = Part("squares", lambda texels: np.square(texels.stored), range(8))
+    form = Form([squares], lambda averages, _: np.negative(averages))
+    found = chain(Whole(stored, "gltf"), form, 8, kernel, wrap, shares.append)
     expected = filtered_levels(np.square(stored), kernel, wrap)
     assert len(found) == len(expected)
     for one, other in zip(found, expected, strict=True):

@@ -148,7 +148,7 @@ WORDS = {
             *("prefilter.search.pixel_samples.levels_seen", "render.samplers.level_of_detail"),
             *("compare.file_levels", "compare.file_levels.WrittenLevels", "compare.file_levels.written_levels"),
             *("io.map_files.RoundedLevels", "io.map_files.StoredLevels", "io.read_back.whole_levels"),
-            *("prefilter.rules.bands.closed_form_levels", "training.picture_loss.plain_levels"),
+            "training.picture_loss.plain_levels",
         ),
         types=(
             *(r"int( \| None)?", "range", ARRAYS, "Levels", rf"(Sequence|list)\[{ARRAYS}\]", r"tuple\[Any, \.\.\.\]"),

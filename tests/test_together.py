@@ -11,7 +11,8 @@ from mipbake.material import regularise
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.rules import RULES, bands
-from mipbake.prefilter.rules.form import ClosedForm, Form, Whole
+from mipbake.prefilter.rules.closed_form import ClosedForm
+from mipbake.prefilter.rules.form import Form, Whole
 from mipbake.prefilter.rules.together import Together
 from mipbake.prefilter.search import touched
 from mipbake.prefilter.search.mixing import mixed

@@ -19,7 +19,8 @@ import numpy as np
 from mipbake import material
 from mipbake.material import Kind
 from mipbake.prefilter.rules.bands import Array, Image
-from mipbake.prefilter.rules.form import Blur, ClosedForm, Form, Part, Texels, Whole, stored_part
+from mipbake.prefilter.rules.closed_form import ClosedForm
+from mipbake.prefilter.rules.form import Blur, Form, Part, Texels, Whole, stored_part
 
 _MIN_LENGTH = 1e-3
 """Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""

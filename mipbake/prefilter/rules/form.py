@@ -13,10 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import directions, material
-from mipbake.pixel_filter import Wrap, filtered_levels, resample
-from mipbake.prefilter.base import PrefilterResult, Progress
-from mipbake.prefilter.rules.bands import Array, Image, closed_form_levels, texelwise, texelwise_mean
+from mipbake import material
+from mipbake.prefilter.rules.bands import Array, Image, texelwise_mean
 
 
 class Whole:
@@ -111,48 +109,6 @@ class Form:
     write: Write
     blur: Blur | None = None
     unread: bool = False
-
-    def read(self, stored: Array) -> Array:
-        """(..., D) what is averaged of texels."""
-        texels = Texels(stored)
-        return np.concatenate([part.of(texels)[..., list(part.channels)] for part in self.parts], -1)
-
-    def chain(self, stored: Image, pixel_filter: str, wrap: Wrap, progress: Progress) -> list[Image]:
-        """Every level of a complete chain, (H_L, W_L, C)."""
-        if self.blur is None or pixel_filter != "box":
-            read = None if self.unread else self.read
-            return closed_form_levels(stored, read, self._plain, pixel_filter, wrap, progress)
-        averaged = texelwise(self.read, stored)
-        size, count = (stored.shape[0], stored.shape[1]), averaged.shape[-1]
-        blurred = resample(averaged[..., list(self.blur.channels)], size, "box", wrap, self.blur.width)
-        levels = filtered_levels(averaged, pixel_filter, wrap, progress)
-        del averaged
-        both = np.concatenate([levels[0], blurred], -1)
-        levels[0] = texelwise(lambda texels: self.write(texels[..., :count], texels[..., count:]), both)
-        levels[1:] = [texelwise(self._plain, level) for level in levels[1:]]
-        return levels
-
-    def _plain(self, averages: Array) -> Array:
-        return self.write(averages, None)
-
-
-class ClosedForm:
-    """What closed forms have in common: a method that is a Form of every image."""
-
-    averages = True
-    own_memory = 0
-
-    def form(self, whole: Whole, target: str) -> Form:
-        """The form of an image, for levels in a target model."""
-        raise NotImplementedError
-
-    def __call__(
-        self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
-    ) -> PrefilterResult:
-        """See Prefilter."""
-        form = self.form(Whole(stored, source), target)
-        levels = form.chain(stored, pixel_filter, wrap, progress)
-        return PrefilterResult(directions.agreeing(levels, target, wrap))
 
 
 def slopes(normals: Array) -> Array:

@@ -16,7 +16,8 @@ import numpy as np
 from mipbake import material
 from mipbake.prefilter.rules.averages import split, stored_channels
 from mipbake.prefilter.rules.bands import Array
-from mipbake.prefilter.rules.form import ClosedForm, Form, Part, Texels, Whole, slopes, stored_part
+from mipbake.prefilter.rules.closed_form import ClosedForm
+from mipbake.prefilter.rules.form import Form, Part, Texels, Whole, slopes, stored_part
 
 
 class Averages(NamedTuple):

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from mipbake import material
 from mipbake.prefilter.rules.bands import Array
-from mipbake.prefilter.rules.form import ClosedForm, Form, Whole, stored_part
+from mipbake.prefilter.rules.closed_form import ClosedForm
+from mipbake.prefilter.rules.form import Form, Whole, stored_part
 
 
 class Linear(ClosedForm):

@@ -1,8 +1,12 @@
-"""Many closed forms of one image in one pass: what they read in common is read once, and averaged once for each kernel.
+"""Closed forms of one image in one pass: what they read in common is read once, and averaged once for each kernel.
 
-The pass goes over level 0 in bands of rows, as bands.py does for a single form, and shows the averages of every level
-as they come. What is made of them, and of which texels, is up to who looks: all levels of all forms need never exist.
-The bits are the same as of a form by itself.
+A closed form turns texels into what it averages, averages that under the pixel filter at every level, and turns
+averages into texels. The levels up to PRE_REDUCED are filtered from level 0 itself, and all of them come from one band
+of rows of level 0 while it lies in a cache. Coarser levels come from box averages, which the same band is reduced to.
+The averages of every level are shown as they come. What is made of them, and of which texels, is up to who looks: all
+levels of all forms need never exist.
+
+The bits of a form hang neither on the bands, nor on the number of threads, nor on which other forms there are.
 """
 
 from __future__ import annotations
@@ -62,8 +66,8 @@ class Placed:
 
     def made(self, planes: Mapping[str, Array], level: int) -> Array:
         """(..., C) stored channels, of (D, ...) averages at a level by their names."""
-        blurred = _texels(planes[BLURRED][self.blurred]) if self.blurred is not None and level == 0 else None
-        return self.form.write(_texels(planes[self.kernel][self.at]), blurred)
+        blurred = _texels(planes[BLURRED], self.blurred) if self.blurred is not None and level == 0 else None
+        return self.form.write(_texels(planes[self.kernel], self.at), blurred)
 
 
 class Together:
@@ -81,6 +85,7 @@ class Together:
         parts = {part.key: part for form, _ in forms for part in form.parts}
         columns = dict.fromkeys(column for form, _ in forms for column in _columns(form))
         self._reads = [(parts[key], channel) for key, channel in columns]
+        self._unread = all(form.unread for form, _ in forms)
         place = {column: index for index, column in enumerate(columns)}
         kernels = dict.fromkeys(kernel for _, kernel in forms)
         level0 = self._sizes[0]
@@ -157,7 +162,10 @@ class Together:
             own = _rows([rows[0][part(len(rows[0]))] for rows in halved.reads])
             read.append(halved.from0[0][0][own])
         rows = _rows(read)
-        image, first = self._read(rows), _places(rows, len(self._stored))
+        if self._unread:
+            image, first = self._stored, np.arange(len(self._stored))
+        else:
+            image, first = self._read(rows), _places(rows, len(self._stored))
 
         def averaged(rows: Taps, columns: Taps) -> Image:
             here = part(len(rows[0]))
@@ -232,9 +240,9 @@ def _places(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
     return place
 
 
-def _texels(planes: Array) -> Array:
-    """(D, ...) as (..., D), the same in memory: NumPy works on planes several times faster than on texels."""
-    return np.moveaxis(planes, 0, -1)
+def _texels(planes: Array, some: list[int]) -> Array:
+    """Some of (D, ...) as (..., d), the same in memory: NumPy works on planes several times faster than on texels."""
+    return np.moveaxis(planes if some == list(range(len(planes))) else planes[some], 0, -1)
 
 
 def _columns(form: Form) -> list[Column]:

@@ -27,7 +27,8 @@ from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.prefilter.base import Prefilter, Progress
 from mipbake.prefilter.rules import RULES
-from mipbake.prefilter.rules.form import ClosedForm, Form, Whole
+from mipbake.prefilter.rules.closed_form import ClosedForm
+from mipbake.prefilter.rules.form import Form, Whole
 from mipbake.prefilter.rules.lean import Lean
 from mipbake.prefilter.rules.together import Placed, Together
 from mipbake.prefilter.search import pixel_samples
