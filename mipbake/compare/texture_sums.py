@@ -55,17 +55,17 @@ class Scene:
     other."""
 
     source: FilteredSource
-    pairs: GroupPairs
+    lighting: GroupPairs
 
     def estimate(
         self, uv: NDArray[np.float64], lod: float, samples: int, rngs: Sequence[np.random.Generator]
     ) -> Radiance:
-        return estimate(self.source, Pixels(uv, lod), self.pairs, samples, rngs)
+        return estimate(self.source, Pixels(uv, lod), self.lighting, samples, rngs)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
         """One trilinear lookup of a candidate at each of (B, P, 2) uv, shaded once."""
         texels = looked_up(each.levels, uv.reshape(-1, 2), lod, self.source.wrap)
-        return shade(each.method.model, texels.reshape(*uv.shape[:2], -1), self.pairs.light, self.pairs.view)
+        return shade(each.method.model, texels.reshape(*uv.shape[:2], -1), self.lighting.light, self.lighting.view)
 
 
 class Draws(NamedTuple):
