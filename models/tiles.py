@@ -17,13 +17,13 @@ from mipbake.pixel_filter import Wrap
 DEFAULT_TILE = 128
 """Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
 
-_CARD_TILE = 512
+CARD_TILE = 512
 """The same on a graphics card, which small tiles keep waiting for the next call; 1 or 2 GB are held of it. A guess."""
 
 
 def tile_for(device: torch.device) -> int:
     """Texels on a tile's side that suit a device."""
-    return DEFAULT_TILE if device.type == "cpu" else _CARD_TILE
+    return DEFAULT_TILE if device.type == "cpu" else CARD_TILE
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from mipbake.models.base import Network
 
 META = torch.device("meta")
 
-_MOVES = (torch.ops.aten.to, torch.ops.aten._to_copy)
+_MOVES = "aten.to", "aten._to_copy"
 
 _Some = TypeVar("_Some", bound=Network)
 
@@ -42,7 +42,7 @@ class Watched(TorchDispatchMode):
         devices = {each.device for each in tensors}
         assert len(devices) < 2, f"{func} is given tensors of {devices}"
         asked = {each for each in leaves if isinstance(each, torch.device)}
-        if func.overloadpacket not in _MOVES or not asked - devices:
+        if str(func.overloadpacket) not in _MOVES or not asked - devices:
             return func(*args, **given)
         (tensor,) = tensors
         if tensor.device != META:

@@ -148,7 +148,7 @@ def test_a_bake_mixes_no_devices_and_copies_each_tile_once(
     name: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tensors of the device `meta` have shapes and no values: what reads them, or mixes them with others, raises."""
-    monkeypatch.setattr(tiles, "_CARD_TILE", 32)
+    monkeypatch.setattr(tiles, "CARD_TILE", 32)
     network = NETWORKS[name]()
     there, (target, *_) = moved(network), network.config.decoders
     with Watched() as watched:
@@ -216,7 +216,7 @@ def test_methods_that_search_tell_their_network(name: str) -> None:
     assert isinstance(method, Searching)
     stored = bumpy(48, 40)
     with Watched() as watched:
-        (learned,) = method._learned(Problem(stored, "gltf", "gltf", "gaussian", TORUS))
+        (learned,) = method.networks(Problem(stored, "gltf", "gltf", "gaussian", TORUS))
         assert watched.fetched[0][:2] == (16, 16), "the first call, before anything is timed"
         count = len(watched.fetched)
         assert [level.shape[:2] for level in learned.bake()] == level_sizes(48, 40)

@@ -34,7 +34,7 @@ def test_a_device_that_there_is_not_is_a_sentence(name) -> None:
 
 def test_a_card_without_kernels_of_mipbake_is_a_sentence(monkeypatch) -> None:
     monkeypatch.setattr(loop, "checked_device", lambda name, work: name)
-    monkeypatch.setattr(_native, "cuda_available", lambda: False)
+    monkeypatch.setattr(loop, "cuda_available", lambda: False)
     with pytest.raises(UsageError, match=r"cuda cannot be used \(mipbake, which shades there, .* to train on the proc"):
         device_named("cuda")
 

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake._native import cuda_available
 from mipbake.device import checked_device
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.models.base import Network
@@ -95,14 +96,11 @@ def device_named(name: str) -> torch.device:
         UsageError: there is no such device, or mipbake or torch is built without CUDA.
     """
     device = torch.device(checked_device(name, "train"))
-    if device.type == "cuda":
-        from mipbake import _native
-
-        if not _native.cuda_available():
-            raise UsageError(
-                f"the device {name} cannot be used (mipbake, which shades there, was built without CUDA or finds no "
-                "graphics card; `mipbake --version` says which): leave the device out to train on the processor"
-            )
+    if device.type == "cuda" and not cuda_available():
+        raise UsageError(
+            f"the device {name} cannot be used (mipbake, which shades there, was built without CUDA or finds no "
+            "graphics card; `mipbake --version` says which): leave the device out to train on the processor"
+        )
     return device
 
 

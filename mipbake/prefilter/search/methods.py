@@ -117,7 +117,7 @@ class Searching:
         clock = Clock(time.monotonic(), math.inf if self.seconds is None else self.seconds)
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
-        ingredients = [*closed_forms(problem), *(self._learned(problem) if self.learned else ())]
+        ingredients = [*closed_forms(problem), *(self.networks(problem) if self.learned else ())]
         search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
         search, promise = self._searched(search, progress)
         progress(1.0)
@@ -137,7 +137,7 @@ class Searching:
             done += step.share
         return search, promised(search)
 
-    def _learned(self, problem: Problem) -> list[Ingredient]:
+    def networks(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""
         try:
             self._neural.weights(problem.target, problem.pixel_filter, problem.source)
