@@ -30,8 +30,7 @@ from mipbake.render.texture_space import looked_up
 from mipbake.shading import shade
 
 SHIFTS = ((0.5, 0.0), (0.0, 0.5))
-"""How far pixels move for flicker, in pixels: along u, and along v. Not tuned: flicker is
-defined by half a pixel."""
+"""How far pixels move for flicker, in pixels: along u, and along v. Not tuned: flicker is defined by half a pixel."""
 
 BLOCKS = PAIRS // BLOCK
 """Blocks of the pairs of a set."""
