@@ -14,6 +14,7 @@ void bind_interpolate(nb::module_& m);
 void bind_antialias(nb::module_& m);
 void bind_network(nb::module_& m);
 void bind_pages(nb::module_& m);
+void bind_stochastic(nb::module_& m);
 
 NB_MODULE(_native, m) {
     nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
@@ -37,4 +38,5 @@ NB_MODULE(_native, m) {
     bind_antialias(m);
     bind_network(m);
     bind_pages(m);
+    bind_stochastic(m);
 }
