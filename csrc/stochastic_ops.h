@@ -95,6 +95,13 @@ void adam_cpu(const AdamArgs<T>& args);
 // texels (points, most): numbers of texels, level after level and row after row, each once; -1 behind the last.
 void touched_cpu(const TouchedArgs& args, std::int32_t* texels);
 
+// Turning (pixels, most) touched elements round, by a counting sort; -1 is none, and an element that a pixel names
+// twice counts once. First counts[e] += the pixels of element e; then, with cursors[e] where the pixels of e begin,
+// their numbers in increasing order, and each cursor is moved behind them. On the CPU alone, by one thread.
+void count_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int32_t* counts);
+void fill_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int64_t* cursors,
+                            std::int32_t* out);
+
 // Pointers are the device's, but for those of ElementChannels. Null, or the text of CUDA's error. No atomics: results
 // are the same from run to run. Defined where cuda_compiled().
 const char* perturb_cuda(const PerturbArgs<float>& args, int device, void* stream);

@@ -16,6 +16,7 @@ EXTRAS: Mapping[str, Mapping[str, str]] = {
         "scipy": "scipy",
         "skimage": "scikit-image",
     },
+    "fit": {"moderngl": "moderngl"},
     "train": {"torch": "torch"},
     "uastc": {"alktx2": "alktx2"},
 }

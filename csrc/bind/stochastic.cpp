@@ -5,6 +5,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -234,6 +235,34 @@ void touched(const std::vector<std::pair<int, int>>& sizes, const Input& uv, con
         [&](int device) { return mipbake::touched_cuda(args, to, device, reinterpret_cast<void*>(stream)); });
 }
 
+// What names elements from 0 to count - 1, or none.
+void check_named(const Input& touched, Index count) {
+    expect(touched.ndim() == 2 && touched.device_type() == nb::device::cpu::value,
+           "expected (pixels, most) on the CPU");
+    require(touched, nb::dtype<std::int32_t>(), touched, "touched", {rows_of(touched), columns_of(touched)});
+    const auto* const named = static_cast<const std::int32_t*>(touched.data());
+    expect(std::all_of(named, named + touched.size(), [&](std::int32_t e) { return e < count; }),
+           "an element that does not exist");
+}
+
+void count(const Input& touched, const Output& counts) {
+    check_named(touched, static_cast<Index>(counts.size()));
+    require(counts, nb::dtype<std::int32_t>(), touched, "counts", {static_cast<Index>(counts.size())});
+    const nb::gil_scoped_release unlocked;
+    mipbake::count_contributions_cpu(static_cast<const std::int32_t*>(touched.data()), rows_of(touched),
+                                     columns_of(touched), static_cast<std::int32_t*>(counts.data()));
+}
+
+void fill(const Input& touched, const Output& cursors, const Output& pixels) {
+    check_named(touched, static_cast<Index>(cursors.size()));
+    require(cursors, nb::dtype<std::int64_t>(), touched, "cursors", {static_cast<Index>(cursors.size())});
+    require(pixels, nb::dtype<std::int32_t>(), touched, "pixels", {static_cast<Index>(pixels.size())});
+    const nb::gil_scoped_release unlocked;
+    mipbake::fill_contributions_cpu(static_cast<const std::int32_t*>(touched.data()), rows_of(touched),
+                                    columns_of(touched), static_cast<std::int64_t*>(cursors.data()),
+                                    static_cast<std::int32_t*>(pixels.data()));
+}
+
 }  // namespace
 
 void bind_stochastic(nb::module_& m) {
@@ -249,6 +278,9 @@ void bind_stochastic(nb::module_& m) {
     m.def("stochastic_adam", &adam, "values"_a, "gradient"_a, "first"_a, "second"_a, "steps"_a, "elements"_a.none(),
           "rate"_a, "low"_a, "high"_a, "lifted"_a, "beta1"_a, "beta2"_a, "epsilon"_a, "stream"_a = 0,
           "Updates values, first, second (N, C) and steps (N) int32 in place, and sets gradient (N, C) to 0.");
+    m.def("stochastic_count", &count, "touched"_a, "counts"_a, "Adds to counts (N) int32 from touched (P, K) int32.");
+    m.def("stochastic_fill", &fill, "touched"_a, "cursors"_a, "pixels"_a,
+          "Fills pixels int32 from touched (P, K) int32 and cursors (N) int64, which are moved.");
     m.def("stochastic_touched", &touched, "sizes"_a, "uv"_a, "lod"_a.none(), "uv_da"_a.none(), "seen"_a.none(),
           "filter"_a, "boundary_u"_a, "boundary_v"_a, "texels"_a, "stream"_a = 0,
           "Fills texels (P, K) int32 with numbers of texels of levels of these sizes, from uv (P, 2).");

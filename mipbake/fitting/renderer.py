@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -13,6 +14,14 @@ from mipbake.errors import MipbakeError
 
 Array = NDArray[np.float32]
 V = TypeVar("V", contravariant=True)
+
+
+_STAMPS = itertools.count(1)
+
+
+def new_stamp() -> int:
+    """A number that no level of this process has been given yet."""
+    return next(_STAMPS)
 
 
 class RendererError(MipbakeError):

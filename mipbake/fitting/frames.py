@@ -1,0 +1,124 @@
+"""Frames as a fit takes them: checked, in float32, pixels in a row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.fitting.renderer import Array, Frame, RendererError
+
+_FARTHEST = 2.0**16
+"""How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart. A guess."""
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """Where the pixels of a view look the maps up, in a row.
+
+    Args:
+        uv: (P, 2). lod: (P,), or None. uv_da: (P, 4), or None.
+        seen: (P,) uint8, 0 where a pixel shows no map.
+        size: (height, width).
+    """
+
+    uv: Array
+    lod: Array | None
+    uv_da: Array | None
+    seen: NDArray[np.uint8]
+    size: tuple[int, int]
+
+
+def picture(frame: Any, who: str, size: tuple[int, int] | None) -> Array:
+    """The (H, W, 3) image of a frame, float32.
+
+    Args:
+        who: which view it shows, for errors.
+        size: what its (height, width) must be; None for any.
+
+    Raises:
+        RendererError: no frame, another shape or size, or values that are not finite.
+    """
+    if not isinstance(frame, Frame) and not hasattr(frame, "image"):
+        raise RendererError(f"{who}: the renderer returned a {type(frame).__name__}: expected a Frame")
+    image = _numbers(frame.image, "the image", who)
+    if image.ndim != 3 or image.shape[2] not in (3, 4) or not image.size:
+        raise RendererError(f"{who}: the image has shape {image.shape}: expected (height, width, 3)")
+    if size is not None and image.shape[:2] != size:
+        raise RendererError(
+            f"{who}: the image measures {image.shape[1]} x {image.shape[0]} pixels: expected {size[1]} x {size[0]}, as "
+            "before"
+        )
+    _check_finite(image[..., :3], "the image", who)
+    return np.ascontiguousarray(image[..., :3])
+
+
+def looked(frame: Any, who: str) -> Looked:
+    """Where a frame's pixels look the maps up.
+
+    Raises:
+        RendererError: neither lod nor uv_da, other shapes, values that are not finite, or no pixel that shows the maps.
+    """
+    size = picture(frame, who, None).shape[:2]
+    if getattr(frame, "uv", None) is None:
+        raise RendererError(
+            f"{who}: the frame has no uv: expected where each pixel looks the maps up, (height, width, 2); without it no "
+            "error can be credited to a texel"
+        )
+    seen = np.ones(size, np.uint8)
+    if getattr(frame, "id", None) is not None:
+        numbers = _numbers(frame.id, "id", who)
+        if numbers.shape != size:
+            raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
+        seen = (numbers > 0).astype(np.uint8)
+    shown = seen > 0
+    if not shown.any():
+        raise RendererError(f"{who}: no pixel shows the maps (id is 0 everywhere): expected a view of the material")
+    uv = _of_pixels(frame.uv, "uv", 2, size, shown, who)
+    if np.abs(uv).max(initial=0) > _FARTHEST:
+        row, column = (int(n) for n in np.argwhere(np.abs(uv).max(-1) > _FARTHEST)[0])
+        raise RendererError(
+            f"{who}: uv is {uv[row, column].tolist()} at row {row}, column {column}: expected texture coordinates, in "
+            "units of the whole texture"
+        )
+    lod, uv_da = getattr(frame, "lod", None), getattr(frame, "uv_da", None)
+    if lod is None and uv_da is None:
+        raise RendererError(f"{who}: the frame has neither lod nor uv_da: expected one of the two, to know the level")
+    rows = size[0] * size[1]
+    return Looked(
+        uv.reshape(rows, 2),
+        None if lod is None else _of_pixels(lod, "lod", 1, size, shown, who).reshape(rows),
+        None if lod is not None else _of_pixels(uv_da, "uv_da", 4, size, shown, who).reshape(rows, 4),
+        seen.reshape(rows),
+        (size[0], size[1]),
+    )
+
+
+def _of_pixels(value: Any, what: str, width: int, size: tuple[int, int], shown: NDArray[np.bool_], who: str) -> Array:
+    array = _numbers(value, what, who)
+    wanted = (*size, width)
+    if array.shape != wanted and not (width == 1 and array.shape == size):
+        raise RendererError(f"{who}: {what} has shape {array.shape}: expected {wanted if width > 1 else size}")
+    array = array.reshape(wanted).copy()
+    array[~shown] = 0
+    _check_finite(array, what, who)
+    return array
+
+
+def _numbers(value: Any, what: str, who: str) -> Array:
+    try:
+        return np.asarray(value, np.float32)
+    except (TypeError, ValueError):
+        raise RendererError(f"{who}: {what} is a {type(value).__name__}: expected an array of numbers") from None
+
+
+def _check_finite(array: Array, what: str, who: str) -> None:
+    bad = ~np.isfinite(array)
+    if bad.any():
+        row, column = (int(n) for n in np.argwhere(bad)[0][:2])
+        raise RendererError(
+            f"{who}: {what} holds {array[row, column].tolist()} at row {row}, column {column}, and is not finite in "
+            f"{int(bad.any(-1).sum())} pixels: expected finite numbers"
+        )

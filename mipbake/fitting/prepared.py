@@ -1,0 +1,189 @@
+"""Views, prepared once: their reference, where their pixels look, and which texels they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+from mipbake.fitting.frames import looked, picture
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError
+from mipbake.fitting.supersampled import named, supersampled
+from mipbake.pixel_filter import PixelFilter
+from mipbake.stochastic import Contributions, contributions, touched_texels
+
+TEXELS = ("all", "nearest")
+
+References = Callable[[Any], Any]
+"""From a view to its reference image, (H, W, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A view and what is known of it.
+
+    Args:
+        view: what the renderer gets.
+        name, scale: of the view.
+        reference: (P, 3), the pixels in a row.
+        shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
+        weight: one over the reference's sum of squares over these pixels: the errors of all views count as shares.
+        visible: the texels that show, (K,) int32, increasing.
+        shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
+        credited: which pixels each texel is credited for; empty for a view that is held out.
+    """
+
+    view: Any
+    name: str
+    scale: str
+    reference: Array
+    shown: Array
+    weight: float
+    visible: NDArray[np.int32]
+    shares: NDArray[np.float64]
+    credited: Contributions
+
+    @property
+    def levels(self) -> list[int]:
+        """The levels that show."""
+        return [level for level, share in enumerate(self.shares) if share > 0]
+
+    def error(self, image: Array) -> float:
+        """Sum of squared differences of a (P, 3) image, as a share of the reference's sum of squares."""
+        return float(np.sum(np.square(image - self.reference, dtype=np.float64) * self.shown[:, None]) * self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """How views are prepared.
+
+    Args:
+        renderer: what renders. parameters: of the stack. wrap: its addressing.
+        texels: which texels a pixel is credited to: "all" that its lookup reads, or the "nearest", as in the paper.
+        source: level 0 of the source, for supersampled references; None without.
+        kernel: the pixel filter. passes: renders of a reference; None for as many as the level of detail asks for.
+        seed: of the offsets.
+    """
+
+    renderer: Renderer[Any]
+    parameters: Parameters
+    wrap: tuple[str, str]
+    texels: str
+    source: Levels | None
+    kernel: PixelFilter
+    passes: int | None
+    seed: int
+
+    def of(self, view: Any, levels: Levels, reference: Any, held_out: bool) -> Prepared:
+        """A view, with its reference image, or None for a supersampled one.
+
+        Raises:
+            UsageError: no reference, and no source to make one of.
+            RendererError: a frame that is none.
+        """
+        who = named(view)
+        frame = self.renderer.render(levels, view)
+        found = looked(frame, who)
+        footprint = "trilinear" if found.uv_da is None else "anisotropic"
+        sizes = self.parameters.sizes
+        touched = touched_texels(sizes, found.uv, found.lod, found.uv_da, found.seen, footprint, self.wrap)
+        every = contributions(touched)
+        if self.texels == "nearest" and not held_out:
+            one = touched_texels(sizes, found.uv, found.lod, found.uv_da, found.seen, "nearest", self.wrap)
+            credited = contributions(one)
+        else:
+            credited = every if not held_out else contributions(touched[:0])
+        if reference is None:
+            image = self._supersampled(view, _middle_lod(found.lod, found.uv_da, sizes[0], found.seen > 0), held_out)
+        else:
+            image = _given(reference, who, found.size)
+        pixels = image.reshape(-1, 3)
+        shown = found.seen.astype(np.float32)
+        energy = float(np.sum(np.square(pixels, dtype=np.float64) * shown[:, None]))
+        if not energy > 0:
+            raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
+        visible = np.asarray(every.elements)
+        return Prepared(
+            view,
+            who,
+            str(getattr(view, "scale", "") or "all"),
+            pixels,
+            shown,
+            1 / energy,
+            visible,
+            self.parameters.shares(every),
+            credited,
+        )
+
+    def _supersampled(self, view: Any, lod: float, held_out: bool) -> Array:
+        if self.source is None:
+            raise UsageError(
+                "neither source nor reference is given: expected the texture set that the stack was baked from, or "
+                "reference images"
+            )
+        passes = passes_for(lod, held_out) if self.passes is None else self.passes
+        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed)
+
+
+_LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
+"""Renders of a reference: so many at level of detail 0, twice as many at each level more, up to so many; and so many
+times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al. 2018),
+so more views are better than less noise. A guess."""
+
+
+def passes_for(lod: float, held_out: bool) -> int:
+    """Renders of a reference whose pixels see 4^lod texels."""
+    passes = int(np.clip(_LEAST_PASSES * 2.0 ** max(lod, 0.0), _LEAST_PASSES, _MOST_PASSES))
+    return passes * _CHECKED if held_out else passes
+
+
+def _middle_lod(lod: Array | None, uv_da: Array | None, size: tuple[int, int], seen: NDArray[np.bool_]) -> float:
+    if lod is not None:
+        return float(np.median(lod[seen]))
+    assert uv_da is not None
+    scaled = uv_da[seen].reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]], np.float32)
+    return float(np.median(np.log2(np.maximum(np.linalg.norm(scaled, axis=(1, 2)), 1e-6))))
+
+
+def _given(reference: Any, who: str, size: tuple[int, int]) -> Array:
+    image = np.asarray(reference, np.float32)
+    if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
+        raise UsageError(
+            f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as the "
+            "renderer's image has"
+        )
+    return np.ascontiguousarray(image[..., :3])
+
+
+def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared, size: int) -> Array:
+    """(P, 3) image of a prepared view.
+
+    Raises:
+        RendererError: no image, or one of another size.
+    """
+    image = picture(renderer.render(levels, view.view), view.name, None)
+    if image.shape[0] * image.shape[1] != size:
+        raise RendererError(
+            f"{view.name}: the image has {image.shape[0] * image.shape[1]} pixels: expected {size}, as before"
+        )
+    return image.reshape(-1, 3)
+
+
+def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, float]:
+    """SNR in dB of each scale, in the order in which the views name them, from the error of each view."""
+    found: dict[str, list[float]] = {}
+    for view, error in zip(views, errors, strict=True):
+        found.setdefault(view.scale, []).append(error)
+    return {scale: float(-10 * np.log10(max(np.mean(each), 1e-12))) for scale, each in found.items()}
+
+
+def errors_of_levels(views: Sequence[Prepared], errors: Sequence[float]) -> NDArray[np.float64]:
+    """(levels,) mean error of the views, weighed with how much of each level they show; infinite where none does."""
+    shares = np.stack([view.shares for view in views])
+    shown = shares.sum(0)
+    return np.where(shown > 0, np.asarray(errors) @ shares / np.where(shown > 0, shown, 1), np.inf)

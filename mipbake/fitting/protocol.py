@@ -1,0 +1,223 @@
+"""What mipbake and a renderer in a process of its own say to each other: docs/fit-protocol.md, as Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.errors import InputError, UsageError
+from mipbake.fitting.renderer import RendererError
+from mipbake.fitting.views import View
+from mipbake.io import disk, json_text
+from mipbake.io.gltf.container import packed
+from mipbake.render.mesh import Mesh
+
+VERSION = 1
+"""Of the protocol. Another one where a program of this one would no longer understand, or be understood."""
+
+_ATTRIBUTES = (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2"), ("TANGENT", "VEC4"))
+_FLOAT, _UINT = 5126, 5125  # component types, section 3.6.2.2 of the specification of glTF 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class JsonView:
+    """A view that mipbake hands to the renderer and knows nothing more of.
+
+    Args:
+        content: any JSON object. "name" is what messages call the view, and "scale" which row of a table its errors
+            count in, where they are texts.
+        offset: how far the sampling points of all pixels are moved, (right, up) in pixels. It is added to the "offset"
+            of the content, where there is one, [right, up].
+    """
+
+    content: Mapping[str, Any]
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def moved(self, right: float, up: float) -> JsonView:
+        """The same view, with its sampling points moved by so many pixels."""
+        return replace(self, offset=(self.offset[0] + right, self.offset[1] + up))
+
+    @property
+    def name(self) -> str:
+        """What messages call it; "view" where the content does not say."""
+        return self._text("name", "view")
+
+    @property
+    def scale(self) -> str:
+        """Which row of a table its errors count in; "other" where the content does not say."""
+        return self._text("scale", "other")
+
+    def as_json(self) -> dict[str, Any]:
+        """What the renderer gets: the content, with the sum of both offsets where the view is moved.
+
+        Raises:
+            UsageError: the view is moved, and its content has an offset that is not two numbers.
+        """
+        if self.offset == (0.0, 0.0):
+            return dict(self.content)
+        own = self.content.get("offset", (0.0, 0.0))
+        if not _are_two_numbers(own):
+            raise UsageError(
+                f"the view {self.name} has the offset {own!r}: expected two numbers, right and up in pixels"
+            )
+        return {**self.content, "offset": [float(own[0] + self.offset[0]), float(own[1] + self.offset[1])]}
+
+    def _text(self, key: str, otherwise: str) -> str:
+        found = self.content.get(key)
+        return found if isinstance(found, str) and found else otherwise
+
+
+def read_views(path: Path | str) -> list[JsonView]:
+    """The views of a JSON file: a list of at least one object.
+
+    Raises:
+        InputError: the file cannot be read, is not JSON, or holds something else.
+    """
+    path = Path(path)
+    expected = "a JSON list of objects, one for each view"
+    try:
+        found = json_text.parsed(disk.read_bytes(path, expected))
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON ({error}): expected {expected}") from None
+    if not isinstance(found, list) or not found or not all(isinstance(each, dict) for each in found):
+        raise InputError(f"{path} does not hold views: expected {expected}")
+    for number, each in enumerate(found):
+        if not _are_two_numbers(each.get("offset", (0.0, 0.0))):
+            raise InputError(
+                f"view {number} of {path} has the offset {each['offset']!r}: expected two numbers, right and up in "
+                "pixels"
+            )
+    return [JsonView(each) for each in found]
+
+
+def name_of(view: Any) -> str:
+    """What messages call a view of any kind."""
+    found = view.get("name") if isinstance(view, Mapping) else getattr(view, "name", None)
+    return found if isinstance(found, str) and found else "view"
+
+
+def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]:
+    """What a renderer is told of a view.
+
+    Args:
+        view: a `View`, a `JsonView`, or a mapping, which is handed through.
+        mesh_file: gives the file that holds a mesh.
+
+    Raises:
+        UsageError: something else.
+    """
+    if isinstance(view, JsonView):
+        return view.as_json()
+    if isinstance(view, Mapping):
+        return dict(view)
+    if not isinstance(view, View):
+        raise UsageError(
+            f"a renderer in a process of its own cannot be told of a view of the type {type(view).__name__}: expected "
+            "a View, a JsonView or a mapping"
+        )
+    camera = view.camera
+    lights = zip(view.lighting.direction.tolist(), view.lighting.radiance.tolist(), strict=True)
+    return {
+        "name": view.name,
+        "scale": view.scale,
+        "size": [int(side) for side in view.size],
+        "offset": [float(side) for side in view.offset],
+        "camera": {
+            **{key: [float(x) for x in getattr(camera, key)] for key in ("position", "looks_at", "up")},
+            **{key: float(getattr(camera, key)) for key in ("field_of_view", "near", "far")},
+            "matrix": view.matrix().tolist(),
+        },
+        "lights": [{"direction": direction, "radiance": radiance} for direction, radiance in lights],
+        "mesh": str(mesh_file(view.mesh)),
+    }
+
+
+def glb_of(mesh: Mesh) -> bytes:
+    """A mesh as a GLB file: one node without a transform, one primitive with indices, all numbers of 32 bits."""
+    arrays = [np.asarray(a, "<f4") for a in (mesh.positions, mesh.normals, mesh.uv, mesh.tangents)]
+    indices = np.asarray(mesh.triangles, "<u4").reshape(-1)
+    blocks = [array.tobytes() for array in (*arrays, indices)]
+    starts = [sum(map(len, blocks[:index])) for index in range(len(blocks))]
+    accessors: list[dict[str, Any]] = [
+        {"bufferView": index, "componentType": _FLOAT, "count": len(array), "type": kind}
+        for index, (array, (_, kind)) in enumerate(zip(arrays, _ATTRIBUTES, strict=True))
+    ]
+    accessors[0] |= {"min": arrays[0].min(0).tolist(), "max": arrays[0].max(0).tolist()}
+    accessors.append({"bufferView": len(arrays), "componentType": _UINT, "count": len(indices), "type": "SCALAR"})
+    attributes = {name: index for index, (name, _) in enumerate(_ATTRIBUTES)}
+    document = {
+        "asset": {"version": "2.0", "generator": "mipbake"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"name": mesh.name, "primitives": [{"attributes": attributes, "indices": len(arrays), "mode": 4}]}],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": len(block)}
+            for start, block in zip(starts, blocks, strict=True)
+        ],
+        "buffers": [{"byteLength": sum(map(len, blocks))}],
+    }
+    return packed(json.dumps(document).encode(), b"".join(blocks))
+
+
+def request_line(request: str, content: Mapping[str, Any] | None = None) -> bytes:
+    """A request as the line that a program gets: ASCII, with a line feed.
+
+    Raises:
+        UsageError: the content has something that JSON has not, as views of a user's own may.
+    """
+    try:
+        text = json.dumps({"mipbake": VERSION, "request": request, **(content or {})}, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise UsageError(f"the request {request} cannot be written as JSON ({error}): expected plain values") from None
+    return text.encode("ascii") + b"\n"
+
+
+def as_answer(line: bytes) -> dict[str, Any] | None:
+    """The answer that a printed line is; None for whatever else a program prints."""
+    if b'"mipbake"' not in line:
+        return None
+    try:
+        found = json_text.parsed(line)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and "mipbake" in found else None
+
+
+def check_answer(answer: Mapping[str, Any], expected: str, number: int | None = None) -> None:
+    """Whether an answer is the one that was expected, "hello" or "frame".
+
+    Args:
+        number: of the request for a frame; None where requests have none.
+
+    Raises:
+        RendererError: another version, an error that the program tells, another answer, another number.
+    """
+    version, kind = answer["mipbake"], answer.get("answer")
+    if isinstance(version, bool) or version != VERSION:
+        raise RendererError(
+            f"the renderer speaks version {version!r} of the protocol, and this mipbake speaks version {VERSION}: "
+            f"expected a program of version {VERSION} (docs/fit-protocol.md), or another version of mipbake"
+        )
+    if kind == "error":
+        raise RendererError(f"the renderer reports an error: {' '.join(str(answer.get('message')).split())}")
+    if kind != expected:
+        raise RendererError(f'the renderer gave the answer {kind!r}: expected "{expected}"')
+    if number is not None and (isinstance(answer.get("id"), bool) or answer.get("id") != number):
+        raise RendererError(f"the renderer answered the request {answer.get('id')!r}: expected the id {number}")
+    if expected == "hello" and not isinstance(answer.get("renderer"), str):
+        raise RendererError('the renderer did not say its name: expected a text as "renderer" of its answer "hello"')
+
+
+def _are_two_numbers(value: Any) -> bool:
+    return (
+        isinstance(value, (list, tuple))
+        and len(value) == 2
+        and all(isinstance(each, (int, float)) and not isinstance(each, bool) for each in value)
+    )

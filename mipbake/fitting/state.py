@@ -1,0 +1,137 @@
+"""How far a fit is, and how that is kept in a file: a fit that is stopped goes on from there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.errors import InputError, OutputError
+from mipbake.fitting.renderer import Array
+from mipbake.stochastic import Moments
+
+_FORMAT = 1
+_ARRAYS = ("about", "values", "best", "first", "second", "steps", "errors", "rates", "waited")
+
+
+@dataclass(eq=False)
+class FitState:
+    """How far a fit is. It changes as the fit goes on.
+
+    Args:
+        values: (texels, channels) now.
+        moments: of Adam.
+        best: of each level the values that were best on the views that are held out.
+        errors: (levels,) float64, the errors of these views then, as shares of 1.
+        rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
+        started: mean SNR in dB over the views that are held out, by scale, of the stack that the fit started from.
+        step: steps that were made. seconds: that were spent on them, with the checks.
+    """
+
+    values: Array
+    moments: Moments
+    best: Array
+    errors: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    waited: NDArray[np.int64]
+    started: dict[str, float]
+    step: int = 0
+    seconds: float = 0.0
+
+    @staticmethod
+    def first(values: Array, errors: NDArray[np.float64], started: dict[str, float]) -> FitState:
+        """The state before the first step. No view that is held out shows a level whose error is infinite."""
+        rates = np.where(np.isfinite(errors), 1.0, 0.0)
+        waited = np.zeros(len(errors), np.int64)
+        return FitState(values.copy(), Moments.of(values), values.copy(), errors, rates, waited, started)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file that a state is kept in.
+
+    Args:
+        path: of the file.
+        key: what the fit is of. A file of another fit is not continued.
+    """
+
+    path: Path
+    key: str = field(repr=False)
+
+    def save(self, state: FitState) -> None:
+        """Replaces the file, as a whole.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        about = {
+            "format": _FORMAT,
+            "key": self.key,
+            "started": state.started,
+            "step": state.step,
+            "seconds": state.seconds,
+        }
+        temporary = self.path.with_name(self.path.name + ".part")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("wb") as file:
+                np.savez(
+                    file,
+                    about=np.frombuffer(json.dumps(about).encode(), np.uint8),
+                    values=state.values,
+                    best=state.best,
+                    first=state.moments.first,
+                    second=state.moments.second,
+                    steps=state.moments.steps,
+                    errors=state.errors,
+                    rates=state.rates,
+                    waited=state.waited,
+                )
+            os.replace(temporary, self.path)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "
+                              "choose another file") from error  # fmt: skip
+
+    def load(self) -> FitState | None:
+        """The state in the file; None where there is none.
+
+        Raises:
+            InputError: a file that is broken, or of another fit.
+        """
+        if not self.path.exists():
+            return None
+        try:
+            with np.load(self.path) as file:
+                arrays = {name: file[name] for name in _ARRAYS}
+            about = json.loads(arrays["about"].tobytes())
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
+        if about.get("format") != _FORMAT or about.get("key") != self.key:
+            raise InputError(
+                f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
+                "choose another file"
+            )
+        return FitState(
+            arrays["values"],
+            Moments(arrays["first"], arrays["second"], arrays["steps"]),
+            arrays["best"],
+            arrays["errors"],
+            arrays["rates"],
+            arrays["waited"],
+            about["started"],
+            about["step"],
+            about["seconds"],
+        )
+
+
+def key_of(values: Array, *settings: object) -> str:
+    """Names a fit by what it starts from, and by how it goes on."""
+    found = hashlib.sha256(values.tobytes())
+    found.update(json.dumps([str(each) for each in settings]).encode())
+    return found.hexdigest()

@@ -1,0 +1,332 @@
+"""The renderer `gl`: its frames are the library's, and its textures hold what files of 8 bits would hold."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake._srgb import linear_to_srgb, srgb_to_linear
+from mipbake.errors import UsageError
+from mipbake.fitting.gl import MAX_LIGHTS, SHADERS, GlRenderer, shipped_shader
+from mipbake.fitting.renderer import Levels
+from mipbake.fitting.views import View
+from mipbake.material import COLOUR, MODELS, SIGNED
+from mipbake.render import shapes
+from mipbake.render.camera import Camera
+from mipbake.render.environment import directional
+
+from . import independent_scenes as scenes
+from .mesh_renders import candidate
+from .viewer_scenes import material, stack_of
+
+PLANE = View("plane", "near", scenes.PLANE, scenes.CAMERA, scenes.LIGHTING, (48, 64))
+BALL = View(
+    "ball", "far", shapes.material_ball(12), Camera((1.2, 1.4, 3.6), field_of_view=36), scenes.LIGHTING, (60, 50)
+)
+# Straight above a plane that fills the view: pixel (row i, column j) sees u = (j + 1/2) / 16, v = (i + 1/2) / 16.
+ABOVE = Camera((0.0, 1.0, 0.0), up=(0.0, 0.0, -1.0), field_of_view=90.0)
+FLAT = View("flat", "1:1", shapes.plane(2.0, 2.0), ABOVE, scenes.LIGHTING, (16, 16))
+
+SHOW = "vec3 shade(Surface s) {{ return {}; }}"
+SHOW_COLOUR = SHOW.format("look_up(base_color_map).rgb")
+
+Made = Callable[..., GlRenderer]
+
+
+@pytest.fixture(scope="module")
+def driver() -> None:
+    moderngl = pytest.importorskip("moderngl", reason="moderngl is not installed (the extra `fit`)")
+    try:
+        moderngl.create_context(standalone=True, backend="egl", require=330).release()
+    except Exception as error:  # whatever a loader or a driver complains of
+        pytest.skip(f"no OpenGL 3.3 over EGL ({error}; Debian's libegl1, libgl1 and libgl1-mesa-dri have it)")
+
+
+@pytest.fixture
+def made(driver: None) -> Iterator[Made]:
+    """Makes renderers, and closes them."""
+    renderers: list[GlRenderer] = []
+
+    def make(shader: str, *args: Any) -> GlRenderer:
+        renderers.append(GlRenderer(shader, *args))
+        return renderers[-1]
+
+    yield make
+    for renderer in renderers:
+        renderer.close()
+
+
+def levels_of(
+    stack: Sequence[np.ndarray], model: str, wrap: tuple[str, str] = ("wrap", "wrap"), stamp: int = 0
+) -> Levels:
+    """Stored channels, as a renderer gets them."""
+    encode = {COLOUR: lambda x: linear_to_srgb(x.astype(np.float64)), SIGNED: lambda x: (x + 1) / 2}
+    maps = {
+        each.name: [
+            encode.get(each.facts.encoding, np.asarray)(level[..., MODELS[model].maps[each.name]]).astype(np.float32)
+            for level in stack
+        ]
+        for each in MODELS[model].stored
+    }
+    return Levels(model, maps, wrap, tuple(stamp + index for index in range(len(stack))))
+
+
+def flat(texel: Sequence[float], size: int = 16, stamp: int = 0) -> Levels:
+    """One level of `gltf`, the same everywhere, from encoded values."""
+    values = np.broadcast_to(np.asarray(texel, np.float32), (size, size, 8))
+    maps = {name: [values[..., part]] for name, part in MODELS["gltf"].maps.items()}
+    return Levels("gltf", maps, ("wrap", "wrap"), (stamp,))
+
+
+@pytest.fixture(scope="module")
+def stack() -> list[np.ndarray]:
+    return list(stack_of(material("gltf"), "gltf").levels)
+
+
+# ---- beside the library's renders
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.45)])
+@pytest.mark.parametrize("view", [PLANE, BALL], ids=["plane", "ball"])
+def test_frames_are_the_librarys(made: Made, stack: list[np.ndarray], view: View, offset: tuple[float, float]) -> None:
+    frame = made(shipped_shader("gltf"), "rgba32f").render(levels_of(stack, "gltf"), view.moved(*offset))
+    other = candidate(view.mesh, view.camera, view.lighting, stack, "gltf", ("wrap", "wrap"), view.size, offset=offset)
+    seen = np.asarray(frame.id) > 0
+    assert (seen != other.coverage).mean() < 0.001 and seen.mean() > 0.4
+    assert not frame.image[~seen].any()
+    both = seen & other.coverage
+    lods, images = np.abs(frame.lod - other.lod)[both], np.abs(frame.image - other.image)[both].max(-1)
+    # Where two triangles meet, either may have a pixel, with another footprint: a few of two thousand.
+    assert np.quantile(np.abs(frame.uv - other.uv)[both].max(-1), 0.995) < 1e-5
+    assert np.quantile(lods, 0.995) < 1e-3 and np.quantile(images, 0.995) < 1e-3
+    assert scenes.decibels(frame.image[both].astype(np.float64), other.image[both].astype(np.float64)) > 60
+    assert np.median(other.lod[both]) > 0.3  # past level 0
+
+
+def test_a_plane_that_passes_behind_the_camera_has_the_librarys_footprints(made: Made, stack: list[np.ndarray]) -> None:
+    wide = View(
+        "wide", "far", shapes.plane(60, 60, (9, 9)), Camera((0, 0.5, 0), (0, 0.2, -2)), scenes.LIGHTING, (40, 60)
+    )
+    frame = made(SHOW_COLOUR).render(levels_of(stack, "gltf"), wide)
+    other = candidate(wide.mesh, wide.camera, wide.lighting, stack, "gltf", ("wrap", "wrap"), wide.size)
+    both = (frame.id > 0) & other.coverage
+    assert both.mean() > 0.3 and np.abs(frame.lod - other.lod)[both].max() < 0.01
+
+
+def test_texture_without_help_is_close_where_footprints_are_alike(made: Made, stack: list[np.ndarray]) -> None:
+    exact = made(SHOW_COLOUR).image(levels_of(stack, "gltf"), PLANE)
+    implicit = made(SHOW.format("texture(base_color_map, s.uv).rgb")).image(levels_of(stack, "gltf"), PLANE)
+    assert np.abs(exact - implicit).max() > 0 and scenes.decibels(implicit, exact.astype(np.float64)) > 25
+
+
+def test_all_maps_of_anisotropy_arrive(made: Made) -> None:
+    levels = levels_of(stack_of(material("gltf-anisotropic", 16, 16), "gltf-anisotropic").levels, "gltf-anisotropic")
+    shown = "vec3(look_up(anisotropy_direction_map).rg, look_up(anisotropy_strength_map).r)"
+    image = made(SHOW.format(shown), "rgba32f").image(levels, FLAT)
+    expected = [levels.maps[name][0] for name in ("anisotropy_direction", "anisotropy_strength")]
+    assert np.abs(image - np.concatenate(expected, -1)).max() < 1e-5
+
+
+# ---- textures
+
+
+def test_rgba8_rounds_to_the_nearest_step(made: Made) -> None:
+    texel = np.array([0.5, 0.2, 0.9, 100.49 / 255, 100.51 / 255, 0.25, 0.75, 1.0])
+    rounded, exact = np.round(texel * 255) / 255, texel
+    linear = "vec3(look_up(metallic_map).r, look_up(roughness_map).r, look_up(normal_map).y)"
+    for texels, expected in (("rgba8", rounded), ("rgba32f", exact)):
+        image = made(SHOW.format(linear), texels).image(flat(texel), FLAT)
+        assert np.abs(image - expected[[3, 4, 6]]).max() < 1e-6
+        colour = made(SHOW_COLOUR, texels).image(flat(texel), FLAT)
+        # llvmpipe decodes sRGB of 8 bits by a polynomial, a quarter of a step away at most.
+        assert np.abs(colour - srgb_to_linear(expected[:3])).max() < (2e-3 if texels == "rgba8" else 1e-6)
+
+
+def test_lookups_between_rounded_texels_are_finer_than_their_steps(made: Made) -> None:
+    ramp = flat([0.5] * 8, 2)
+    ramp.maps["roughness"][0] = np.array([[10, 20], [10, 20]], np.float32)[..., None] / 255  # type: ignore[index]
+    close = replace(FLAT, size=(64, 64))
+    row = made(SHOW.format("look_up(roughness_map).rrr")).image(ramp, close)[32, :, 0] * 255
+    assert len(np.unique(row.round(2))) >= 30
+
+
+def test_values_beyond_the_range_are_clipped(made: Made) -> None:
+    shown = SHOW.format("vec3(look_up(metallic_map).r, look_up(roughness_map).r, look_up(normal_map).z)")
+    image = made(shown).image(flat([0.5, 0.5, 0.5, -0.2, 1.3, 0.5, 0.5, 1.0]), FLAT)
+    assert np.allclose(image, [0, 1, 1])
+
+
+def test_a_level_is_uploaded_when_its_stamp_is_new(made: Made) -> None:
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
+    first = renderer.image(flat([0.25] * 8, stamp=1), FLAT)
+    same_stamp = renderer.image(flat([0.75] * 8, stamp=1), FLAT)
+    other_stamp = renderer.image(flat([0.75] * 8, stamp=2), FLAT)
+    assert np.all(first == 0.25) and np.all(same_stamp == 0.25) and np.all(other_stamp == 0.75)
+
+
+def test_levels_are_uploaded_one_by_one(made: Made) -> None:
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
+    sizes = [4, 2, 1]
+    far = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (8.0, 8.0)))  # 2 texels a pixel: level 1
+
+    def of(values: Sequence[float], stamps: Sequence[int]) -> Levels:
+        parts = [flat([value] * 8, size) for value, size in zip(values, sizes, strict=True)]
+        maps = {name: [part.maps[name][0] for part in parts] for name in parts[0].maps}
+        return Levels("gltf", maps, ("wrap", "wrap"), tuple(stamps))
+
+    assert np.allclose(renderer.render(of([0.1, 0.2, 0.3], [1, 2, 3]), far).lod, 1, atol=1e-4)
+    assert np.allclose(renderer.image(of([0.1, 0.2, 0.3], [1, 2, 3]), far), 0.2, atol=1e-4)
+    assert np.allclose(renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), far), 0.8, atol=1e-4)
+    near = renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), replace(FLAT, mesh=shapes.plane(2.0, 2.0, (0.5, 0.5))))
+    assert np.allclose(near, 0.1, atol=1e-4)
+
+
+def test_a_source_of_one_level_and_its_stack_do_not_mix(made: Made) -> None:
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
+    stack = [np.full((size, size, 8), value, np.float32) for size, value in ((4, 0.5), (2, 0.6), (1, 0.7))]
+    many, one = levels_of(stack, "gltf"), flat([0.125] * 8, 4, stamp=9)
+    far = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (64.0, 64.0)))
+    for _ in range(2):
+        assert np.allclose(renderer.image(many, far), 0.7) and np.allclose(renderer.image(one, far), 0.125)
+    assert renderer.render(one, far).lod.max() == 0 and renderer.render(many, far).lod.min() == 2
+
+
+@pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "wrap"), ("wrap", "clamp"), ("clamp", "clamp")])
+def test_maps_repeat_or_end(made: Made, wrap: tuple[str, str]) -> None:
+    level = material("gltf", 16, 16)
+    twice = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (2.0, 2.0)))
+    image = made(SHOW_COLOUR, "rgba32f").image(levels_of([level], "gltf", wrap), twice)
+    other = candidate(twice.mesh, ABOVE, twice.lighting, [level], "gltf", wrap, twice.size)
+    assert other.coverage.all()
+    at = ((np.arange(16) + 0.5) / 8 * 16 - 0.5)[None].repeat(2, 0)  # of texels' centres, along v and u
+    rows, columns = (
+        [np.mod(x, 16) if mode == "wrap" else np.clip(x, 0, 15) for x in (np.floor(a), np.floor(a) + 1)]
+        for a, mode in zip(at, wrap[::-1], strict=True)
+    )
+    means = [level[np.ix_(r.astype(int), c.astype(int))][..., :3] for r in rows for c in columns]
+    assert np.abs(image - np.mean(means, 0)).max() < 1e-4
+
+
+# ---- views
+
+
+def test_an_offset_moves_the_sampling_points(made: Made) -> None:
+    renderer = made(SHOW_COLOUR)
+    levels = flat([0.5] * 8)
+    still, moved = renderer.render(levels, FLAT), renderer.render(levels, FLAT.moved(0.25, 0.5))
+    shift = np.asarray(moved.uv) - still.uv
+    inside = (still.id > 0) & (moved.id > 0)
+    assert np.allclose(shift[inside], [0.25 / 16, -0.5 / 16], atol=1e-6)
+
+
+def test_rows_run_from_the_top_and_v_down(made: Made) -> None:
+    uv = made(SHOW_COLOUR).render(flat([0.5] * 8), FLAT).uv
+    centres = (np.arange(16) + 0.5) / 16
+    assert np.allclose(uv, np.stack(np.meshgrid(centres, centres), -1), atol=1e-6)
+
+
+def test_the_surface_is_the_meshs(made: Made) -> None:
+    levels = flat([0.5] * 8)
+    for shown, expected in (("s.frame[0]", [1, 0, 0]), ("s.frame[1]", [0, 0, -1]), ("s.frame[2]", [0, 1, 0])):
+        assert np.allclose(made(SHOW.format(shown)).image(levels, FLAT), expected, atol=1e-6)
+    corner = made(SHOW.format("s.position")).image(levels, FLAT)[0, -1]
+    assert np.allclose(corner, [15 / 16, 0, -15 / 16], atol=1e-6)
+    towards = made(SHOW.format("s.view")).image(levels, FLAT)[0, -1]
+    assert np.allclose(towards, np.array([-15 / 16, 1, 15 / 16]) / np.sqrt(1 + 2 * (15 / 16) ** 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SHADERS)
+def test_shipped_shaders_render(made: Made, stack: list[np.ndarray], name: str) -> None:
+    renderer = made(shipped_shader(name))
+    first, again = (renderer.render(levels_of(stack, "gltf"), BALL) for _ in range(2))
+    assert np.isfinite(first.image).all() and first.image.min() >= 0
+    assert first.image[first.id > 0].std() > 0.01
+    for what in ("image", "uv", "lod", "id"):
+        assert np.array_equal(getattr(first, what), getattr(again, what))
+
+
+def test_a_coat_is_a_highlight_of_its_own(made: Made) -> None:
+    up = View("mirror", "near", FLAT.mesh, ABOVE, directional("up", [[0, 1, 0]], [[1, 1, 1]]), (17, 17))
+    dull = flat([0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.5, 1.0])
+    plain, coated = (made(shipped_shader(name)).image(dull, up)[8, 8] for name in ("gltf", "clearcoat"))
+    # Seen and lit along the normal: F D V = 0.04 / (4 pi alpha^2), and a base that is left with 0.96.
+    assert np.allclose(coated, 0.96 * plain + 0.04 / (4 * np.pi * 0.1**4), rtol=0.01)
+
+
+def test_the_ramp_has_few_steps(made: Made) -> None:
+    white = flat([1.0, 1.0, 1.0, 0.0, 1.0, 0.5, 0.5, 1.0])
+    one = replace(BALL, lighting=directional("one", [[0, 1, 1]], [[3, 3, 3]]))
+    frame = made(shipped_shader("ramp")).render(white, one)
+    assert 3 <= len(np.unique(frame.image[frame.id > 0][:, 0].round(3))) <= 12
+
+
+def test_renderers_do_not_disturb_each_other(made: Made, stack: list[np.ndarray]) -> None:
+    first, second = made(shipped_shader("gltf")), GlRenderer(shipped_shader("ramp"))
+    alone = first.image(levels_of(stack, "gltf"), PLANE)
+    second.image(levels_of(stack, "gltf"), BALL)
+    assert np.array_equal(first.image(levels_of(stack, "gltf"), PLANE), alone)
+    second.close()
+    assert np.array_equal(first.image(levels_of(stack, "gltf"), PLANE), alone)
+
+
+# ---- errors
+
+
+@pytest.mark.parametrize(
+    ("shader", "told"),
+    [
+        ("// one\nvec3 shade(Surface s) {\n  return nothing;\n}\n", r"mine\.glsl does not compile.*\n.*\b3\b.*nothing"),
+        ("vec3 shade(Surface s) {\n  return vec3(1.0;\n}", r"does not compile.*\n.*\b2\b"),
+        ("vec3 other(Surface s) { return vec3(1.0); }", "mine.glsl has no function `shade`"),
+        ("// vec3 shade(Surface s) { return vec3(1.0); }", "has no function `shade`"),
+        ("vec3 shade(Surface s);", "has no function `shade`"),
+        ("vec4 shade(Surface s) { return vec4(1.0); }", "expected `vec3 shade"),
+        ("#version 330\nvec3 shade(Surface s) { return vec3(1.0); }", "leave it out"),
+    ],
+)
+def test_a_broken_shader_is_told(driver: None, shader: str, told: str) -> None:
+    with pytest.raises(UsageError, match=told):
+        GlRenderer(shader, name="mine.glsl")
+
+
+def test_what_cannot_be_rendered_is_told(made: Made, stack: list[np.ndarray]) -> None:
+    renderer, levels = made(SHOW_COLOUR), levels_of(stack, "gltf")
+    other = stack_of(material("ggx"), "ggx").levels
+    with pytest.raises(UsageError, match="'ggx': expected gltf or gltf-anisotropic"):
+        renderer.render(levels_of(other, "ggx"), PLANE)
+    with pytest.raises(UsageError, match=r"looks up anisotropy_strength_map, which .* gltf does not have"):
+        made(SHOW.format("look_up(anisotropy_strength_map).rrr")).render(levels, PLANE)
+    with pytest.raises(UsageError, match="expected each half as large"):
+        renderer.render(levels_of([stack[0], stack[2]], "gltf"), PLANE)
+    many = directional("many", np.ones((MAX_LIGHTS + 1, 3)), np.ones((MAX_LIGHTS + 1, 3)))
+    with pytest.raises(UsageError, match="65 lights: expected at most 64"):
+        renderer.render(levels, replace(PLANE, lighting=many))
+
+
+def test_names_are_checked(driver: None) -> None:
+    with pytest.raises(UsageError, match="no texels are called 'rgb'"):
+        GlRenderer(SHOW_COLOUR, "rgb")
+    with pytest.raises(UsageError, match="expected one of gltf, clearcoat, ramp"):
+        shipped_shader("toon")
+
+
+def test_without_a_driver_it_is_said_what_to_install(driver: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    import moderngl
+
+    def fails(**_: Any) -> None:
+        raise RuntimeError("libEGL.so not found")
+
+    monkeypatch.setattr(moderngl, "create_context", fails)
+    with pytest.raises(UsageError, match=r"libEGL\.so not found.*libegl1"):
+        GlRenderer(SHOW_COLOUR)
+
+
+def test_without_moderngl_it_is_said_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    with pytest.raises(UsageError, match=r"the renderer gl needs moderngl.*mipbake\[fit\]"):
+        GlRenderer(SHOW_COLOUR)

@@ -1,0 +1,226 @@
+"""Renderers that are programs and fail: what is said, and that nothing is left."""
+
+from __future__ import annotations
+
+import _thread
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mipbake.fitting.process import ProcessRenderer
+from mipbake.fitting.renderer import RendererError
+
+from . import fitting_programs as programs
+from .fitting_programs import GOOD, SERVING, TALK, Write, fails, is_gone, levels_of, starts_another, view_of
+
+script = pytest.fixture(programs.script)
+before = pytest.fixture(programs.before)
+pytestmark = programs.ON_LINUX
+
+FAILURES = {
+    "hangs at its start": (
+        "print('loading', flush=True); time.sleep(1000)",
+        "did not start and say hello within 2 sec",
+    ),
+    "dies at its start": ("sys.exit('no licence')", "ended with the exit code 1 and did not start and say hello"),
+    "ends at once": ("", "ended with the exit code 0 and did not start"),
+    "another version": (
+        "asked(); answer({'answer': 'hello', 'renderer': 'x'}, 2)",
+        "speaks version 2 of the protocol, and this mipbake speaks version 1",
+    ),
+    "no name": ("asked(); answer({'answer': 'hello'}); asked()", "did not say its name"),
+    "hangs at a render": (
+        "hello(); asked(); print('busy', flush=True); time.sleep(1000)",
+        "did not render the corner within 1 seconds",
+    ),
+    "reads nothing": ("hello(); time.sleep(1000)", "did not render the corner within 1 seconds"),
+    "dies at a render": ("hello(); asked(); 1 / 0", "ended with the exit code 1 and did not render the corner"),
+    "a signal": (
+        "hello(); asked(); os.kill(os.getpid(), signal.SIGSEGV)",
+        "was ended by the signal SIGSEGV and did not",
+    ),
+    "closes its output": ("hello(); asked(); os.close(1); time.sleep(1000)", "closed its standard output, and did not"),
+    "says an error": (
+        "hello(); asked(); answer({'answer': 'error', 'message': 'no GPU'}); asked()",
+        "an error: no GPU",
+    ),
+    "another answer": ("hello(); asked(); answer({'answer': 'banana'}); asked()", "gave the answer 'banana': expected"),
+    "no answer": ("hello(); asked(); answer({}); asked()", 'gave the answer None: expected "frame"'),
+    "garbage": ("hello(); asked(); print('{\"mipbake\": 1,'); asked()", "did not render the corner within 1 seconds"),
+    "another id": ("hello(); give(asked(), answered=99); asked()", "answered the request 99: expected the id 1"),
+    "a frame cut short": (
+        "hello(); give(asked(), cut=1); asked()",
+        "cut short: expected 24 bytes of lod from byte 120 on",
+    ),
+    "no frame": (
+        "hello(); request = asked(); request['frame'] += 'x'; give(request); asked()",
+        "cannot be read .No such file or directory.: expected the file",
+    ),
+    "no arrays": ("hello(); answer({'answer': 'frame', 'id': asked()['id']}); asked()", 'expected an object "arrays"'),
+    "no image": (
+        "hello(); answer({'answer': 'frame', 'id': asked()['id'], 'arrays': {}}); asked()",
+        "shows nothing: expected the array image",
+    ),
+    "no shape": (
+        "hello(); r = asked(); open(r['frame'], 'w').close()\n"
+        "answer({'answer': 'frame', 'id': r['id'], 'arrays': {'image': {'offset': -4, 'shape': [1]}}}); asked()",
+        "gave the array image of its frame as .*: expected an offset in bytes and a shape",
+    ),
+}
+
+
+@pytest.mark.parametrize("failure", FAILURES)
+def test_a_failure_is_one_sentence_and_what_was_printed(failure: str, script: Write, before: None) -> None:
+    said = "sys.stderr.write('a line on the error\\n'); sys.stderr.flush()\n"
+    text, expected = FAILURES[failure]
+    slow = "within" not in expected
+    limits = {"timeout": 100 if slow else 1, "start_timeout": 2 if "start" in expected and not slow else 100}
+    message = fails(script(f"{TALK}{said}{text}"), expected, **limits)
+    assert "last on its standard error:\n  a line on the error" in message
+    for printed in ("loading", "busy"):
+        assert (f"last on its standard output:\n  {printed}" in message) == (f"'{printed}'" in text)
+    if failure == "dies at a render":
+        assert (
+            message.endswith("ZeroDivisionError: division by zero") and "Traceback (most recent call last):" in message
+        )
+
+
+def test_the_last_lines_are_shown_and_no_more(script: Write, before: None) -> None:
+    text = f"{TALK}\nhello()\nprint(*range(10_000), 'end' * 10_000, sep='\\n', flush=True)\nsys.exit(7)"
+    message = fails(script(text), "exit code 7")
+    assert "\n  9999\n  endend" in message and "\n  9900\n" not in message and len(message) < 5_000
+
+
+def test_a_program_that_is_silent_is_said_to_be(script: Write, before: None) -> None:
+    assert fails(script("raise SystemExit(3)"), "exit code 3").endswith("\nit printed nothing")
+
+
+def test_what_a_function_raises_is_told(script: Write, before: None) -> None:
+    message = fails(
+        script(f"{SERVING}\nprogram.serve(lambda levels, view: levels['x'])"), "reports an error: TypeError"
+    )
+    assert "Traceback (most recent call last):" in message
+
+
+@pytest.mark.parametrize("command", ["/nowhere/to/be/found --option", [os.curdir]])
+def test_a_program_that_cannot_be_started(command: Any, before: None) -> None:
+    fails(command, "cannot be started")
+
+
+@pytest.mark.parametrize("when", ["start", "render"])
+def test_after_a_failure_the_next_render_works(when: str, script: Write, tmp_path: Path, before: None) -> None:
+    script(GOOD, name="good.py")
+    again = tmp_path / "again"
+    text = f"""{TALK}
+if os.path.exists({str(again)!r}):
+    os.execv(sys.executable, [sys.executable, {str(tmp_path / "good.py")!r}])
+open({str(again)!r}, "w").close()
+{"" if when == "start" else "hello(); asked()"}
+sys.exit("the first time")
+"""
+    with ProcessRenderer(script(text)) as renderer:
+        with pytest.raises(RendererError, match="exit code 1 and did not") as caught:
+            renderer.render(levels_of(), view_of())
+        assert "the first time" in str(caught.value)
+        assert (renderer.render(levels_of(), view_of()).image != 0).all()  # all levels are new to it
+        assert (renderer.render(levels_of(), view_of()).image != 0).all()
+
+
+@pytest.mark.parametrize("then", ["time.sleep(1000)", "sys.exit(1)", "answer({'answer': 'nothing'})"])
+def test_nothing_lives_on_after_a_failure(then: str, script: Write, tmp_path: Path, before: None) -> None:
+    """Nor does what the program had started."""
+    pids = tmp_path / "pids"
+    fails(script(starts_another(pids, then)), "the renderer", timeout=1.0)
+    assert all(is_gone(int(pid)) for pid in pids.read_text(encoding="utf-8").split())
+
+
+def test_a_program_that_does_not_end_is_ended(script: Write, tmp_path: Path, before: None) -> None:
+    pids = tmp_path / "pids"
+    text = starts_another(pids, "signal.signal(signal.SIGTERM, signal.SIG_IGN)").replace("asked()\n", "give(asked())\n")
+    with ProcessRenderer(script(text + "time.sleep(1000)")) as renderer:
+        renderer.render(levels_of(), {})
+    assert all(is_gone(int(pid)) for pid in pids.read_text(encoding="utf-8").split())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("when", ["start", "render"])
+def test_nothing_is_left_after_an_interruption(
+    number: signal.Signals, when: str, script: Write, tmp_path: Path, before: None
+) -> None:
+    """Ctrl-C, and the exception that a command makes of SIGTERM."""
+
+    class Stopped(BaseException):
+        pass
+
+    def stop(*_: object) -> None:
+        raise Stopped
+
+    pids = tmp_path / "pids"
+    text = f"{TALK}\n{'' if when == 'start' else 'hello(); asked()'}\nprint(os.getpid(), file=open({str(pids)!r}, 'w'))"
+    handler = signal.signal(number, stop)
+    try:
+
+        def interrupt() -> None:
+            while not (pids.exists() and pids.read_text(encoding="utf-8").endswith("\n")):
+                time.sleep(0.01)
+            _thread.interrupt_main(number)
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        with ProcessRenderer(script(text + "\ntime.sleep(1000)")) as renderer, pytest.raises(Stopped):
+            renderer.render(levels_of(), {})
+        thread.join()
+    finally:
+        signal.signal(number, handler)
+    assert is_gone(int(pids.read_text(encoding="utf-8")))
+
+
+def test_what_leaves_the_group_of_a_program_keeps_nobody_waiting(script: Write, tmp_path: Path, before: None) -> None:
+    """It lives on with the program's pipes, as a service does."""
+    pids = tmp_path / "pids"
+    text = starts_another(pids, "sys.exit(1)").replace('1000)"])', '1000)"], start_new_session=True)')
+    fails(script(text), "ended with the exit code 1")
+    own, other = (int(pid) for pid in pids.read_text(encoding="utf-8").split())
+    os.kill(other, signal.SIGKILL)
+    assert is_gone(own)
+
+
+def test_what_a_killed_mipbake_leaves_is_removed_by_the_next(script: Write, tmp_path: Path, before: None) -> None:
+    """Its program ends, because its standard input does."""
+    told = tmp_path / "told"
+    text = f"""{TALK}
+print(os.getpid(), hello()["folder"], file=open({str(told)!r}, "w"))
+for line in sys.stdin:
+    give(json.loads(line))
+"""
+    command = script(text)
+    killed = f"""
+import numpy as np, os, signal
+from mipbake.fitting.process import ProcessRenderer
+from mipbake.fitting.renderer import Levels
+renderer = ProcessRenderer({command!r})
+renderer.render(Levels("gltf", {{"roughness": [np.ones((2, 2, 1), np.float32)]}}, ("wrap", "wrap"), (1,)), {{}})
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, "-c", killed], check=False).returncode == -signal.SIGKILL
+    pid, folder = told.read_text(encoding="utf-8").split()
+    assert is_gone(int(pid))
+    ended = f"{TALK}\nhello()\ngive(asked())\nasked()"
+    with ProcessRenderer(script(ended, name="next.py")) as renderer:
+        renderer.render(levels_of(), {})
+    assert not Path(folder).exists()
+
+
+def test_a_renderer_that_nobody_closes_is_ended(script: Write, tmp_path: Path, before: None) -> None:
+    pid = tmp_path / "pid"
+    renderer = ProcessRenderer(script(f"import os; print(os.getpid(), file=open({str(pid)!r}, 'w'))\n{GOOD}"))
+    renderer.render(levels_of(), view_of())
+    del renderer
+    assert is_gone(int(pid.read_text(encoding="utf-8")))

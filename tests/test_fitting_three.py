@@ -1,0 +1,305 @@
+"""three.js as a renderer of fits: where it looks levels up, what it uploads, and what becomes of its failures."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mipbake.errors import UsageError
+from mipbake.fitting.renderer import Levels, RendererError
+from mipbake.fitting.three import MATERIALS, ThreeRenderer, three_folder
+from mipbake.fitting.views import View
+from mipbake.pixel_filter import level_sizes
+from mipbake.render.camera import orbit
+from mipbake.render.environment import directional
+from mipbake.render.shapes import material_ball, plane, sphere
+
+from .mesh_renders import candidate
+
+pytestmark = pytest.mark.independent
+
+BUILD = Path(__file__).parents[1] / "benchmarks" / "engines" / "node_modules" / "three" / "build"
+LIGHT = directional("above", [[0.3, 1.0, 0.4]], [[3.0, 2.0, 1.0]])
+SLANTED = View("slanted", "middle", plane(4, 4, (2, 2)), orbit(4, 0, 35), LIGHT, (40, 56))
+BALL = View("ball", "middle", material_ball(), orbit(4, 20, 30), LIGHT, (48, 48))
+LOOKED_UP = 0.03  # tolerance for levels of detail, whose precision WebGL leaves to its maker
+
+
+@pytest.fixture(scope="module")
+def build() -> Path:
+    """three.js and Chromium are there."""
+    if not BUILD.is_dir():
+        pytest.skip("three.js is not installed (npm ci --prefix benchmarks/engines)")
+    if not any(shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")):
+        pytest.skip("Chromium is not installed")
+    return BUILD
+
+
+@pytest.fixture(scope="module")
+def standard(build: Path) -> Iterator[ThreeRenderer]:
+    with ThreeRenderer(build, "standard") as renderer:
+        yield renderer
+
+
+def constant(
+    colours: Sequence[Sequence[float]], size: tuple[int, int] = (64, 64), stamp: int = 0, roughness: float = 1.0
+) -> Levels:
+    """Levels of one colour (sRGB-encoded) each, flat and not metallic. The stamps count from `stamp` on."""
+    sizes = level_sizes(*size)[: len(colours)]
+
+    def maps(*values: float) -> list[NDArray[np.float32]]:
+        return [np.full((*each, len(values)), values, np.float32) for each in sizes]
+
+    base = [np.full((*each, 3), colour, np.float32) for each, colour in zip(sizes, colours, strict=True)]
+    all_maps = {"base_color": base, "metallic": maps(0), "roughness": maps(roughness), "normal": maps(0.5, 0.5, 1)}
+    return Levels("gltf", all_maps, ("wrap", "wrap"), tuple(range(stamp, stamp + len(sizes))))
+
+
+def noisy(size: tuple[int, int], seed: int, stamp: int, wrap: tuple[str, str] = ("wrap", "wrap")) -> Levels:
+    """Levels with another number in every texel."""
+    rng = np.random.default_rng(seed)
+    sizes = level_sizes(*size)
+    channels = {"base_color": 3, "metallic": 1, "roughness": 1, "normal": 3}
+    maps = {n: [rng.uniform(0.3, 1, (*each, c)).astype(np.float32) for each in sizes] for n, c in channels.items()}
+    return Levels("gltf", maps, wrap, tuple(range(stamp, stamp + len(sizes))))
+
+
+def stored(levels: Levels) -> list[NDArray[np.float32]]:
+    """(H, W, 8) stored channels, for colours that are 0 or 1."""
+    maps = levels.maps
+    return [
+        np.concatenate([base, metallic, roughness, normal * 2 - 1], -1)
+        for base, metallic, roughness, normal in zip(
+            maps["base_color"], maps["metallic"], maps["roughness"], maps["normal"], strict=True
+        )
+    ]
+
+
+def longer_step(uv: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) the longer step to a neighbour, of pixels that GPUs shade in squares of 2 x 2."""
+    height, width = uv.shape[:2]
+    squares = uv.reshape(height // 2, 2, width // 2, 2, 2)
+    right = np.linalg.norm(np.diff(squares, axis=3), axis=-1).repeat(2, 3)
+    up = np.linalg.norm(np.diff(squares, axis=1), axis=-1).repeat(2, 1)
+    return np.maximum(right, up).reshape(height, width)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.4, -0.3)])
+def test_where_it_looks_up_agrees_with_the_library(standard: ThreeRenderer, offset: tuple[float, float]) -> None:
+    levels = constant([(1, 1, 1)] * 9, (256, 256), 100)
+    frame = standard.render(levels, SLANTED.moved(*offset))
+    view = SLANTED
+    ours = candidate(view.mesh, view.camera, LIGHT, stored(levels), "gltf", levels.wrap, view.size, offset=offset)
+    covered = ours.coverage
+    # SwiftShader snaps corners of triangles to 1/16 of a pixel, which is more than GPUs do.
+    assert ((frame.id > 0) != covered).sum() <= 4 and 100 < covered.sum() < covered.size
+    covered = covered & (frame.id > 0)
+    pixel = 2.0 ** ours.lod[covered].max() / 256
+    np.testing.assert_allclose(frame.uv[covered], ours.uv[covered], atol=pixel / 16)
+    inside = covered.reshape(20, 2, 28, 2).all((1, 3)).repeat(2, 0).repeat(2, 1)
+    wanted = np.log2(np.maximum(longer_step(ours.uv) * 256, 1))
+    assert np.ptp(wanted[inside]) > 1
+    assert np.median(np.abs(frame.lod - wanted)[inside]) < LOOKED_UP
+    assert np.abs(frame.lod - wanted)[inside].max() < 0.1
+    # The library's level follows from the longer axis of a footprint.
+    assert (frame.lod - ours.lod)[inside].max() < 0.1
+    assert np.median(np.abs(frame.lod - ours.lod)[inside]) < 0.1
+    for empty in (frame.image, frame.uv, frame.lod):
+        assert not empty[frame.id == 0].any()
+
+
+def test_a_turned_footprint_is_looked_up_up_to_half_a_level_finer(standard: ThreeRenderer) -> None:
+    levels = constant([(1, 1, 1)] * 9, (256, 256), 200)
+    frame = standard.render(levels, BALL)
+    ours = candidate(BALL.mesh, BALL.camera, LIGHT, stored(levels), "gltf", levels.wrap, BALL.size)
+    covered = (frame.id > 0) & ours.coverage
+    finer = (ours.lod - frame.lod)[covered]
+    assert covered.sum() > 0.99 * ours.coverage.sum()
+    low, high = np.percentile(finer, [5, 95])  # silhouettes have other differences than derivatives
+    assert low > -0.1 and 0.1 < high < 0.6
+
+
+@pytest.mark.parametrize("view", [SLANTED, BALL], ids=lambda view: view.name)
+def test_the_picture_mixes_the_levels_that_lod_says(standard: ThreeRenderer, view: View) -> None:
+    mixed = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (1, 1, 1)]
+    black, white, shown = (
+        standard.render(constant(colours, (64, 64), stamp), view)
+        for colours, stamp in (([(0, 0, 0)] * 7, 300), ([(1, 1, 1)] * 7, 310), (mixed, 320))
+    )
+    covered = shown.id > 0
+    lod = shown.lod[covered].astype(np.float64)
+    low = np.minimum(lod.astype(int), len(mixed) - 2)
+    share = (lod - low)[:, None]
+    wanted = (1 - share) * np.asarray(mixed)[low] + share * np.asarray(mixed)[low + 1]
+    span = (white.image - black.image)[covered]
+    lit = span.min(-1) > 0.01
+    found = (shown.image - black.image)[covered] / np.maximum(span, 1e-6)
+    assert len(np.unique(low[lit])) > 1
+    np.testing.assert_allclose(found[lit], wanted[lit], atol=0.02)
+
+
+def test_radiance_is_the_irradiance_of_a_surface_that_faces_the_light(standard: ThreeRenderer) -> None:
+    view = View("sphere", "near", sphere(), orbit(4, 30, 20), LIGHT, (32, 32))
+    levels = constant([(1, 1, 1)], (4, 4), 400)
+    frame = standard.render(levels, view)
+    ours = candidate(view.mesh, view.camera, LIGHT, stored(levels), "gltf", levels.wrap, view.size)
+    lit = (frame.id > 0) & ours.coverage & (ours.image[..., 0] > 0.2)
+    assert lit.sum() > 100
+    # Rough and not metallic: what the two shaders differ in is a small part of it.
+    np.testing.assert_allclose(frame.image[lit], ours.image[lit], rtol=0.1)
+
+
+def test_frames_repeat(standard: ThreeRenderer) -> None:
+    first, second = noisy((64, 64), 1, 500), noisy((64, 64), 2, 520)
+    once = standard.render(first, BALL)
+    again = standard.render(first, BALL)
+    other = standard.render(second, BALL)
+    back = standard.render(first, BALL)
+    assert np.isfinite(once.image).all() and once.image.shape == (48, 48, 3) and once.image.dtype == np.float32
+    for each in (again, back):
+        assert np.array_equal(each.image, once.image)
+    assert not np.array_equal(other.image, once.image)
+    assert np.array_equal(other.uv, once.uv) and np.array_equal(other.lod, once.lod)
+    assert np.array_equal(standard.image(first, BALL), once.image)
+
+
+def test_an_offset_moves_what_pixels_show(standard: ThreeRenderer) -> None:
+    levels = noisy((64, 64), 3, 600)
+    still, right, up = (standard.render(levels, view) for view in (SLANTED, SLANTED.moved(1, 0), SLANTED.moved(0, 1)))
+    np.testing.assert_allclose(right.uv[:, :-1], still.uv[:, 1:], atol=1e-4)
+    np.testing.assert_allclose(up.uv[1:], still.uv[:-1], atol=1e-4)
+    assert np.median(np.abs(right.image[:, :-1] - still.image[:, 1:])) < 0.02 < np.abs(right.image - still.image).max()
+
+
+def test_levels_are_uploaded_when_their_stamps_are_new(standard: ThreeRenderer) -> None:
+    size = (32, 16)
+    levels = noisy(size, 4, 700)
+    before = standard.image(levels, BALL)
+    for stack in levels.maps.values():
+        for texels in stack:
+            np.multiply(texels, 0.5, texels)
+    assert np.array_equal(standard.image(levels, BALL), before)
+    # The coarsest levels alone, and then level 0.
+    for changed in ({3, 4, 5}, {0}):
+        stamps = tuple(stamp + 50 * (level in changed) for level, stamp in enumerate(levels.stamps))
+        levels = Levels(levels.model, levels.maps, levels.wrap, stamps)
+        after = standard.image(levels, BALL)
+        assert not np.array_equal(after, before)
+        before = after
+    whole = Levels(levels.model, levels.maps, levels.wrap, tuple(range(790, 796)))
+    assert not np.array_equal(standard.image(whole, BALL), before)
+
+
+def test_stacks_of_other_shapes_do_not_disturb_each_other(standard: ThreeRenderer) -> None:
+    stack = noisy((48, 20), 5, 900)
+    alone = Levels("gltf", {name: levels[:1] for name, levels in stack.maps.items()}, stack.wrap, stack.stamps[:1])
+    clamped = Levels("gltf", stack.maps, ("clamp", "clamp"), stack.stamps)
+    first = [standard.render(each, SLANTED) for each in (stack, alone, clamped)]
+    again = [standard.render(each, SLANTED) for each in (stack, alone, clamped)]
+    for a, b in zip(first, again, strict=True):
+        assert np.array_equal(a.image, b.image)
+    assert not np.array_equal(first[0].image, first[1].image)
+    assert not np.array_equal(first[0].image, first[2].image)
+    assert first[0].lod.max() > 0 == first[1].lod.max()
+
+
+def test_materials_differ_and_take_anisotropy(build: Path) -> None:
+    plain = constant([(0.5, 0.5, 0.5)] * 7, roughness=0.4)
+    sizes = plain.sizes
+    more = {
+        "anisotropy_direction": [np.full((*each, 2), (1, 0.5), np.float32) for each in sizes],
+        "anisotropy_strength": [np.full((*each, 1), 0.9, np.float32) for each in sizes],
+    }
+    brushed = Levels("gltf-anisotropic", {**plain.maps, **more}, plain.wrap, plain.stamps)
+    seen = []
+    for material in MATERIALS:
+        with ThreeRenderer(build, material, anisotropy=4) as renderer:
+            seen += [renderer.image(plain, BALL), renderer.image(brushed, BALL)]
+            assert renderer.gpu
+    assert all(np.isfinite(image).all() for image in seen)
+    assert all(np.abs(a - b).max() > 0.01 for n, a in enumerate(seen) for b in seen[:n])
+
+
+# ---- failures
+
+
+def doctored(build: Path, folder: Path, script: str) -> Path:
+    """three.js with more code at its end, which finds BufferGeometry as `Geometry`."""
+    shutil.copytree(build, folder / "build")
+    module = folder / "build" / "three.module.js"
+    text = module.read_text(encoding="utf-8")
+    named = "import { BufferGeometry as Geometry } from './three.core.js';\n"
+    module.write_text(f"{named}{text}\n{script}\n", encoding="utf-8")
+    return folder / "build"
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("Geometry.prototype.setIndex = () => { console.log('so far', 1); for (;;) {} };", "within 3 sec.*so far 1"),
+        ("Geometry.prototype.setIndex = () => { throw new Error('torn'); };", "could not render.*torn"),
+        ("Geometry.prototype.setIndex = () => { setTimeout(() => { later(); }); };", "later is not defined"),
+        ("ShaderChunk.common += '\\nnone';", "a shader does not compile.*syntax error"),
+        (
+            "Geometry.prototype.setIndex = () => { const gl = document.querySelector('canvas').getContext('webgl2');"
+            "gl.getExtension('WEBGL_lose_context').loseContext(); };",
+            "context was lost",
+        ),
+    ],
+)
+def test_a_page_that_fails_is_an_error_and_closed(build: Path, tmp_path: Path, script: str, message: str) -> None:
+    renderer = ThreeRenderer(doctored(build, tmp_path, script), seconds=3)
+    with pytest.raises(RendererError, match=message):
+        for _ in range(2):
+            renderer.render(constant([(1, 1, 1)]), SLANTED)
+    with pytest.raises(RendererError, match="is closed"):
+        renderer.render(constant([(1, 1, 1)]), SLANTED)
+    renderer.close()
+
+
+def test_three_that_does_not_load_is_an_error(build: Path, tmp_path: Path) -> None:
+    with pytest.raises(RendererError, match=r"the page of three\.js failed.*no good"):
+        ThreeRenderer(doctored(build, tmp_path, "throw new Error('no good');"))
+
+
+def test_a_program_that_is_no_browser_is_an_error(build: Path) -> None:
+    with pytest.raises(RendererError, match="Chromium ended with status 1"):
+        ThreeRenderer(build, chromium=Path(shutil.which("false") or "false"))
+
+
+def test_levels_that_it_cannot_draw_are_named(standard: ThreeRenderer) -> None:
+    levels = constant([(1, 1, 1)] * 3)
+    with pytest.raises(UsageError, match="no model 'ggx'"):
+        standard.render(Levels("ggx", levels.maps, levels.wrap, levels.stamps), SLANTED)
+    twice = {name: [stack[0], stack[0]] for name, stack in levels.maps.items()}
+    with pytest.raises(UsageError, match="half"):
+        standard.render(Levels("gltf", twice, levels.wrap, (1, 2)), SLANTED)
+    assert standard.image(levels, SLANTED).any()
+
+
+def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UsageError, match="npm install three@"):
+        three_folder(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="npm install three@"):
+        three_folder()
+    build = tmp_path / "node_modules" / "three" / "build"
+    build.mkdir(parents=True)
+    (build / "three.module.js").touch()
+    (tmp_path / "deeper").mkdir()
+    monkeypatch.chdir(tmp_path / "deeper")
+    assert three_folder() == build.resolve()
+    with pytest.raises(UsageError, match="Chromium"):
+        ThreeRenderer(build, chromium=tmp_path / "nothing")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(UsageError, match="install Chromium"):
+        ThreeRenderer(build)
+    with pytest.raises(UsageError, match="no material 'wax'"):
+        ThreeRenderer(build, "wax")
+    with pytest.raises(UsageError, match="limit of 0"):
+        ThreeRenderer(build, seconds=0)
