@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from mipbake.nvdiffrast.contexts import RasterizeCudaContext, RasterizeGLContext
 from mipbake.nvdiffrast.log import get_log_level, set_log_level
-from mipbake.nvdiffrast.rasterization import DepthPeeler, rasterize
-from mipbake.raster import antialias, antialias_construct_topology_hash, interpolate
+from mipbake.nvdiffrast.rasterization import DepthPeeler, interpolate, rasterize
+from mipbake.raster import antialias, antialias_construct_topology_hash
 from mipbake.sampling import texture, texture_construct_mip
 
 __all__ = [

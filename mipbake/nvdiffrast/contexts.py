@@ -62,7 +62,7 @@ class RasterizeGLContext:
 
     Args:
         output_db: whether `rasterize` gives the derivatives of barycentrics. Without them its second result has shape
-            (B, H, W, 0), and its argument `grad_db` is ignored.
+            (B, H, W, 0), and its argument `grad_db` is ignored. They are computed all the same, so no time is saved.
         mode: "automatic", or "manual" for `set_context` and `release_context`.
         device: as for `RasterizeCudaContext`.
 

@@ -1,4 +1,4 @@
-"""`rasterize` and `DepthPeeler` of `mipbake.raster`, with nvdiffrast's contexts."""
+"""`rasterize`, `DepthPeeler` and `interpolate` of `mipbake.raster`, with nvdiffrast's contexts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Array = TypeVar("Array", NDArray[Any], Tensor)
 
-__all__ = ["DepthPeeler", "rasterize"]
+__all__ = ["DepthPeeler", "interpolate", "rasterize"]
 
 
 def rasterize(
@@ -92,6 +92,38 @@ class DepthPeeler(raster.DepthPeeler):
         return rast, rast_db if _outputs_derivatives(self._glctx) else rast_db[..., :0]
 
 
+def interpolate(
+    attr: Array,
+    rast: Array,
+    tri: Array,
+    rast_db: Array | None = None,
+    diff_attrs: Sequence[int] | str | None = None,
+) -> tuple[Array, Array]:
+    """`mipbake.raster.interpolate`, also after a context that was made with output_db=False.
+
+    Args:
+        attr, rast, tri, diff_attrs: as for `mipbake.raster.interpolate`.
+        rast_db: the second result of `rasterize`. It may have 0 channels where diff_attrs is None.
+
+    Returns:
+        The two results of `mipbake.raster.interpolate`, contiguous and on the device of attr.
+
+    Gradients flow as in `mipbake.raster.interpolate`.
+
+    Raises:
+        UsageError: rast_db has 0 channels and diff_attrs wants derivatives, or as `mipbake.raster.interpolate` raises
+            it.
+    """
+    if rast_db is not None and getattr(rast_db, "shape", ())[-1:] == (0,):
+        if diff_attrs is not None:
+            raise UsageError(
+                f"rast_db has shape {tuple(rast_db.shape)} and diff_attrs is {diff_attrs!r}: expected (batch, height, "
+                "width, 4), which a context with output_db=False does not give"
+            )
+        rast_db = None
+    return raster.interpolate(attr, rast, tri, rast_db, diff_attrs)
+
+
 def _check(glctx: Any, pos: Any) -> None:
     """UsageError unless glctx is a context that may be used here, on the device of pos."""
     if not isinstance(glctx, (RasterizeCudaContext, RasterizeGLContext)):
@@ -99,11 +131,11 @@ def _check(glctx: Any, pos: Any) -> None:
     if isinstance(glctx, RasterizeGLContext):
         glctx.check_set()
     if isinstance(pos, np.ndarray):
-        elsewhere, where = glctx.device.type != "cpu", "cpu"
+        where, here = "cpu", glctx.device.type == "cpu"
     else:  # what has no device is no tensor, and refused with the other arguments
-        where = getattr(pos, "device", glctx.device)
-        elsewhere = where != glctx.device
-    if elsewhere:
+        device = getattr(pos, "device", glctx.device)
+        where, here = str(device), device == glctx.device
+    if not here:
         raise UsageError(
             f"pos is on {where}: expected {glctx.device}, where glctx is; "
             f"{type(glctx).__name__}(device='{where}') makes a context there"

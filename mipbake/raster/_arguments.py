@@ -107,7 +107,7 @@ def attributes_of(
         batch = "1" if rast.shape[0] == 1 else f"1 or {rast.shape[0]}"
         raise UsageError(f"attr has a batch of {attr.shape[0]}: expected {batch}, as rast has")
     selected = _selected(diff_attrs, attr.shape[-1])
-    if rast_db is None or (not selected and rast_db.shape[-1:] == (0,)):  # there are none
+    if rast_db is None:
         return []
     _check_image(rast_db, attr, 4, "du/dX, du/dY, dv/dX, dv/dY")
     if rast_db.shape != rast.shape:
