@@ -195,6 +195,27 @@ def test_handlers_of_the_program_get_the_messages(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize("name", ["mipbake", "mipbake.nvdiffrast"])
+def test_handlers_below_the_root_count_too(
+    name: str, log_level: None, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dr.set_log_level(0)
+    handler, logger = logging.NullHandler(), logging.getLogger(name)
+    root = logging.getLogger()
+    handlers = list(root.handlers)
+    logger.addHandler(handler)
+    try:
+        root.handlers.clear()
+        dr.RasterizeCudaContext(device="cpu")
+        assert capsys.readouterr().err == ""
+        logger.removeHandler(handler)
+        dr.RasterizeCudaContext(device="cpu")
+        assert capsys.readouterr().err.splitlines() == [INFO]
+    finally:
+        root.handlers[:] = handlers
+        logger.removeHandler(handler)
+
+
 WARNING = "mipbake.nvdiffrast: warning: torch finds no graphics card, so RasterizeGLContext rasterises on the processor"
 INFO = "mipbake.nvdiffrast: info: RasterizeCudaContext rasterises on cpu, without OpenGL"
 
@@ -220,6 +241,10 @@ def test_the_processor_is_told_of_once(program: str, said: list[str]) -> None:
 
 
 def test_the_module_loads_without_torch() -> None:
-    script = "import sys, mipbake.nvdiffrast; print('torch' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"
+    """A context needs it, and says what to type where it is not installed."""
+    script = "import sys; sys.modules['torch'] = None; import mipbake.nvdiffrast as dr; dr.RasterizeGLContext()"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert run.stderr.splitlines()[-1] == (
+        "mipbake.errors.UsageError: RasterizeGLContext needs torch, which mipbake's extra `train` brings: "
+        'python -m pip install "mipbake[train]"'
+    )

@@ -19,7 +19,8 @@ class _Printer(logging.Handler):
     """Prints to the standard error, but leaves messages to a program that has handlers of its own."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        if not logging.getLogger().handlers:
+        above = LOGGER.parent
+        if LOGGER.handlers == [self] and not (above and above.hasHandlers()):
             print(f"{record.name}: {record.levelname.lower()}: {record.getMessage()}", file=sys.stderr)
 
 
@@ -43,9 +44,9 @@ def get_log_level() -> int:
 def set_log_level(level: int) -> None:
     """Says which messages are printed; it sets the level of the logger `mipbake.nvdiffrast` of Python's `logging`.
 
-    Messages go to the standard error, or to the handlers of the program where its root logger has any. There are two.
-    An info says of each new context on which device it rasterises. A warning says, once in a process, that this is the
-    processor because there is no graphics card. Errors are raised and never logged, so 2 and 3 silence everything.
+    Messages go to the standard error, or to the program's own handlers of `logging` where there are any. An info says
+    of each new context on which device it rasterises. A warning says, once in a process, that this is the processor
+    because there is no graphics card. Errors are raised and never logged, so 2 and 3 silence everything.
 
     Args:
         level: 0 = info, 1 = warning, 2 = error, 3 = fatal: this severity and higher ones are printed.

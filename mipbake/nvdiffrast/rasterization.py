@@ -31,7 +31,7 @@ def rasterize(
     """`mipbake.raster.rasterize` on the device of a context.
 
     Args:
-        glctx: a RasterizeCudaContext or a RasterizeGLContext. No result depends on it but for `output_db`.
+        glctx: a RasterizeCudaContext or a RasterizeGLContext. Of its settings, `output_db` alone changes a result.
         pos, tri, resolution, ranges, grad_db: as for `mipbake.raster.rasterize`; pos and tri on the device of glctx.
             NumPy arrays count as on the processor.
 
