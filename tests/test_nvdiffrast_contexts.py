@@ -223,18 +223,19 @@ INFO = "mipbake.nvdiffrast: info: RasterizeCudaContext rasterises on cpu, withou
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        ("dr.RasterizeGLContext(); dr.RasterizeCudaContext(); dr.RasterizeGLContext()", [WARNING]),
-        ("dr.RasterizeCudaContext(device='cpu')", []),  # it was asked for
-        ("dr.set_log_level(2); dr.RasterizeGLContext()", []),
-        ("dr.set_log_level(3); dr.RasterizeCudaContext(); dr.set_log_level(1); dr.RasterizeGLContext()", [WARNING]),
-        ("dr.RasterizeGLContext(); dr.set_log_level(0); dr.RasterizeCudaContext()", [WARNING, INFO]),
-        ("assert dr.get_log_level() == 1", []),
+        (
+            "dr.RasterizeGLContext(); dr.RasterizeCudaContext(); dr.RasterizeGLContext()\n"
+            "dr.set_log_level(0); dr.RasterizeCudaContext()",
+            [WARNING, INFO],
+        ),
+        ("assert dr.get_log_level() == 1; dr.RasterizeCudaContext(device='cpu')", []),  # it was asked for
+        ("dr.set_log_level(2); dr.RasterizeCudaContext(); dr.set_log_level(1); dr.RasterizeGLContext()", [WARNING]),
     ],
 )
 def test_the_processor_is_told_of_once(program: str, said: list[str]) -> None:
     """In a process where torch has CUDA and finds no card."""
     start = "import torch, mipbake.nvdiffrast as dr; torch.cuda.is_available = lambda: False; torch.version.cuda = '12'"
-    run = subprocess.run([sys.executable, "-c", f"{start}; {program}"], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-c", f"{start}\n{program}"], capture_output=True, text=True, check=True)
     lines = run.stderr.splitlines()
     assert len(lines) == len(said) and all(map(str.startswith, lines, said)), run.stderr
     assert run.stdout == ""

@@ -154,6 +154,7 @@ def test_interpolate() -> None:
         every = dr.interpolate(attr, rast, TRI, rast_db=rast_db, diff_attrs="all")[1]
         some = dr.interpolate(attr, rast, TRI, rast_db=rast_db, diff_attrs=[3, 0])[1]
         assert every.shape == (3, *SIZE, 10) and torch.equal(some, every[..., [6, 7, 0, 1]])
+        assert all(each.is_contiguous() for each in (out, out_da, every, some))
 
 
 def test_a_context_without_derivatives_serves_interpolation_without_them() -> None:
