@@ -149,6 +149,7 @@ WORDS = {
             *("compare.file_levels", "compare.file_levels.WrittenLevels", "compare.file_levels.written_levels"),
             *("io.map_files.RoundedLevels", "io.map_files.StoredLevels", "io.read_back.whole_levels"),
             "training.picture_loss.plain_levels",
+            *("nvdiffrast.log.get_log_level", "nvdiffrast.log.set_log_level"),  # names that nvdiffrast chose
         ),
         types=(
             *(r"int( \| None)?", "range", ARRAYS, "Levels", rf"(Sequence|list)\[{ARRAYS}\]", r"tuple\[Any, \.\.\.\]"),

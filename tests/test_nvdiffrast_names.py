@@ -1,29 +1,292 @@
-"""What docs/primitives.md says of nvdiffrast: the same names, and arguments in the same order with its defaults."""
+"""`mipbake.nvdiffrast` against nvdiffrast's documentation: names, arguments, defaults, shapes, and what is refused."""
 
 from __future__ import annotations
 
 import inspect
+import re
+from collections.abc import Callable
+from typing import Any
 
 import pytest
+import torch
+from torch import Tensor
 
+import mipbake.nvdiffrast as dr
 from mipbake import raster, sampling
+from mipbake.errors import UsageError
 
 DOCUMENTED = {
-    "rasterize": "ctx, pos, tri, resolution, ranges=None, grad_db=True",
+    "RasterizeCudaContext": "device=None",
+    "RasterizeGLContext": "output_db=True, mode='automatic', device=None",
+    "rasterize": "glctx, pos, tri, resolution, ranges=None, grad_db=True",
+    "DepthPeeler": "glctx, pos, tri, resolution, ranges=None, grad_db=True",
     "interpolate": "attr, rast, tri, rast_db=None, diff_attrs=None",
     "texture": "tex, uv, uv_da=None, mip_level_bias=None, mip=None, filter_mode='auto', boundary_mode='wrap', "
     "max_mip_level=None",
     "texture_construct_mip": "tex, max_mip_level=None, cube_mode=False",
     "antialias": "color, rast, pos, tri, topology_hash=None, pos_gradient_boost=1.0",
     "antialias_construct_topology_hash": "tri",
-    "DepthPeeler": "ctx, pos, tri, resolution, ranges=None, grad_db=True",
+    "get_log_level": "",
+    "set_log_level": "level",
 }
-"""Signatures of nvdiffrast's documentation, its `glctx` called `ctx`; DepthPeeler has the signatures of rasterize."""
+"""Signatures of the chapter "PyTorch API reference"; DepthPeeler has the arguments of rasterize."""
+
+METHODS = {
+    "DepthPeeler.rasterize_next_layer": "self",
+    "RasterizeGLContext.set_context": "self",
+    "RasterizeGLContext.release_context": "self",
+}
+
+POS = torch.tensor(
+    [
+        *([-0.9, -0.9, 0, 1], [0.9, -0.9, 0, 1], [-0.9, 0.9, 0, 1]),
+        *([-0.7, -0.9, 0.5, 1], [0.9, -0.9, 0.5, 1], [0.9, 0.9, 0.5, 1]),
+    ]
+)
+TRI = torch.tensor([[0, 1, 2], [3, 4, 5]], dtype=torch.int32)
+RANGES = torch.tensor([[0, 2], [1, 1], [0, 0]], dtype=torch.int32)
+SIZE = (6, 8)
+
+
+def manual() -> dr.RasterizeGLContext:
+    context = dr.RasterizeGLContext(mode="manual")
+    context.set_context()
+    return context
+
+
+CONTEXTS: dict[str, Callable[[], Any]] = {
+    "cuda": dr.RasterizeCudaContext,
+    "gl": dr.RasterizeGLContext,
+    "gl without derivatives": lambda: dr.RasterizeGLContext(output_db=False),
+    "manual": manual,
+}
+
+
+def plain(thing: Any) -> str:
+    found = inspect.signature(thing).parameters.values()
+    return ", ".join(str(each.replace(annotation=inspect.Parameter.empty)) for each in found)
+
+
+def test_the_names_are_the_documented_ones() -> None:
+    assert set(dr.__all__) == set(DOCUMENTED)
+    assert {name for name in dir(dr) if not name.startswith("_") and not inspect.ismodule(getattr(dr, name))} == {
+        *DOCUMENTED,
+        "annotations",
+    }
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
-def test_signatures_are_those_that_nvdiffrast_documents(name: str) -> None:
-    module = sampling if name.startswith("texture") else raster
-    found = inspect.signature(getattr(module, name)).parameters.values()
-    plain = [each.replace(annotation=inspect.Parameter.empty) for each in found]
-    assert ", ".join(map(str, plain)) == DOCUMENTED[name]
+def test_signatures_are_the_documented_ones(name: str) -> None:
+    assert plain(getattr(dr, name)) == DOCUMENTED[name]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_are_the_documented_ones(name: str) -> None:
+    kind, method = name.split(".")
+    assert plain(getattr(getattr(dr, kind), method)) == METHODS[name]
+
+
+def test_there_is_one_implementation() -> None:
+    for name in ("antialias", "antialias_construct_topology_hash"):
+        assert getattr(dr, name) is getattr(raster, name)
+    for name in ("texture", "texture_construct_mip"):
+        assert getattr(dr, name) is getattr(sampling, name)
+    assert issubclass(dr.DepthPeeler, raster.DepthPeeler)
+
+
+# ---- shapes and meanings of results ----
+
+
+@pytest.mark.parametrize("batch", [None, 1, 3])
+@pytest.mark.parametrize("kind", CONTEXTS)
+def test_rasterize(kind: str, batch: int | None) -> None:
+    """Every context gives the results of `mipbake.raster`; both modes of geometry, by name and by place."""
+    context = CONTEXTS[kind]()
+    pos = POS if batch is None else POS.repeat(batch, 1, 1)
+    ranges = RANGES if batch is None else None
+    want, want_db = raster.rasterize(None, pos, TRI, SIZE, ranges)
+    rast, rast_db = dr.rasterize(glctx=context, pos=pos, tri=TRI, resolution=SIZE, ranges=ranges, grad_db=True)
+    assert torch.equal(rast, want) and rast.shape == (batch or 3, *SIZE, 4)
+    if kind == "gl without derivatives":
+        want_db = want_db.new_empty((*want.shape[:3], 0))
+    assert torch.equal(rast_db, want_db)
+    for each in (rast, rast_db):
+        assert each.is_contiguous() and each.dtype == torch.float32 and each.device == pos.device
+    again = dr.rasterize(context, pos, TRI, list(SIZE), ranges)
+    assert torch.equal(again[0], rast) and torch.equal(again[1], rast_db)
+
+
+def test_ranges_are_ignored_in_instanced_mode() -> None:
+    context = dr.RasterizeCudaContext()
+    assert dr.rasterize(context, POS[None], TRI, SIZE, RANGES)[0].shape == (1, *SIZE, 4)
+
+
+@pytest.mark.parametrize("grad_db", [True, False])
+@pytest.mark.parametrize("kind", CONTEXTS)
+def test_gradients_of_derivatives(kind: str, grad_db: bool) -> None:
+    """They are left out on request, and where the context does not output derivatives."""
+    pos = POS[None].clone().requires_grad_()
+    rast, rast_db = dr.rasterize(CONTEXTS[kind](), pos, TRI, SIZE, grad_db=grad_db)
+    assert rast.requires_grad
+    assert rast_db.requires_grad == (grad_db and kind != "gl without derivatives")
+
+
+@pytest.mark.parametrize("kind", CONTEXTS)
+def test_depth_peeler(kind: str) -> None:
+    """The first layer is what `rasterize` gives, the second lies behind it, and the third is empty."""
+    context = CONTEXTS[kind]()
+    with dr.DepthPeeler(context, POS[None], TRI, resolution=SIZE) as peeler:
+        layers = [peeler.rasterize_next_layer() for _ in range(3)]
+        inside = dr.rasterize(context, POS[None], TRI, SIZE)  # the context is not reserved
+    for got, want in zip(layers[0], inside, strict=True):
+        assert torch.equal(got, want)
+    ids = [sorted(layer[..., 3].unique().tolist()) for layer, _ in layers]
+    assert ids == [[0, 1, 2], [0, 2], [0]]
+    assert all(db.shape == (1, *SIZE, 0 if kind == "gl without derivatives" else 4) for _, db in layers)
+
+
+def test_interpolate() -> None:
+    rast, rast_db = dr.rasterize(dr.RasterizeCudaContext(), POS.repeat(3, 1, 1), TRI, SIZE)
+    for attr in (torch.rand(3, 6, 5), torch.rand(1, 6, 5), torch.rand(6, 5)):
+        out, out_da = dr.interpolate(attr, rast, TRI)
+        assert out.shape == (3, *SIZE, 5) and out_da.shape == (3, *SIZE, 0)
+        assert not out[rast[..., 3] == 0].any()
+        every = dr.interpolate(attr, rast, TRI, rast_db=rast_db, diff_attrs="all")[1]
+        some = dr.interpolate(attr, rast, TRI, rast_db=rast_db, diff_attrs=[3, 0])[1]
+        assert every.shape == (3, *SIZE, 10) and torch.equal(some, every[..., [6, 7, 0, 1]])
+        assert all(each.is_contiguous() for each in (out, out_da, every, some))
+
+
+def test_a_context_without_derivatives_serves_interpolation_without_them() -> None:
+    rast, rast_db = dr.rasterize(dr.RasterizeGLContext(output_db=False), POS[None], TRI, SIZE)
+    assert dr.interpolate(POS, rast, TRI, rast_db)[1].shape == (1, *SIZE, 0)
+    with pytest.raises(UsageError, match=r"rast_db has shape \(1, 6, 8, 0\) and diff_attrs is .all.: expected"):
+        dr.interpolate(POS, rast, TRI, rast_db, diff_attrs="all")
+
+
+@pytest.mark.parametrize("cube", [False, True])
+def test_texture(cube: bool) -> None:
+    tex = torch.rand(2, 6, 8, 8, 3) if cube else torch.rand(2, 16, 8, 3)
+    uv, boundary = torch.rand(2, *SIZE, 3 if cube else 2) - 0.5, "cube" if cube else "wrap"
+    uv_da, bias = 0.1 * torch.rand(2, *SIZE, 6 if cube else 4), torch.rand(2, *SIZE)
+    mip = dr.texture_construct_mip(tex, max_mip_level=2, cube_mode=cube)
+    custom = [tex[..., ::2, ::2, :].contiguous(), tex[..., ::4, ::4, :].contiguous()]
+    calls: list[dict[str, Any]] = [
+        {},
+        {"uv_da": uv_da},
+        {"mip_level_bias": bias},
+        {"uv_da": uv_da, "mip_level_bias": bias, "mip": mip},
+        {"uv_da": uv_da, "mip": custom},
+        {"uv_da": uv_da, "max_mip_level": 2},
+        *({"uv_da": uv_da, "filter_mode": mode} for mode in ("nearest", "linear")),
+        *({"uv_da": uv_da, "filter_mode": f"linear-mipmap-{mode}"} for mode in ("nearest", "linear")),
+    ]
+    results = [dr.texture(tex, uv, boundary_mode=boundary, **call) for call in calls]
+    for result in results:
+        assert result.shape == (2, *SIZE, 3) and result.is_contiguous() and result.dtype == torch.float32
+    by_name = dict(zip(("plain", "da", "bias", "both", "custom", "two", "nearest", "linear"), results, strict=False))
+    assert torch.equal(by_name["plain"], by_name["linear"])
+    assert torch.equal(by_name["da"], results[-1])
+    assert torch.equal(by_name["two"], dr.texture(tex, uv, uv_da, mip=mip, boundary_mode=boundary))
+    broadcast = dr.texture(tex[:1], uv, uv_da, boundary_mode=boundary)
+    assert torch.equal(
+        broadcast, dr.texture(tex[:1].repeat(2, *[1] * (tex.ndim - 1)), uv, uv_da, None, None, "auto", boundary)
+    )
+    if cube:
+        assert not dr.texture(tex, torch.zeros_like(uv), boundary_mode="cube").any()
+    else:
+        for mode in ("clamp", "zero"):
+            assert dr.texture(tex, uv, boundary_mode=mode).shape == (2, *SIZE, 3)
+
+
+def test_gradients_of_a_custom_stack_stay_there() -> None:
+    tex, level = torch.rand(1, 4, 4, 2, requires_grad=True), torch.rand(1, 2, 2, 2, requires_grad=True)
+    uv = torch.rand(1, *SIZE, 2)
+    dr.texture(tex, uv, mip_level_bias=torch.ones(1, *SIZE), mip=[level]).sum().backward()
+    assert level.grad is not None and level.grad.any()
+    assert tex.grad is None or not tex.grad.any()
+
+
+def test_antialias() -> None:
+    pos = POS[None].clone().requires_grad_()
+    rast, _ = dr.rasterize(dr.RasterizeCudaContext(), pos, TRI, SIZE)
+    color = torch.rand(1, *SIZE, 3)
+    out = dr.antialias(color, rast, pos, TRI)
+    topology = dr.antialias_construct_topology_hash(TRI)
+    assert torch.equal(out, dr.antialias(color, rast, pos, TRI, topology_hash=topology))
+    assert out.shape == color.shape and out.is_contiguous() and not torch.equal(out, color)
+    once, twice = (
+        torch.autograd.grad(dr.antialias(color, rast.detach(), pos, TRI, None, boost).sum(), pos)[0]
+        for boost in (1.0, 2.0)
+    )
+    assert torch.allclose(2 * once, twice) and once.any()
+
+
+# ---- what is refused ----
+
+WRONG: dict[str, tuple[Callable[[], Any], str]] = {
+    "no context": (
+        lambda: dr.rasterize(None, POS[None], TRI, SIZE),
+        "glctx is a NoneType: expected a RasterizeCudaCon",
+    ),
+    "another context": (lambda: dr.rasterize(raster.RasterizeContext(), POS[None], TRI, SIZE), "glctx is a Rasterize"),
+    "no context to peel": (lambda: dr.DepthPeeler(POS, TRI, SIZE, None), "glctx is a Tensor: expected"),
+    "mode": (lambda: dr.RasterizeGLContext(mode="auto"), "mode is 'auto': expected 'automatic' or 'manual'"),
+    "output_db": (lambda: dr.RasterizeGLContext(output_db=1), "output_db is 1: expected True or False"),
+    "device": (lambda: dr.RasterizeCudaContext("tpu"), "unknown device 'tpu': expected cpu, cuda, or cuda:1"),
+    "kind of device": (lambda: dr.RasterizeGLContext(device=1.5), "device is 1.5: expected a torch.device, a name"),
+    "negative device": (lambda: dr.RasterizeCudaContext(-1), "unknown device 'cuda:-1': expected"),
+    "set": (lambda: dr.RasterizeGLContext().set_context(), "set_context was called on a context in automatic mode"),
+    "release": (lambda: dr.RasterizeGLContext().release_context(), "release_context was called on a context in auto"),
+    "unset": (
+        lambda: dr.rasterize(dr.RasterizeGLContext(mode="manual"), POS[None], TRI, SIZE),
+        "glctx is in manual mode and not set in this thread: expected a call of set_context() before",
+    ),
+    "outside": (
+        lambda: dr.DepthPeeler(dr.RasterizeCudaContext(), POS[None], TRI, SIZE).rasterize_next_layer(),
+        "the depth peeler is not open",
+    ),
+    "range mode": (lambda: dr.rasterize(dr.RasterizeCudaContext(), POS, TRI, SIZE), "ranges is missing"),
+    "indices": (lambda: dr.rasterize(dr.RasterizeCudaContext(), POS[None], TRI.long(), SIZE), "tri is int64: expected"),
+    "no mips": (
+        lambda: dr.texture(torch.rand(1, 4, 4, 1), torch.rand(1, 2, 2, 2), filter_mode="linear-mipmap-linear"),
+        "expected uv_da or mip_level_bias",
+    ),
+    "not set to cube": (
+        lambda: dr.texture(torch.rand(1, 6, 4, 4, 1), torch.rand(1, 2, 2, 3)),
+        "for a cube map set bou",
+    ),
+    "log level": (lambda: dr.set_log_level(4), "level is 4: expected 0 (info), 1 (warning), 2 (error) or 3 (fatal)"),
+    "kind of log level": (lambda: dr.set_log_level("info"), "level is 'info': expected 0 (info)"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_use(case: str) -> None:
+    call, sentence = WRONG[case]
+    with pytest.raises(UsageError, match=re.escape(sentence)):
+        call()
+
+
+# ---- beyond nvdiffrast ----
+
+
+def test_numpy_arrays_and_double_precision() -> None:
+    context = dr.RasterizeCudaContext()
+    want = dr.rasterize(context, POS[None], TRI, SIZE)
+    for got, tensor in zip(dr.rasterize(context, POS[None].numpy(), TRI.numpy(), SIZE), want, strict=True):
+        assert torch.equal(torch.from_numpy(got), tensor)
+    assert dr.rasterize(context, POS[None].double(), TRI, SIZE)[0].dtype == torch.float64
+
+
+def test_compiled_equals_eager() -> None:
+    contexts = [dr.RasterizeCudaContext(), dr.RasterizeGLContext(output_db=False)]
+
+    def both(pos: Tensor) -> Tensor:
+        color, _ = dr.interpolate(pos, dr.rasterize(contexts[0], pos, TRI, SIZE)[0], TRI)
+        with dr.DepthPeeler(contexts[1], pos, TRI, SIZE) as peeler:
+            peeler.rasterize_next_layer()
+            behind, _ = peeler.rasterize_next_layer()
+        return color + behind
+
+    assert torch.equal(torch.compile(both, fullgraph=True, backend="aot_eager")(POS[None]), both(POS[None]))

@@ -25,7 +25,7 @@ import report
 import torch
 from torch import Tensor
 
-from mipbake import raster
+import mipbake.nvdiffrast as dr
 
 DISTANCE = 3.5  # with the camera's opening, an average triangle covers 0.53 pixels of 4 x 4 (0.54 in the paper)
 SHOWN = (0, 10, 100, 1000)
@@ -41,15 +41,19 @@ class Settings:
     success: float = 0.2
     seed: int = 0
     device: str = "cpu"
+    opengl: bool = False
 
 
 class Cube:
     """The true cube and the way it is drawn."""
 
-    def __init__(self, continuous: bool, device: str) -> None:
+    def __init__(self, continuous: bool, settings: Settings) -> None:
+        device = settings.device
+        context = dr.RasterizeGLContext if settings.opengl else dr.RasterizeCudaContext
+        self.glctx = context(device=settings.device)
         mesh, corners = meshes.cube()
         self.mesh = mesh.to(device)
-        self.topology = raster.antialias_construct_topology_hash(self.mesh.triangles)
+        self.topology = dr.antialias_construct_topology_hash(self.mesh.triangles)
         corner_colors = mesh.positions + 0.5
         if continuous:
             self.color_triangles = self.mesh.triangles
@@ -67,9 +71,9 @@ class Cube:
     def render(self, positions: Tensor, colors: Tensor, rotation: Tensor, resolution: int) -> Tensor:
         """(B, resolution, resolution, 3), antialiased; positions and colours (V, 3) or (B, V, 3)."""
         pos = camera.to_clip(positions, rotation, DISTANCE)
-        rast, _ = raster.rasterize(None, pos, self.mesh.triangles, (resolution, resolution))
-        color, _ = raster.interpolate(colors.reshape(-1, *colors.shape[-2:]), rast, self.color_triangles)
-        return raster.antialias(color, rast, pos, self.mesh.triangles, self.topology)
+        rast, _ = dr.rasterize(self.glctx, pos, self.mesh.triangles, (resolution, resolution))
+        color, _ = dr.interpolate(colors.reshape(-1, *colors.shape[-2:]), rast, self.color_triangles)
+        return dr.antialias(color, rast, pos, self.mesh.triangles, self.topology)
 
 
 def fit(settings: Settings, cube: Cube, resolution: int) -> tuple[dict[int, list[float]], list[list[np.ndarray]]]:
@@ -128,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     log = report.Report("cube", settings, folder)
     rows, curves = [], {}
     for continuous in (True, False):
-        cube = Cube(continuous, settings.device)
+        cube = Cube(continuous, settings)
         for resolution in settings.resolutions:
             name = f"{resolution} x {resolution}, {'continuous' if continuous else 'discontinuous'}"
             errors, pictures = fit(settings, cube, resolution)

@@ -28,7 +28,7 @@ import textures
 import torch
 from torch import Tensor
 
-from mipbake import raster, sampling
+import mipbake.nvdiffrast as dr
 
 VARIANTS = {"with mipmaps": "linear-mipmap-linear", "without mipmaps": "linear"}
 SLOPE = 0.4
@@ -47,6 +47,7 @@ class Settings:
     last_rate: float = 1e-3
     seed: int = 0
     device: str = "cpu"
+    opengl: bool = False
 
 
 FULL = Settings(texture_size=512, resolution=512)
@@ -69,13 +70,20 @@ def view(mesh: meshes.Mesh, distance: float, resolution: int, generator: torch.G
     return View(camera.to_clip(mesh.positions, rotation, distance, SLOPE * pixels / resolution), pixels)
 
 
-def render(texture: Tensor, mesh: meshes.Mesh, seen: View, filter_mode: str, samples: int = 1) -> tuple[Tensor, Tensor]:
+def render(
+    glctx: dr.RasterizeCudaContext | dr.RasterizeGLContext,
+    texture: Tensor,
+    mesh: meshes.Mesh,
+    seen: View,
+    filter_mode: str,
+    samples: int = 1,
+) -> tuple[Tensor, Tensor]:
     """Colours (1, n, n, 3), one lookup a sample, n = samples x pixels, and whether the planet is there (1, n, n, 1)."""
     size = seen.pixels * samples
-    rast, rast_db = raster.rasterize(None, seen.pos, mesh.triangles, (size, size))
-    uv, uv_da = raster.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
+    rast, rast_db = dr.rasterize(glctx, seen.pos, mesh.triangles, (size, size))
+    uv, uv_da = dr.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
     derivatives = None if filter_mode == "linear" else uv_da
-    color = sampling.texture(texture, uv, derivatives, filter_mode=filter_mode, boundary_mode="cube")
+    color = dr.texture(texture, uv, derivatives, filter_mode=filter_mode, boundary_mode="cube")
     return color, (rast[..., 3:] > 0).to(color)
 
 
@@ -97,11 +105,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     mesh = meshes.sphere(16).to(settings.device)
     target = textures.planet(settings.texture_size).to(settings.device)
     samples = settings.supersampling
+    context = dr.RasterizeGLContext if settings.opengl else dr.RasterizeCudaContext
+    glctx = context(device=settings.device)
 
     @torch.no_grad()
     def reference(seen: View) -> tuple[Tensor, Tensor]:
         """The mean over what each pixel shows of the planet, and how much that is, 0 to 1."""
-        color, there = render(target, mesh, seen, "linear-mipmap-linear", samples)
+        color, there = render(glctx, target, mesh, seen, "linear-mipmap-linear", samples)
         share = filtered_down(there, samples)
         return filtered_down(color * there, samples) / share.clamp(min=1e-6), share
 
@@ -118,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         wanted, _ = reference(seen)
         loss = torch.zeros((), device=settings.device)
         for name, texture in learned.items():
-            color, there = render(texture, mesh, seen, VARIANTS[name])
+            color, there = render(glctx, texture, mesh, seen, VARIANTS[name])
             loss = loss + ((color - wanted) * there).square().sum() / settings.resolution**2
         optimiser.zero_grad()
         loss.backward()
@@ -133,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = [[textures.unfolded(texture) for texture in (target, *learned.values())]]
     for distance in (1.9, 8.0):
         seen = view(mesh, distance, settings.resolution, generator)
-        images = [torch.mul(*render(texture, mesh, seen, VARIANTS[name])) for name, texture in learned.items()]
+        images = [torch.mul(*render(glctx, texture, mesh, seen, VARIANTS[name])) for name, texture in learned.items()]
         rows.append([report.upright(image[0]) for image in (torch.mul(*reference(seen)), *images)])
     width = rows[0][0].shape[1]
     rows[1:] = [[report.enlarged(image, width) for image in row] for row in rows[1:]]

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from mipbake import raster, sampling
+import mipbake.nvdiffrast as dr
 
 DISTANCE = 2.8
 TRUE_COLOR, TRUE_EXPONENT = (0.9, 0.7, 0.35), 25.0
@@ -39,6 +39,7 @@ class Settings:
     rate: float = 1e-2
     seed: int = 0
     device: str = "cpu"
+    opengl: bool = False
 
 
 FULL = Settings(texture_size=512, resolution=512, iterations=5000)
@@ -60,6 +61,8 @@ class Knot:
     """The object, and how it is drawn."""
 
     def __init__(self, settings: Settings) -> None:
+        context = dr.RasterizeGLContext if settings.opengl else dr.RasterizeCudaContext
+        self.glctx = context(device=settings.device)
         mesh, normals = meshes.bumpy_knot()
         self.mesh, self.normals = mesh.to(settings.device), normals.to(settings.device)
         self.resolution = (settings.resolution, settings.resolution)
@@ -68,12 +71,12 @@ class Knot:
         """(1, H, W, 3); the camera's rotation (1, 3, 3), the direction to the light (3,)."""
         points, tri = self.mesh.positions, self.mesh.triangles
         pos = camera.to_clip(points, rotation, DISTANCE)
-        rast, rast_db = raster.rasterize(None, pos, tri, self.resolution)
+        rast, rast_db = dr.rasterize(self.glctx, pos, tri, self.resolution)
         eye = DISTANCE * rotation[:, 2]  # where the camera is, in the object's space
         incoming = normalize(points - eye, dim=-1)
         mirrored = incoming - 2 * (incoming * self.normals).sum(-1, keepdim=True) * self.normals
-        vector, vector_da = raster.interpolate(mirrored[None], rast, tri, rast_db, diff_attrs="all")
-        reflected = sampling.texture(
+        vector, vector_da = dr.interpolate(mirrored[None], rast, tri, rast_db, diff_attrs="all")
+        reflected = dr.texture(
             look.environment, vector, vector_da, filter_mode="linear-mipmap-linear", boundary_mode="cube"
         )
         cosine = (normalize(vector, dim=-1) @ light)[..., None].clamp(min=1e-4)

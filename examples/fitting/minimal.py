@@ -5,16 +5,17 @@ from camera import random_quaternions, rotation_matrix, to_clip
 from meshes import sphere
 from textures import planet
 
-from mipbake import raster, sampling
+import mipbake.nvdiffrast as dr
 
+glctx = dr.RasterizeCudaContext(device="cpu")
 mesh, target, generator = sphere(8), planet(32), torch.Generator().manual_seed(0)
 
 
 def render(texture, rotation):
     pos = to_clip(mesh.positions, rotation, distance=3)
-    rast, rast_db = raster.rasterize(None, pos, mesh.triangles, resolution=(64, 64))
-    uv, uv_da = raster.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
-    return sampling.texture(texture, uv, uv_da, boundary_mode="cube") * (rast[..., 3:] > 0)
+    rast, rast_db = dr.rasterize(glctx, pos, mesh.triangles, resolution=(64, 64))
+    uv, uv_da = dr.interpolate(mesh.positions[None], rast, mesh.triangles, rast_db, diff_attrs="all")
+    return dr.texture(texture, uv, uv_da, boundary_mode="cube") * (rast[..., 3:] > 0)
 
 
 learned = torch.full_like(target, 0.5, requires_grad=True)

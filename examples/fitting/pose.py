@@ -25,7 +25,7 @@ import report
 import torch
 from torch import Tensor
 
-from mipbake import raster
+import mipbake.nvdiffrast as dr
 
 DISTANCE, SLOPE = 10.0, 0.14
 """A narrow view from far: views of a single face, from which no pose can be told, are rare (1 in 200)."""
@@ -46,6 +46,7 @@ class Settings:
     last_rate: float = 1e-3
     seed: int = 0
     device: str = "cpu"
+    opengl: bool = False
 
 
 FULL = Settings(resolution=256, iterations=10_000)
@@ -59,11 +60,13 @@ class Cube:
     """
 
     def __init__(self, settings: Settings) -> None:
+        context = dr.RasterizeGLContext if settings.opengl else dr.RasterizeCudaContext
+        self.glctx = context(device=settings.device)
         mesh, corners = meshes.cube()
         points = torch.empty(24, 3)
         points[corners.long()] = mesh.positions[mesh.triangles.long()]
         self.mesh = meshes.Mesh(points, corners).to(settings.device)
-        self.topology = raster.antialias_construct_topology_hash(self.mesh.triangles)
+        self.topology = dr.antialias_construct_topology_hash(self.mesh.triangles)
         self.colors = COLORS.repeat_interleave(4, 0).to(settings.device)
         self.resolution = (settings.resolution, settings.resolution)
 
@@ -71,9 +74,9 @@ class Cube:
         """(B, H, W, 3) of poses (B, 4)."""
         tri = self.mesh.triangles
         pos = camera.to_clip(self.mesh.positions, camera.rotation_matrix(pose), DISTANCE, SLOPE)
-        rast, _ = raster.rasterize(None, pos, tri, self.resolution)
-        color, _ = raster.interpolate(self.colors[None], rast, tri)
-        return raster.antialias(color, rast, pos, tri, self.topology)
+        rast, _ = dr.rasterize(self.glctx, pos, tri, self.resolution)
+        color, _ = dr.interpolate(self.colors[None], rast, tri)
+        return dr.antialias(color, rast, pos, tri, self.topology)
 
     def loss(self, pose: Tensor, wanted: Tensor) -> Tensor:
         """(B,)"""

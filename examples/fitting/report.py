@@ -27,7 +27,7 @@ def parse(
 ) -> tuple[Settings, Path]:
     """Settings, and the folder for the results, of the command line: `small` (or `full` with --full), with changes.
 
-    Every field of the settings, a number, a word or a tuple of such, is an option.
+    Every field of the settings is an option: a number, a word or a tuple of such, or a switch that is off.
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     if full is not None:
@@ -35,9 +35,13 @@ def parse(
     parser.add_argument("--output", type=Path, default=Path("fitting"), help="folder for the picture and the figures")
     for field in dataclasses.fields(small):  # type: ignore[arg-type]
         one, large = getattr(small, field.name), getattr(full or small, field.name)
+        option = f"--{field.name.replace('_', '-')}"
+        if isinstance(one, bool):
+            parser.add_argument(option, action="store_true", default=None)
+            continue
         kind = type(one[0]) if isinstance(one, tuple) else type(one)
         parser.add_argument(
-            f"--{field.name.replace('_', '-')}",
+            option,
             type=kind,
             nargs="+" if isinstance(one, tuple) else None,
             help=f"default {one}" + (f", with --full {large}" if large != one else ""),
@@ -97,12 +101,17 @@ class Report:
             "machine": machine,
         }
         (self.folder / f"{self.name}.json").write_text(json.dumps(content, indent=2) + "\n")
-        pixels = (np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)
         file = self.folder / f"{self.name}.png"
-        buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
-        if not buffer.write(str(file)):
-            raise OSError(f"{file} cannot be written: {buffer.geterror()}")
+        write_picture(file, picture)
         print(f"{self.name}: {file} and {file.with_suffix('.json').name}")
+
+
+def write_picture(file: Path, picture: np.ndarray) -> None:
+    """Writes an 8-bit PNG; the picture (H, W, 3) holds values 0 to 1, top row first."""
+    pixels = (np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)
+    buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
+    if not buffer.write(str(file)):
+        raise OSError(f"{file} cannot be written: {buffer.geterror()}")
 
 
 def upright(image: Tensor) -> np.ndarray:
