@@ -165,3 +165,60 @@ class Pages:
     def __init__(self, most: int) -> None: ...
     def map(self, file: int, size: int) -> Any: ...
     def release(self) -> None: ...
+def stochastic_perturb(
+    values: Array,
+    elements: Array | None,
+    magnitude: Sequence[float],
+    low: Sequence[float],
+    high: Sequence[float],
+    lifted: int,
+    step: int,
+    seed: int,
+    plus: Array,
+    minus: Array,
+    stream: int = 0,
+) -> None: ...
+def stochastic_differences(
+    plus: Array, minus: Array, reference: Array, weights: Array | None, out: Array, stream: int = 0
+) -> None: ...
+def stochastic_gradient(
+    differences: Array,
+    elements: Array,
+    starts: Array,
+    pixels: Array,
+    magnitude: Sequence[float],
+    step: int,
+    seed: int,
+    gradient: Array,
+    stream: int = 0,
+) -> None: ...
+def stochastic_adam(
+    values: Array,
+    gradient: Array,
+    first: Array,
+    second: Array,
+    steps: Array,
+    elements: Array | None,
+    rate: Sequence[float],
+    low: Sequence[float],
+    high: Sequence[float],
+    lifted: int,
+    beta1: float,
+    beta2: float,
+    epsilon: float,
+    stream: int = 0,
+) -> None: ...
+def stochastic_count(touched: Array, counts: Array) -> None: ...
+def stochastic_fill(touched: Array, cursors: Array, pixels: Array) -> None: ...
+def stochastic_touched(
+    sizes: Sequence[tuple[int, int]],
+    uv: Array,
+    lod: Array | None,
+    uv_da: Array | None,
+    seen: Array | None,
+    filter: str,
+    boundary_u: str,
+    boundary_v: str,
+    texels: Array,
+    stream: int = 0,
+) -> None: ...

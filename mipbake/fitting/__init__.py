@@ -7,7 +7,8 @@
 kernels, three.js in a browser, and any program that speaks a small protocol.
 """
 
-from mipbake.fitting.fit import Progress, fit
+from mipbake.fitting.fit import fit
+from mipbake.fitting.loop import Progress
 from mipbake.fitting.renderer import Frame, Levels, Renderer, RendererError
 from mipbake.fitting.views import SCALES, View, standard_views
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.fitting.renderer import Array, Frame, RendererError
+from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError
 
 _FARTHEST = 2.0**16
 """How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart. A guess."""
@@ -31,19 +31,29 @@ class Looked:
     size: tuple[int, int]
 
 
-def picture(frame: Any, who: str, size: tuple[int, int] | None) -> Array:
-    """The (H, W, 3) image of a frame, float32.
+def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size: tuple[int, int] | None) -> Array:
+    """The (H, W, 3) image of a view, float32, without what a frame holds besides, where a renderer can leave that out.
 
     Args:
-        who: which view it shows, for errors.
+        who: which view it is, for errors.
         size: what its (height, width) must be; None for any.
 
     Raises:
-        RendererError: no frame, another shape or size, or values that are not finite.
+        RendererError: no image, another shape or size, or values that are not finite.
     """
-    if not isinstance(frame, Frame) and not hasattr(frame, "image"):
+    image = getattr(renderer, "image", None)
+    made = renderer.render(levels, view) if image is None else image(levels, view)
+    return _picture(made if image is not None else _image(made, who), who, size)
+
+
+def _image(frame: Any, who: str) -> Any:
+    if not hasattr(frame, "image"):
         raise RendererError(f"{who}: the renderer returned a {type(frame).__name__}: expected a Frame")
-    image = _numbers(frame.image, "the image", who)
+    return frame.image
+
+
+def _picture(value: Any, who: str, size: tuple[int, int] | None) -> Array:
+    image = _numbers(value, "the image", who)
     if image.ndim != 3 or image.shape[2] not in (3, 4) or not image.size:
         raise RendererError(f"{who}: the image has shape {image.shape}: expected (height, width, 3)")
     if size is not None and image.shape[:2] != size:
@@ -61,11 +71,11 @@ def looked(frame: Any, who: str) -> Looked:
     Raises:
         RendererError: neither lod nor uv_da, other shapes, values that are not finite, or no pixel that shows the maps.
     """
-    size = picture(frame, who, None).shape[:2]
+    size = _picture(_image(frame, who), who, None).shape[:2]
     if getattr(frame, "uv", None) is None:
         raise RendererError(
-            f"{who}: the frame has no uv: expected where each pixel looks the maps up, (height, width, 2); without it no "
-            "error can be credited to a texel"
+            f"{who}: the frame has no uv: expected where each pixel looks the maps up, (height, width, 2); without it "
+            "no error can be credited to a texel"
         )
     seen = np.ones(size, np.uint8)
     if getattr(frame, "id", None) is not None:
@@ -101,7 +111,7 @@ def _of_pixels(value: Any, what: str, width: int, size: tuple[int, int], shown: 
     wanted = (*size, width)
     if array.shape != wanted and not (width == 1 and array.shape == size):
         raise RendererError(f"{who}: {what} has shape {array.shape}: expected {wanted if width > 1 else size}")
-    array = array.reshape(wanted).copy()
+    array = np.array(array.reshape(wanted), np.float32)
     array[~shown] = 0
     _check_finite(array, what, who)
     return array

@@ -68,9 +68,8 @@ class TorchRenderer:
         image = _lit(_decode(leaf, parameters), parameters, points, view, wrap)
         wanted = torch.from_numpy(np.ascontiguousarray(reference[::-1].reshape(-1, 3)[points.index]))
         loss = (image - wanted).square().sum()
-        loss.backward()
-        assert leaf.grad is not None
-        return float(loss.detach()), leaf.grad.numpy()
+        (gradient,) = torch.autograd.grad(loss, leaf)
+        return float(loss.detach()), gradient.numpy()
 
 
 def _decode(values: Tensor, parameters: Parameters) -> Tensor:

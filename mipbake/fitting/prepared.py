@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.fitting.frames import looked, picture
+from mipbake.fitting.frames import Looked, looked, rendered
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError
 from mipbake.fitting.supersampled import named, supersampled
@@ -30,6 +31,7 @@ class Prepared:
     Args:
         view: what the renderer gets.
         name, scale: of the view.
+        size: (height, width) in pixels.
         reference: (P, 3), the pixels in a row.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
         weight: one over the reference's sum of squares over these pixels: the errors of all views count as shares.
@@ -41,6 +43,7 @@ class Prepared:
     view: Any
     name: str
     scale: str
+    size: tuple[int, int]
     reference: Array
     shown: Array
     weight: float
@@ -90,16 +93,13 @@ class Preparation:
         frame = self.renderer.render(levels, view)
         found = looked(frame, who)
         footprint = "trilinear" if found.uv_da is None else "anisotropic"
-        sizes = self.parameters.sizes
-        touched = touched_texels(sizes, found.uv, found.lod, found.uv_da, found.seen, footprint, self.wrap)
-        every = contributions(touched)
-        if self.texels == "nearest" and not held_out:
-            one = touched_texels(sizes, found.uv, found.lod, found.uv_da, found.seen, "nearest", self.wrap)
-            credited = contributions(one)
+        every = contributions(self._touched(found, footprint))
+        if held_out:
+            credited = contributions(np.empty((0, 1), np.int32))
         else:
-            credited = every if not held_out else contributions(touched[:0])
+            credited = contributions(self._touched(found, "nearest")) if self.texels == "nearest" else every
         if reference is None:
-            image = self._supersampled(view, _middle_lod(found.lod, found.uv_da, sizes[0], found.seen > 0), held_out)
+            image = self._supersampled(view, _middle_lod(found, self.parameters.sizes[0]), held_out)
         else:
             image = _given(reference, who, found.size)
         pixels = image.reshape(-1, 3)
@@ -112,6 +112,7 @@ class Preparation:
             view,
             who,
             str(getattr(view, "scale", "") or "all"),
+            found.size,
             pixels,
             shown,
             1 / energy,
@@ -119,6 +120,12 @@ class Preparation:
             self.parameters.shares(every),
             credited,
         )
+
+    def _touched(self, found: Looked, texels: str) -> NDArray[np.int32]:
+        sizes, uv_da = self.parameters.sizes, found.uv_da
+        if uv_da is not None:
+            return touched_texels(sizes, found.uv, None, uv_da, found.seen, texels, self.wrap)
+        return touched_texels(sizes, found.uv, found.lod, None, found.seen, texels, self.wrap)
 
     def _supersampled(self, view: Any, lod: float, held_out: bool) -> Array:
         if self.source is None:
@@ -132,8 +139,8 @@ class Preparation:
 
 _LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
 """Renders of a reference: so many at level of detail 0, twice as many at each level more, up to so many; and so many
-times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al. 2018),
-so more views are better than less noise. A guess."""
+times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al.
+2018), so more views are better than less noise. A guess."""
 
 
 def passes_for(lod: float, held_out: bool) -> int:
@@ -142,11 +149,12 @@ def passes_for(lod: float, held_out: bool) -> int:
     return passes * _CHECKED if held_out else passes
 
 
-def _middle_lod(lod: Array | None, uv_da: Array | None, size: tuple[int, int], seen: NDArray[np.bool_]) -> float:
-    if lod is not None:
-        return float(np.median(lod[seen]))
-    assert uv_da is not None
-    scaled = uv_da[seen].reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]], np.float32)
+def _middle_lod(found: Looked, size: tuple[int, int]) -> float:
+    seen = found.seen > 0
+    if found.lod is not None:
+        return float(np.median(found.lod[seen]))
+    assert found.uv_da is not None
+    scaled = found.uv_da[seen].reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]], np.float32)
     return float(np.median(np.log2(np.maximum(np.linalg.norm(scaled, axis=(1, 2)), 1e-6))))
 
 
@@ -154,24 +162,19 @@ def _given(reference: Any, who: str, size: tuple[int, int]) -> Array:
     image = np.asarray(reference, np.float32)
     if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
         raise UsageError(
-            f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as the "
-            "renderer's image has"
+            f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as "
+            "the renderer's image has"
         )
     return np.ascontiguousarray(image[..., :3])
 
 
-def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared, size: int) -> Array:
+def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Array:
     """(P, 3) image of a prepared view.
 
     Raises:
         RendererError: no image, or one of another size.
     """
-    image = picture(renderer.render(levels, view.view), view.name, None)
-    if image.shape[0] * image.shape[1] != size:
-        raise RendererError(
-            f"{view.name}: the image has {image.shape[0] * image.shape[1]} pixels: expected {size}, as before"
-        )
-    return image.reshape(-1, 3)
+    return rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3)
 
 
 def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, float]:
@@ -179,11 +182,12 @@ def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, floa
     found: dict[str, list[float]] = {}
     for view, error in zip(views, errors, strict=True):
         found.setdefault(view.scale, []).append(error)
-    return {scale: float(-10 * np.log10(max(np.mean(each), 1e-12))) for scale, each in found.items()}
+    return {scale: -10 * math.log10(max(sum(each) / len(each), 1e-12)) for scale, each in found.items()}
 
 
 def errors_of_levels(views: Sequence[Prepared], errors: Sequence[float]) -> NDArray[np.float64]:
     """(levels,) mean error of the views, weighed with how much of each level they show; infinite where none does."""
     shares = np.stack([view.shares for view in views])
-    shown = shares.sum(0)
-    return np.where(shown > 0, np.asarray(errors) @ shares / np.where(shown > 0, shown, 1), np.inf)
+    shown = np.sum(shares, axis=0)
+    total = np.asarray(errors, np.float64) @ shares
+    return np.asarray(np.where(shown > 0, total / np.where(shown > 0, shown, 1), np.inf))

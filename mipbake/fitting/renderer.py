@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mipbake.errors import MipbakeError
 
 Array = NDArray[np.float32]
-V = TypeVar("V", contravariant=True)
+V_contra = TypeVar("V_contra", contravariant=True)
 
 
 _STAMPS = itertools.count(1)
@@ -37,8 +37,9 @@ class Levels:
     Args:
         model: a name in `mipbake.material.MODELS`.
         maps: name of each map of the model to its levels, finest first: (H_L, W_L, channels) float32. Colours are
-            sRGB-encoded from 0 to 1, vectors are (x + 1) / 2, roughness, metallic and strength are as they are. Logarithms
-            (of `ggx` and `beckmann`) are as they are, too. The arrays may be views, and change after the call.
+            sRGB-encoded from 0 to 1, vectors are (x + 1) / 2, roughness, metallic and strength are as they are.
+            Logarithms (of `ggx` and `beckmann`) are as they are, too. The arrays may be views, and change after the
+            call.
         wrap: addressing along u and v, each "wrap" or "clamp".
         stamps: a number for each level, which is another one whenever the texels of that level are others. A renderer
             that keeps textures uploads the levels whose number it does not have yet.
@@ -61,8 +62,8 @@ class Frame:
     """What a renderer made of a view, rows from the top.
 
     Args:
-        image: (H, W, 3), what the renderer shows: linear radiance, or what it displays. Errors are squared differences of
-            these numbers.
+        image: (H, W, 3), what the renderer shows: linear radiance, or what it displays. Errors are squared differences
+            of these numbers.
         uv: (H, W, 2) where the pixel's centre looked the maps up; u to the right and v down, any real numbers where
             the maps repeat.
         lod: (H, W) level of detail of a trilinear lookup; or None, then `uv_da` is given.
@@ -79,12 +80,15 @@ class Frame:
     id: Any = None
 
 
-class Renderer(Protocol[V]):
+class Renderer(Protocol[V_contra]):
     """Anything that renders. It may be a game engine, or a few lines of Python.
 
     The same levels and the same view must give the same frame, as far as that is possible: a fit follows differences
-    between frames. Where a renderer has a method `close()`, `mipbake fit` calls it at the end.
+    between frames.
+
+    Two more methods are used where a renderer has them: `image(levels, view)` gives the image of a frame alone, without
+    what does not change with the maps; and `mipbake fit` calls `close()` at the end.
     """
 
-    def render(self, levels: Levels, view: V) -> Frame:
+    def render(self, levels: Levels, view: V_contra) -> Frame:
         """The frame of a view, with the maps looked up in `levels` as the engine looks its textures up."""

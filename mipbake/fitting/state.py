@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -92,7 +91,7 @@ class Checkpoint:
                     rates=state.rates,
                     waited=state.waited,
                 )
-            os.replace(temporary, self.path)
+            temporary.replace(self.path)
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.errors import UsageError
-from mipbake.fitting.frames import picture
+from mipbake.fitting.frames import rendered
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.pixel_filter import PixelFilter
 from mipbake.reference.sequences import SEQUENCE
@@ -39,20 +39,20 @@ def supersampled(
 
     Raises:
         UsageError: a view that cannot be moved.
-        RendererError: as `picture` raises it.
+        RendererError: as `rendered` raises it.
     """
     moved = getattr(view, "moved", None)
     if moved is None:
         raise UsageError(
-            f"views of the type {type(view).__name__} have no method moved(right, up), which shifts what is rendered by "
-            "parts of a pixel: expected it, or pass reference images"
+            f"views of the type {type(view).__name__} have no method moved(right, up), which shifts what is rendered "
+            "by parts of a pixel: expected it, or pass reference images"
         )
     who = f"the reference of {named(view)}"
     shift = np.random.default_rng([seed, _number(named(view))]).random(2)
     total, weights, size = None, 0.0, None
     for index in range(passes):
         offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
-        image = picture(renderer.render(source, moved(float(offset[0]), float(offset[1]))), who, size)
+        image = rendered(renderer, source, moved(float(offset[0]), float(offset[1])), who, size)
         weight = float(np.prod(sign))
         total = weight * image.astype(np.float64) if total is None else total + weight * image
         weights, size = weights + weight, (image.shape[0], image.shape[1])

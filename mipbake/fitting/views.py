@@ -70,8 +70,8 @@ def standard_views(
     """Views of a textured plane at levels of detail from 0 to the last one.
 
     Each has a camera of its own, up to 60 degrees from the normal, that looks at a place of its own on the plane, and
-    four lights: one near the mirror direction of the camera, and three cosine-distributed over the hemisphere. A pixel's
-    footprint at the middle of the picture has the level of detail on its longer side.
+    four lights: one near the mirror direction of the camera, and three cosine-distributed over the hemisphere. A
+    pixel's footprint at the middle of the picture has the level of detail on its longer side.
 
     Args:
         size: (height, width) of level 0 in texels.

@@ -7,12 +7,12 @@ difference of their errors in a pixel is credited to the parameters that this pi
     plus, minus = perturb(values, channels, step)                    # theta + s epsilon, theta - s epsilon: algorithm 1
     ...                                                              # render both; say what each pixel was made of
     differences = pixel_differences(image_plus, image_minus, image)  # algorithm 2
-    add_gradient(gradient, differences, contributions, channels, step)   # equation 8; again with other signs: equation 9
+    add_gradient(gradient, differences, contributions, channels, step)  # equation 8; with other signs, too: equation 9
     descend(values, gradient, moments, channels)                     # Adam
 
-Parameters lie in *elements*, rows of an array (elements, channels): a texel, a triangle or a vertex. Signs are a hash of
-parameter, step and seed, so that nothing is stored between the calls. `touched_texels` and `touched_vertices` say which
-elements a pixel was made of, and `contributions` turns that round.
+Parameters lie in *elements*, rows of an array (elements, channels): a texel, a triangle or a vertex. Signs are a hash
+of parameter, step and seed, so that nothing is stored between the calls. `touched_texels` and `touched_vertices` say
+which elements a pixel was made of, and `contributions` turns that round.
 
 Functions take NumPy arrays, or torch tensors on the CPU or with CUDA, and no gradients flow through them. Results are
 the same bits whatever the number of threads. Work is in proportion to what the listed elements and pixels are, and does
@@ -21,6 +21,7 @@ not grow with elements that no pixel shows. The plain twins are in `mipbake.stoc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -51,6 +52,9 @@ MOST_CHANNELS = 64
 MOST_PARAMETERS = 2**32
 """What signs can number."""
 
+MOST_LEVELS = 32
+"""Of a MIP stack, as in the native core."""
+
 TEXELS = {"nearest": 1, "trilinear": 8, "anisotropic": 8 * 16}
 """How many texels a lookup reads at most."""
 
@@ -65,11 +69,11 @@ class Channels:
         magnitude: how far each channel is perturbed, epsilon of equation 4; 0 for a channel that stays as it is. The
             paper takes the quantisation step of the format for texels, and what moves a vertex by 1 to 2 pixels.
         low, high: limits of each channel; both perturbed values and what `descend` makes lie within.
-        lifted: the first of three channels that hold a unit vector as (n + 1) / 2; its z follows from x and y, so that its
-            magnitude is 0. None: there is no such vector.
+        lifted: the first of three channels that hold a unit vector as (n + 1) / 2; its z follows from x and y, so that
+            its magnitude is 0. None: there is no such vector.
 
     Raises:
-        UsageError: numbers of other lengths, that are not finite, or limits in the wrong order.
+        UsageError: numbers of other lengths, that are not finite, or limits in the wrong order, or too close together.
     """
 
     magnitude: tuple[float, ...]
@@ -86,10 +90,13 @@ class Channels:
             )
         for name in ("magnitude", "low", "high"):
             for number in getattr(self, name):
-                if number != number or (name == "magnitude" and not 0 <= number < float("inf")):
+                if math.isnan(number) or (name == "magnitude" and not 0 <= number < math.inf):
                     raise UsageError(f"{name} holds {number}: expected numbers, and magnitudes from 0 on")
         if any(low > high for low, high in zip(self.low, self.high, strict=True)):
             raise UsageError("a lower limit of channels lies above the upper one: expected low <= high")
+        ranges = zip(self.magnitude, self.low, self.high, strict=True)
+        if any(high - low < 2 * magnitude for magnitude, low, high in ranges):
+            raise UsageError("limits of a channel lie closer together than 2 magnitudes: expected room for both signs")
         if self.lifted is not None and not (0 <= self.lifted <= count - 3 and self.magnitude[self.lifted + 2] == 0):
             raise UsageError(
                 f"lifted is {self.lifted}: expected the first of three channels, the third with a magnitude of 0"
@@ -211,7 +218,8 @@ def touched_texels(
 ) -> Array:
     """Which texels of a MIP stack each pixel was made of (section 4.4, textures).
 
-    Texels are numbered level after level, finest first, and row by row. A texel that a lookup gives no weight is left out.
+    Texels are numbered level after level, finest first, and row by row. A texel that a lookup gives no weight is left
+    out.
 
     Args:
         sizes: (height, width) of each level.
@@ -246,8 +254,12 @@ def touched_texels(
     seen = None if seen is None else given("seen", seen, ("uint8",), (count,), uv)
     out: Array = empty(uv, (count, TEXELS[texels]), "int32")
     levels = [(int(height), int(width)) for height, width in sizes]
-    if not levels or sum(height * width for height, width in levels) >= 2**31:
-        raise UsageError(f"sizes has {len(levels)} levels: expected 1 or more, with less than 2^31 texels in all")
+    if not 1 <= len(levels) <= MOST_LEVELS or sum(height * width for height, width in levels) >= 2**31:
+        raise UsageError(
+            f"sizes has {len(levels)} levels: expected 1 to {MOST_LEVELS}, with less than 2^31 texels in all"
+        )
+    if min(map(min, levels)) < 1:
+        raise UsageError(f"sizes holds {min(levels, key=min)}: expected heights and widths of 1 or more")
     with stream_of(uv, "uv") as stream:
         _native.stochastic_touched(levels, uv, lod, uv_da, seen, texels, *boundary, out, stream)
     return out
@@ -267,22 +279,18 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
     Raises:
         UsageError: the dtype or shape of an argument does not fit, or a triangle does not exist.
     """
-    triangles = given("triangles", triangles, ("int32",), (None, 3))
-    ids = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), triangles)
-    numbers = ids.astype("int64") if is_array(ids) else ids.long()
-    if numbers.shape[0] and (int(numbers.min()) < 0 or int(numbers.max()) > triangles.shape[0]):
+    corners = given("triangles", triangles, ("int32",), (None, 3))
+    shown = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), corners)
+    numbers = shown.astype("int64") if is_array(shown) else shown.long()
+    count = corners.shape[0]
+    if numbers.shape[0] and (int(numbers.min()) < 0 or int(numbers.max()) > count):
         raise UsageError(
-            f"ids reach from {int(numbers.min())} to {int(numbers.max())}: expected 0 for none, up to {triangles.shape[0]}"
+            f"ids reach from {int(numbers.min())} to {int(numbers.max())}: expected 0 for none, up to {count}"
         )
-    none = zeros(triangles, (1, 3), "int32") - 1
-    if is_array(ids):
-        import numpy as np
-
-        found: Array = np.concatenate([none, triangles])[numbers].reshape(len(ids), -1)
-        return found
-    import torch
-
-    return torch.cat([none.to(triangles.dtype), triangles])[numbers].reshape(ids.shape[0], -1)
+    with_none = zeros(corners, (count + 1, 3), "int32")
+    with_none[0], with_none[1:] = -1, corners
+    found: Array = with_none[numbers].reshape(numbers.shape[0], -1)
+    return found
 
 
 def contributions(touched: Array) -> Contributions:
@@ -295,24 +303,24 @@ def contributions(touched: Array) -> Contributions:
     """
     from mipbake import _native
 
-    touched = given("touched", touched, ("int32",), (None, None))
-    if is_array(touched):
+    named = given("touched", touched, ("int32",), (None, None))
+    if is_array(named):
         import numpy as np
 
-        counts = np.zeros(int(touched.max(initial=-1)) + 1, np.int32)
-        _native.stochastic_count(touched, counts)
+        counts = np.zeros(int(named.max(initial=-1)) + 1, np.int32)
+        _native.stochastic_count(named, counts)
         elements = np.flatnonzero(counts)
         starts = np.concatenate([[0], np.cumsum(counts[elements])]).astype(np.int64)
         cursors = np.zeros(len(counts), np.int64)
         cursors[elements] = starts[:-1]
         pixels = np.empty(int(starts[-1]), np.int32)
-        _native.stochastic_fill(touched, cursors, pixels)
+        _native.stochastic_fill(named, cursors, pixels)
         return Contributions(elements.astype(np.int32), starts, pixels)
     import torch
 
-    count = max(touched.shape[0], 1)
-    pixel = torch.arange(touched.shape[0], device=touched.device)[:, None].expand(touched.shape)[touched >= 0]
-    keys = torch.unique(touched[touched >= 0].long() * count + pixel)
+    count = max(named.shape[0], 1)
+    pixel = torch.arange(named.shape[0], device=named.device)[:, None].expand(named.shape)[named >= 0]
+    keys = torch.unique(named[named >= 0].long() * count + pixel)
     of, shown = torch.div(keys, count, rounding_mode="floor"), torch.remainder(keys, count)
     numbers, sizes = torch.unique_consecutive(of, return_counts=True)
     begins = torch.nn.functional.pad(torch.cumsum(sizes, 0), (1, 0))
@@ -324,9 +332,9 @@ def add_gradient(
 ) -> None:
     """Adds the estimate of the gradient by every parameter of the elements that pixels show (equation 8).
 
-    All pixels of an element share its signs, so that their differences are summed once for all of its channels. The mean
-    of many such estimates is the central difference of the error (equation 3), which is no exact gradient where the error
-    is not quadratic in a parameter.
+    All pixels of an element share its signs, so that their differences are summed once for all of its channels. The
+    mean of many such estimates is the central difference of the error (equation 3), which is no exact gradient where
+    the error is not quadratic in a parameter.
 
     Args:
         gradient: (N, C), float32, or float64 on the CPU; changed in place.
@@ -335,23 +343,19 @@ def add_gradient(
         channels, step, seed: as `perturb` had them.
 
     Raises:
-        UsageError: the type, dtype, device or shape of an argument does not fit, or a gradient that cannot be written to.
+        UsageError: the type, dtype, device or shape of an argument does not fit, or a gradient that cannot be written
+            to.
     """
     from mipbake import _native
 
     gradient = writable("gradient", gradient, REAL, (None, len(channels.magnitude)))
     differences = given("differences", differences, (dtype_of(gradient),), (None,), gradient)
+    elements = given("made_of.elements", made_of.elements, ("int32",), (None,), gradient)
+    starts = given("made_of.starts", made_of.starts, ("int64",), (elements.shape[0] + 1,), gradient)
+    pixels = given("made_of.pixels", made_of.pixels, ("int32",), (None,), gradient)
     with stream_of(gradient, "gradient") as stream:
         _native.stochastic_gradient(
-            differences,
-            made_of.elements,
-            made_of.starts,
-            made_of.pixels,
-            channels.magnitude,
-            _key(step),
-            _key(seed),
-            gradient,
-            stream,
+            differences, elements, starts, pixels, channels.magnitude, _key(step), _key(seed), gradient, stream
         )
 
 
@@ -391,8 +395,8 @@ def descend(
     rates = [rate * number for number in magnitude]
     with stream_of(values, "values") as stream:
         _native.stochastic_adam(
-            values, gradient, first, second, steps, _listed(elements, values), rates, low, high, lifted, *betas, epsilon,
-            stream,
+            values, gradient, first, second, steps, _listed(elements, values), rates, low, high, lifted, *betas,
+            epsilon, stream,
         )  # fmt: skip
 
 

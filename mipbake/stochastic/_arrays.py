@@ -66,12 +66,11 @@ def given(name: str, value: Any, dtypes: Sequence[str], shape: Sequence[int | No
 def writable(name: str, value: Any, dtypes: Sequence[str], shape: Sequence[int | None], like: Any = None) -> Any:
     """As `given`, of an array that is written to: a copy would lose what is written."""
     found = given(name, value, dtypes, shape, like)
-    if is_array(value):
-        shared = found is value and value.flags.writeable
-    else:
-        shared = found.data_ptr() == value.data_ptr()
-    if not shared:
-        raise UsageError(f"{name} is not contiguous, or cannot be written to: expected an array that is changed in place")
+    same = found is value and value.flags.writeable if is_array(value) else found.data_ptr() == value.data_ptr()
+    if not same:
+        raise UsageError(
+            f"{name} is not contiguous, or cannot be written to: expected an array that is changed in place"
+        )
     return found
 
 

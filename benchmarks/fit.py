@@ -1,0 +1,263 @@
+"""Stacks that are fitted in the renderer that will show them, beside stacks that are baked without it.
+
+    python benchmarks/fit.py --materials MATERIALS SET SET --results RESULTS [--pictures FOLDER]
+
+MATERIALS is a folder of texture sets, and SET names some of them. Each set is baked by `linear`, `lean` and `auto`, and
+fitted from `auto` in each renderer. That renderer then shows all four stacks in views that the fit has not seen, and
+its own supersampled pictures of the source are the references. RESULTS is a JSON file. It takes the figures of a set
+in a renderer as soon as they are there, and a run that was stopped goes on from it. New code is not noticed: it wants a
+new file. The budget of a fit is time, so that figures depend on the machine a little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from fit_tables import FITTED, METHODS, START, cost_table, table, words
+from numpy.typing import NDArray
+from PIL import Image
+from results_sets import folder_sets, middle
+
+import mipbake
+from mipbake import MipStack, TextureSet
+from mipbake.fitting import Frame, Levels, View, standard_views
+from mipbake.fitting.gl import GlRenderer, shipped_shader
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.renderer import new_stamp
+from mipbake.fitting.supersampled import supersampled
+from mipbake.fitting.three import ThreeRenderer
+from mipbake.fitting.views import scale_of
+from mipbake.metrics import displayed, snr_sums
+from mipbake.pixel_filter import filter_named, level_sizes
+
+FILTER = "gaussian"
+
+LODS = (0.0, 0.5, 3.0, 7.0)
+"""Levels of detail that are measured: one for each scale of docs/conventions.md. A small set has its last one in place
+of 7."""
+
+LEARNED, WITNESSES, PICTURED = 0, 71, 72
+"""Seeds of cameras and lights: of the views that a fit learns from and checks with, of those that measure, and of the
+one that is pictured."""
+
+ESTIMATES = (81, 82)
+"""Seeds of both estimates of a reference."""
+
+PICTURED_LOD = 1.5
+"""Pixels see enough texels that methods differ, and the picture is still large enough to see them. A guess."""
+
+DIGITS = 5
+"""Significant ones of the figures that are kept."""
+
+Image3 = NDArray[np.float32]
+
+
+class Renderer(Protocol):
+    """A renderer of fits that can be closed."""
+
+    def render(self, levels: Levels, view: View) -> Frame: ...
+    def image(self, levels: Levels, view: View) -> Image3: ...
+    def close(self) -> None: ...
+
+
+RENDERERS: Mapping[str, Callable[[Path | None], Renderer]] = {
+    "gl clearcoat": lambda _: GlRenderer(shipped_shader("clearcoat")),
+    "gl ramp": lambda _: GlRenderer(shipped_shader("ramp")),
+    "three physical": lambda three: ThreeRenderer(three, "physical"),
+}
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How thoroughly.
+
+    Args:
+        size: texels a side of the middle of each set, which is shown once; 0: the whole set, with its own wrap.
+        repeat: 1: the middle repeats without end, seams included, in place of that.
+        budget: seconds of each fit; preparing its views comes on top.
+        each: views at each level of detail to fit to.
+        witnesses: views at each scale to measure in.
+        passes: renders of each of both estimates of a reference at level of detail 0; twice as many at each level
+            more, up to four times as many.
+    """
+
+    size: int = 512
+    repeat: int = 0
+    budget: float = 120.0
+    each: int = 16
+    witnesses: int = 16
+    passes: int = 128
+
+
+def texture_set_of(load: Callable[[], TextureSet], effort: Effort) -> TextureSet:
+    """A set, or its middle."""
+    whole = load()
+    if not effort.size:
+        return whole
+    part = middle(whole, effort.size)
+    return replace(part, wrap=("wrap", "wrap")) if effort.repeat else part
+
+
+def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Levels:
+    """Stored channels of levels, as a renderer gets them."""
+    height, width = stored[0].shape[:2]
+    parameters = Parameters.of(model, height, width, len(stored))
+    return parameters.levels(parameters.values(list(stored)), wrap, tuple(new_stamp() for _ in stored))
+
+
+def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort: Effort, seed: int) -> Image3:
+    """What the renderer shows of the source, supersampled: one estimate."""
+    passes = round(effort.passes * 2 ** min(max(lod, 0.0), 2.0))
+    return supersampled(renderer, source, view, filter_named(FILTER), passes, seed)
+
+
+def inside(frame: Frame, endless: bool) -> NDArray[np.bool_]:
+    """(H, W) pixels that count: those that show the maps, and all of whose neighbours do where the plane has an edge.
+
+    A pixel at an edge shows part of what lies behind the plane, in the reference alone.
+    """
+    shown = np.asarray(frame.id) > 0
+    if endless:
+        return shown
+    padded = np.pad(shown, 1)
+    height, width = shown.shape
+    parts = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
+    return np.asarray(np.logical_and.reduce(parts))
+
+
+def measured(
+    renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort
+) -> dict[str, list[dict[str, Any]]]:
+    """Scale to its views, each with the sums of `snr_sums` (signal, error, noise) by method."""
+    source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, texture_set.wrap)
+    levels = {name: levels_of(stack.levels, stack.model, stack.wrap) for name, stack in stacks.items()}
+    size = texture_set.height, texture_set.width
+    last = len(level_sizes(*size)) - 1
+    found: dict[str, list[dict[str, Any]]] = {}
+    for lod in sorted({min(each, float(last)) for each in LODS}):
+        for view in standard_views(size, texture_set.wrap, effort.witnesses, WITNESSES, [lod]):
+            pixels = inside(renderer.render(levels[START], view), texture_set.wrap == ("wrap", "wrap"))
+            if not pixels.any():
+                continue
+            first, second = (reference(renderer, source, view, lod, effort, seed)[pixels][None] for seed in ESTIMATES)
+            sums = {
+                name: snr_sums(renderer.image(each, view)[pixels][None], first, second)[0].tolist()
+                for name, each in levels.items()
+            }
+            found.setdefault(scale_of(lod), []).append({"view": view.name, "sums": rounded(sums)})
+    return found
+
+
+def rounded(value: Any) -> Any:
+    """The same, with few digits."""
+    if isinstance(value, dict):
+        return {name: rounded(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [rounded(each) for each in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort) -> Image.Image:
+    """One view of every stack and of the reference, side by side, as a display shows them at one exposure."""
+    size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
+    [view] = standard_views(size, wrap, 1, PICTURED, [PICTURED_LOD])
+    source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, wrap)
+    right = reference(renderer, source, view, PICTURED_LOD, effort, ESTIMATES[0])
+    shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in stacks.values()]
+    # As in films: the reference's median is displayed at 0.375 before it is encoded.
+    exposure = 0.6 / max(float(np.median(right[right > 0])), 1e-6)
+    return Image.fromarray(np.rint(255 * displayed(np.concatenate([*shown, right], 1) * exposure)).astype(np.uint8))
+
+
+def one(
+    name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, pictures: Path | None
+) -> dict[str, Any]:
+    """All figures of a set in a renderer."""
+    began = time.monotonic()
+    stacks = {method: mipbake.bake(texture_set, method, pixel_filter=FILTER) for method in METHODS}
+    baked = time.monotonic()
+    views = standard_views((texture_set.height, texture_set.width), texture_set.wrap, effort.each, LEARNED)
+    told: list[mipbake.fitting.Progress] = []
+    stacks[FITTED] = mipbake.fitting.fit(
+        stacks[START], renderer, views, source=texture_set, budget=effort.budget, progress=told.append
+    )
+    fitted = time.monotonic()
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
+        image = strip(renderer, stacks, texture_set, effort)
+        image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
+    now = told[-1]
+    return {
+        "size": [texture_set.height, texture_set.width],
+        "views": len(views),
+        "steps": now.step,
+        "moving": now.moving,
+        "seconds": rounded({
+            "baking": baked - began, "preparing": fitted - baked - now.seconds, "fitting": now.seconds,
+            "measuring": time.monotonic() - fitted,
+        }),
+        "scales": measured(renderer, stacks, texture_set, effort),
+    }  # fmt: skip
+
+
+def kept(path: Path, effort: Effort) -> dict[str, Any]:
+    """What RESULTS holds; an empty one where it is not there."""
+    if not path.exists():
+        return {"effort": asdict(effort), "renderers": {}}
+    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if data["effort"] != asdict(effort):
+        raise SystemExit(f"{path} was measured with {data['effort']}: give the same options, or another file")
+    return data
+
+
+def main() -> None:
+    """Measures what RESULTS does not hold yet, and prints tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--materials", nargs="+", required=True, metavar=("MATERIALS", "SET"))
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--pictures", type=Path, help="folder for pictures, one of each set in each renderer")
+    parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))
+    parser.add_argument("--three", type=Path, help="folder `build` of the npm package three; found where it is nearby")
+    for each in fields(Effort):
+        parser.add_argument(f"--{each.name}", type=type(each.default), default=each.default)
+    options = parser.parse_args()
+    effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
+    folder, *names = options.materials
+    sets = folder_sets(Path(folder))
+    unknown = [name for name in names if name not in sets]
+    if unknown or not names:
+        parser.error(f"{folder} has no set {', '.join(unknown) or 'that is named'}: expected some of {', '.join(sets)}")
+    data = kept(options.results, effort)
+    for renderer_name in options.renderers:
+        found = data["renderers"].setdefault(renderer_name, {})
+        with ExitStack() as stack:
+            renderer: Renderer | None = None
+            for name in names:
+                if name in found:
+                    continue
+                if renderer is None:
+                    renderer = stack.enter_context(closing(RENDERERS[renderer_name](options.three)))
+                found[name] = one(renderer_name, renderer, texture_set_of(sets[name], effort), effort, options.pictures)
+                save(options.results, data)
+                print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)
+    print(table(data), words(data), cost_table(data), sep="\n\n")
+
+
+def save(path: Path, data: Mapping[str, Any]) -> None:
+    """Replaces the file, as a whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(data), encoding="utf-8")
+    partial.replace(path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""What `fit.py` has measured, as tables and sentences: pages show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from mipbake.fitting import SCALES
+from mipbake.metrics import snr_from_sums
+
+METHODS = ("linear", "lean", "auto")
+"""Methods of the bakes that a fit is compared with."""
+
+START = "auto"
+"""The method that a fit starts from."""
+
+FITTED = "fitted"
+
+
+def snr(data: Mapping[str, Any], renderer: str, name: str) -> dict[str, dict[str, float]]:
+    """Scale to method to SNR in dB of one set in a renderer: sums run over all views of the scale."""
+    scales = data["renderers"][renderer][name]["scales"]
+    return {
+        scale: {
+            method: float(snr_from_sums(np.sum([view["sums"][method] for view in scales[scale]], 0)))
+            for method in (*METHODS, FITTED)
+        }
+        for scale in SCALES
+        if scale in scales
+    }
+
+
+def cells(data: Mapping[str, Any], renderer: str) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+    """Set, scale, and SNR of each method there."""
+    for name in data["renderers"][renderer]:
+        for scale, found in snr(data, renderer, name).items():
+            yield name, scale, found
+
+
+def gain(found: Mapping[str, float]) -> float:
+    """dB by which the fit is above the best of the others."""
+    return found[FITTED] - max(found[method] for method in METHODS)
+
+
+def table(data: Mapping[str, Any]) -> str:
+    """Markdown: the mean SNR over sets, by renderer, method and scale. Bold is the best of a column."""
+    rows = []
+    for renderer in data["renderers"]:
+        found = list(cells(data, renderer))
+        means = {
+            method: {
+                scale: float(np.mean([each[method] for _, where, each in found if where == scale]))
+                for scale in SCALES
+                if any(where == scale for _, where, _ in found)
+            }
+            for method in (*METHODS, FITTED)
+        }
+        for method, by_scale in means.items():
+            shown = [
+                "" if scale not in by_scale
+                else f"**{by_scale[scale]:.1f}**"
+                if f"{by_scale[scale]:.1f}" == f"{max(each[scale] for each in means.values()):.1f}"
+                else f"{by_scale[scale]:.1f}"
+                for scale in SCALES
+            ]  # fmt: skip
+            rows.append([renderer, method, *shown])
+    return _markdown(["renderer", "SNR in dB, mean over sets", *SCALES], rows)
+
+
+def words(data: Mapping[str, Any]) -> str:
+    """How many figures there are of which the fit is behind the best of the others, and by how much at most."""
+    said = []
+    for renderer in data["renderers"]:
+        found = list(cells(data, renderer))
+        if not found:
+            continue
+        behind = [(gain(each), name, scale) for name, scale, each in found if gain(each) < 0]
+        gains = [gain(each) for _, _, each in found]
+        sets = len(data["renderers"][renderer])
+        line = (
+            f"In `{renderer}`, the fitted stack is behind the best of the other three at {len(behind)} of {len(found)} "
+            f"scales of {sets} {'set' if sets == 1 else 'sets'}"
+        )
+        if behind:
+            least, name, scale = min(behind)
+            line += f", at most by {-least:.1f} dB ({name}, {scale})"
+        said.append(f"{line}. In the mean it is {np.mean(gains):+.1f} dB above the best of them.")
+    return " ".join(said)
+
+
+def single_table(data: Mapping[str, Any]) -> str:
+    """Markdown: dB by which the fit is above the best of the others, by renderer and set, at each scale."""
+    rows = []
+    for renderer, sets in data["renderers"].items():
+        for name in sets:
+            found = snr(data, renderer, name)
+            rows.append([
+                renderer, name, *(f"{gain(found[scale]):+.1f}" if scale in found else "" for scale in SCALES)
+            ])  # fmt: skip
+    return _markdown(["renderer", "dB above the best of the others", *SCALES], rows)
+
+
+def cost_table(data: Mapping[str, Any]) -> str:
+    """Markdown: what the fits cost."""
+    rows = []
+    for renderer, sets in data["renderers"].items():
+        for name, each in sets.items():
+            seconds, (height, width) = each["seconds"], each["size"]
+            rows.append([
+                renderer, name, f"{width} x {height}", str(each["views"]), f"{each['steps']:,}",
+                f"{seconds['preparing']:.0f} s", f"{seconds['fitting']:.0f} s",
+            ])  # fmt: skip
+    return _markdown(["renderer", "set", "texels", "views", "steps", "preparing the views", "fitting"], rows)
+
+
+def _markdown(heads: list[str], rows: list[list[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

@@ -1,0 +1,219 @@
+"""Steps of stochastic gradients, and checks on views that are held out (Deliot et al. 2024, section 5)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mipbake import stochastic
+from mipbake.errors import UsageError
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.prepared import TEXELS, Prepared, errors_of_levels, render_pixels, scores
+from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError, new_stamp
+from mipbake.fitting.state import Checkpoint, FitState
+
+DEFAULT_STEPS = 2000  # a guess
+
+_PATIENCE = 3  # checks without a gain of a level, after which its rate is halved; a guess
+_LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is; a guess
+_LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget; a guess
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit goes on; `fit` says what the fields are.
+
+    Raises:
+        UsageError: values that make no sense.
+    """
+
+    steps: int | None = None
+    budget: float | None = None
+    renders: int = 1
+    texels: str = TEXELS[0]
+    rate: float = 1.0
+    passes: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "renders", "passes"):
+            number = getattr(self, name)
+            if number is not None and number < 1:
+                raise UsageError(f"{name} is {number}: expected 1 or more")
+        if self.budget is not None and not self.budget > 0:
+            raise UsageError(f"budget is {self.budget}: expected seconds, more than 0")
+        if not 0 < self.rate < math.inf:
+            raise UsageError(f"rate is {self.rate}: expected more than 0")
+        if not 0 <= self.seed < 2**32:
+            raise UsageError(f"seed is {self.seed}: expected 0 to 2^32 - 1")
+        if self.texels not in TEXELS:
+            raise UsageError(f"texels is {self.texels!r}: expected {' or '.join(TEXELS)}")
+
+    @property
+    def last(self) -> int | None:
+        """The number of steps at which a fit ends; None where its budget alone says when."""
+        return DEFAULT_STEPS if self.steps is None and self.budget is None else self.steps
+
+    def share(self, step: int, seconds: float) -> float:
+        """How much of the steps and of the budget is spent, whichever is more, from 0 to 1."""
+        by_steps = 0.0 if self.last is None else step / self.last
+        return min(1.0, max(by_steps, 0.0 if self.budget is None else seconds / self.budget))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a fit tells of itself after each check.
+
+    Args:
+        share: of the budget or of the steps that is done, from 0 to 1.
+        step, seconds: so far.
+        moving: how many levels still gain.
+        scores: mean SNR in dB over the views that are held out, by scale, now. What is kept may be better.
+        errors: of each level the least error so far, as a share of 1: -10 log10 of it is an SNR in dB.
+    """
+
+    share: float
+    step: int
+    seconds: float
+    moving: int
+    scores: Mapping[str, float]
+    errors: Sequence[float]
+
+
+class Loop:
+    """Steps and checks of a fit, with the arrays that they work in."""
+
+    def __init__(
+        self, renderer: Renderer[Any], parameters: Parameters, wrap: tuple[str, str], settings: FitSettings
+    ) -> None:
+        self._renderer, self._parameters, self._wrap, self._settings = renderer, parameters, wrap, settings
+        self._channels = parameters.channels
+        self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude))
+        self._stamps = [0] * len(parameters.sizes)
+
+    def levels_of(self, values: Array, changed: Sequence[int] | None = None) -> Levels:
+        """What the renderer gets, with new stamps for the levels that changed; None: for all."""
+        stamp = new_stamp()
+        for level in range(len(self._stamps)) if changed is None else changed:
+            self._stamps[level] = stamp
+        return self._parameters.levels(values, self._wrap, tuple(self._stamps))
+
+    def errors(self, values: Array, views: Sequence[Prepared]) -> list[float]:
+        """The error of each view."""
+        levels = self.levels_of(values)
+        return [view.error(render_pixels(self._renderer, levels, view)) for view in views]
+
+    def probe(self, values: Array, view: Prepared) -> None:
+        """Checks that pictures follow the maps: by far more than they differ where the maps are the same.
+
+        Raises:
+            RendererError: they do not.
+        """
+        first, second = (
+            render_pixels(self._renderer, self.levels_of(values), view) * view.shown[:, None] for _ in range(2)
+        )
+        plus, minus = stochastic.perturb(values, self._channels, 0, self._settings.seed)
+        sides = [
+            render_pixels(self._renderer, self.levels_of(side), view) * view.shown[:, None] for side in (plus, minus)
+        ]
+        change = float(np.sum(np.square(sides[0] - sides[1], dtype=np.float64)))
+        noise = float(np.sum(np.square(first - second, dtype=np.float64)))
+        if change == 0:
+            raise RendererError(
+                f"{view.name}: the picture is the same when every texel is another one: expected a renderer that looks "
+                "its maps up in `levels`"
+            )
+        if noise > change:
+            raise RendererError(
+                f"{view.name}: two renders of the same maps differ more ({math.sqrt(noise):.3g}) than renders of "
+                f"perturbed maps do ({math.sqrt(change):.3g}): expected a renderer whose picture follows from its maps "
+                "alone, so turn off its noise, temporal filters and animations"
+            )
+
+    def run(
+        self,
+        state: FitState,
+        training: Sequence[Prepared],
+        checking: Sequence[Prepared],
+        file: Checkpoint | None,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        """Steps until the budget or the steps are spent, or until no level gains any more.
+
+        Raises:
+            RendererError: the renderer failed. The state is kept in the file, where there is one.
+        """
+        settings, gradient = self._settings, np.zeros_like(state.values)
+        sides = (state.values.copy(), state.values.copy())
+        begun, before = time.monotonic(), state.seconds
+
+        def share() -> float:
+            state.seconds = before + time.monotonic() - begun
+            return settings.share(state.step, state.seconds)
+
+        while share() < 1 and state.rates.any():
+            order = np.random.default_rng([settings.seed, state.step // len(training)]).permutation(len(training))
+            for index in order[state.step % len(training) :]:
+                falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
+                try:
+                    self._step(state, training[index], gradient, sides, settings.rate * falling)
+                except Exception as error:
+                    if file is not None:
+                        file.save(state)
+                    if file is None or not isinstance(error, RendererError):
+                        raise
+                    raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
+                if share() >= 1:
+                    break
+            now = self._check(state, checking, sides)
+            done, moving = share(), int(np.count_nonzero(state.rates))
+            if file is not None:
+                file.save(state)
+            progress(Progress(done, state.step, state.seconds, moving, now, state.errors.tolist()))
+
+    def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
+        """Moves the texels that a view shows."""
+        try:
+            for pair in range(self._settings.renders):
+                number = state.step * self._settings.renders + pair + 1
+                stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
+                images = [render_pixels(self._renderer, self.levels_of(side, view.levels), view) for side in sides]
+                differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)
+                differences *= np.float32(view.weight * len(view.shown))
+                stochastic.add_gradient(
+                    gradient, differences, view.credited, self._channels, number, self._settings.seed
+                )
+            elements = np.asarray(view.credited.elements)
+            bounds = np.searchsorted(elements, self._parameters.starts)
+            for level in view.levels:
+                own = elements[bounds[level] : bounds[level + 1]]
+                factor = rate * float(state.rates[level])
+                stochastic.descend(state.values, gradient, state.moments, self._channels, factor, own)
+            state.step += 1
+        except Exception:
+            gradient[...] = 0
+            raise
+        finally:
+            stochastic.perturb(state.values, self._still, 0, 0, view.visible, sides)
+
+    def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
+        """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
+        found = self.errors(state.values, checking)
+        starts = self._parameters.starts
+        for level, error in enumerate(errors_of_levels(checking, found)):
+            own = slice(starts[level], starts[level + 1])
+            if error < state.errors[level]:
+                state.best[own], state.errors[level], state.waited[level] = state.values[own], error, 0
+                continue
+            state.waited[level] += 1
+            if state.waited[level] >= _PATIENCE:
+                halved = state.rates[level] / 2
+                state.rates[level], state.waited[level] = halved if halved >= _LEAST_RATE else 0.0, 0
+                for array in (state.values, *sides):
+                    array[own] = state.best[own]
+        return scores(checking, found)
