@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from fit_tables import FITTED, METHODS, START, cost_table, table, words
+from fit_tables import FITTED, MEASURES, METHODS, START, cost_table, table, words
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
@@ -136,7 +136,7 @@ def inside(frame: Frame, endless: bool) -> NDArray[np.bool_]:
 def measured(
     renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort
 ) -> dict[str, list[dict[str, Any]]]:
-    """Scale to its views, each with the sums of `snr_sums` (signal, error, noise) by method."""
+    """Scale to its views, each with the sums of `snr_sums` (signal, error, noise) by measure and method."""
     source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, texture_set.wrap)
     levels = {name: levels_of(stack.levels, stack.model, stack.wrap) for name, stack in stacks.items()}
     size = texture_set.height, texture_set.width
@@ -148,12 +148,22 @@ def measured(
             if not pixels.any():
                 continue
             first, second = (reference(renderer, source, view, lod, effort, seed)[pixels][None] for seed in ESTIMATES)
+            exposure = exposed((first + second) / 2)
+            shown = {name: renderer.image(each, view)[pixels][None] for name, each in levels.items()}
             sums = {
-                name: snr_sums(renderer.image(each, view)[pixels][None], first, second)[0].tolist()
-                for name, each in levels.items()
+                measure: {
+                    name: snr_sums(seen(image), seen(first), seen(second))[0].tolist() for name, image in shown.items()
+                }
+                for measure, seen in (("snr", np.asarray), ("snr-displayed", lambda x, e=exposure: displayed(x * e)))
             }
             found.setdefault(scale_of(lod), []).append({"view": view.name, "sums": rounded(sums)})
     return found
+
+
+def exposed(right: Image3) -> float:
+    """What radiance is multiplied by before it is displayed: the median of the reference is shown at 0.375."""
+    lit = right[right > 0]
+    return 0.6 / float(np.median(lit)) if lit.size else 1.0
 
 
 def rounded(value: Any) -> Any:
@@ -172,9 +182,8 @@ def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: Textu
     source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, wrap)
     right = reference(renderer, source, view, PICTURED_LOD, effort, ESTIMATES[0])
     shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in stacks.values()]
-    # As in films: the reference's median is displayed at 0.375 before it is encoded.
-    exposure = 0.6 / max(float(np.median(right[right > 0])), 1e-6)
-    return Image.fromarray(np.rint(255 * displayed(np.concatenate([*shown, right], 1) * exposure)).astype(np.uint8))
+    picture = displayed(np.concatenate([*shown, right], 1) * exposed(right))
+    return Image.fromarray(np.rint(255 * picture).astype(np.uint8))
 
 
 def one(
@@ -194,18 +203,21 @@ def one(
         pictures.mkdir(parents=True, exist_ok=True)
         image = strip(renderer, stacks, texture_set, effort)
         image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
-    now = told[-1]
+    scales, now = measured(renderer, stacks, texture_set, effort), told[-1]
+    seconds = {
+        "baking": baked - began,
+        "preparing": fitted - baked - now.seconds,
+        "fitting": now.seconds,
+        "measuring": time.monotonic() - fitted,
+    }
     return {
         "size": [texture_set.height, texture_set.width],
         "views": len(views),
         "steps": now.step,
         "moving": now.moving,
-        "seconds": rounded({
-            "baking": baked - began, "preparing": fitted - baked - now.seconds, "fitting": now.seconds,
-            "measuring": time.monotonic() - fitted,
-        }),
-        "scales": measured(renderer, stacks, texture_set, effort),
-    }  # fmt: skip
+        "seconds": rounded(seconds),
+        "scales": scales,
+    }
 
 
 def kept(path: Path, effort: Effort) -> dict[str, Any]:
@@ -248,7 +260,8 @@ def main() -> None:
                 found[name] = one(renderer_name, renderer, texture_set_of(sets[name], effort), effort, options.pictures)
                 save(options.results, data)
                 print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)
-    print(table(data), words(data), cost_table(data), sep="\n\n")
+    parts = [f"{measure}:\n\n{table(data, measure)}\n\n{words(data, measure)}" for measure in MEASURES]
+    print(*parts, cost_table(data), sep="\n\n")
 
 
 def save(path: Path, data: Mapping[str, Any]) -> None:

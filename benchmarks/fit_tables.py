@@ -18,13 +18,16 @@ START = "auto"
 
 FITTED = "fitted"
 
+MEASURES = ("snr", "snr-displayed")
+"""SNR of linear radiance, and SNR of what a display shows of it."""
 
-def snr(data: Mapping[str, Any], renderer: str, name: str) -> dict[str, dict[str, float]]:
+
+def snr(data: Mapping[str, Any], renderer: str, name: str, measure: str) -> dict[str, dict[str, float]]:
     """Scale to method to SNR in dB of one set in a renderer: sums run over all views of the scale."""
     scales = data["renderers"][renderer][name]["scales"]
     return {
         scale: {
-            method: float(snr_from_sums(np.sum([view["sums"][method] for view in scales[scale]], 0)))
+            method: float(snr_from_sums(np.sum([view["sums"][measure][method] for view in scales[scale]], 0)))
             for method in (*METHODS, FITTED)
         }
         for scale in SCALES
@@ -32,10 +35,10 @@ def snr(data: Mapping[str, Any], renderer: str, name: str) -> dict[str, dict[str
     }
 
 
-def cells(data: Mapping[str, Any], renderer: str) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+def cells(data: Mapping[str, Any], renderer: str, measure: str) -> Iterator[tuple[str, str, Mapping[str, float]]]:
     """Set, scale, and SNR of each method there."""
     for name in data["renderers"][renderer]:
-        for scale, found in snr(data, renderer, name).items():
+        for scale, found in snr(data, renderer, name, measure).items():
             yield name, scale, found
 
 
@@ -44,11 +47,11 @@ def gain(found: Mapping[str, float]) -> float:
     return found[FITTED] - max(found[method] for method in METHODS)
 
 
-def table(data: Mapping[str, Any]) -> str:
+def table(data: Mapping[str, Any], measure: str) -> str:
     """Markdown: the mean SNR over sets, by renderer, method and scale. Bold is the best of a column."""
     rows = []
     for renderer in data["renderers"]:
-        found = list(cells(data, renderer))
+        found = list(cells(data, renderer, measure))
         means = {
             method: {
                 scale: float(np.mean([each[method] for _, where, each in found if where == scale]))
@@ -69,11 +72,11 @@ def table(data: Mapping[str, Any]) -> str:
     return _markdown(["renderer", "SNR in dB, mean over sets", *SCALES], rows)
 
 
-def words(data: Mapping[str, Any]) -> str:
+def words(data: Mapping[str, Any], measure: str) -> str:
     """How many figures there are of which the fit is behind the best of the others, and by how much at most."""
     said = []
     for renderer in data["renderers"]:
-        found = list(cells(data, renderer))
+        found = list(cells(data, renderer, measure))
         if not found:
             continue
         behind = [(gain(each), name, scale) for name, scale, each in found if gain(each) < 0]
@@ -90,12 +93,12 @@ def words(data: Mapping[str, Any]) -> str:
     return " ".join(said)
 
 
-def single_table(data: Mapping[str, Any]) -> str:
+def single_table(data: Mapping[str, Any], measure: str) -> str:
     """Markdown: dB by which the fit is above the best of the others, by renderer and set, at each scale."""
     rows = []
     for renderer, sets in data["renderers"].items():
         for name in sets:
-            found = snr(data, renderer, name)
+            found = snr(data, renderer, name, measure)
             rows.append([
                 renderer, name, *(f"{gain(found[scale]):+.1f}" if scale in found else "" for scale in SCALES)
             ])  # fmt: skip

@@ -22,6 +22,12 @@ def _compare() -> Callable[..., None]:
     return compare
 
 
+def _fit() -> Callable[..., None]:
+    from mipbake.cli.fit import fit
+
+    return fit
+
+
 def _validate() -> Callable[..., None]:
     from mipbake.cli.validate import validate
 
@@ -55,6 +61,7 @@ def _presets() -> Callable[..., None]:
 LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
     "bake": _bake,
     "compare": _compare,
+    "fit": _fit,
     "validate": _validate,
     "convert": _convert,
     "inspect": _inspect,
@@ -66,6 +73,7 @@ LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
 SUMMARIES: Mapping[str, str] = {
     "bake": "Bake texture sets into MIP stacks.",
     "compare": "Compare methods on texture sets, and write a report for the browser.",
+    "fit": "Fit stacks in a renderer of your own, which need not be differentiable.",
     "validate": "Measure stacks against their sources: SNR in dB, higher is better.",
     "convert": "Convert texture sets, or materials that were converted before, to another material model.",
     "inspect": "Show what is found in texture sets and why.",

@@ -104,7 +104,7 @@ def main(arguments: Sequence[str]) -> int:
         if result == EXIT_INTERRUPTED:  # newer versions of typer raise this for Ctrl-C
             raise KeyboardInterrupt
     except MipbakeError as error:
-        code = session.fail(str(error), error.exit_code)
+        code = session.raised(error)
     except _PARSING_ERROR as error:
         code = session.fail(_parsing_message(error), EXIT_USAGE)
     except (KeyboardInterrupt, typer.Abort):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake import MipbakeError
+from mipbake.errors import MipbakeError, RendererError
 from mipbake.timings import Timings
 
 if TYPE_CHECKING:
@@ -58,17 +58,27 @@ class Session:
         if self.json:
             sys.stdout.write(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
-    def fail(self, message: str, exit_code: int) -> int:
-        """Prints one sentence on stderr and returns the exit code of the run, the highest of all failures so far."""
+    def fail(self, message: str, exit_code: int, printed: Sequence[str] = ()) -> int:
+        """Prints one sentence on stderr and returns the exit code of the run, the highest of all failures so far.
+
+        Lines that another program printed follow it as they are.
+        """
         one_line = " ".join(message.split())
-        sys.stderr.write(f"mipbake: {one_line}\n")
+        sys.stderr.write("".join(f"{line}\n" for line in (f"mipbake: {one_line}", *printed)))
         self.exit_code = max(self.exit_code, exit_code)
         return self.exit_code
 
     def failed(self, source: Path, error: MipbakeError) -> dict[str, Any]:
         """`fail` for what was to be done with a source, which does not keep others from it; returns it for JSON."""
-        self.fail(str(error), error.exit_code)
+        self.raised(error)
         return failed(source, error)
+
+    def raised(self, error: MipbakeError) -> int:
+        """`fail` for an error. Lines that a renderer printed are kept apart."""
+        if isinstance(error, RendererError):
+            sentence, *printed = str(error).splitlines()
+            return self.fail(sentence, error.exit_code, printed)
+        return self.fail(str(error), error.exit_code)
 
 
 def failed(source: Path, error: MipbakeError) -> dict[str, Any]:

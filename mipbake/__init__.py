@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
     from mipbake.compare.checking import Check
     from mipbake.convert import Material, convert, open_material
-    from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
+    from mipbake.errors import InputError, MipbakeError, OutputError, RendererError, UsageError
+    from mipbake.fitting import fit
     from mipbake.loading import load, load_all
     from mipbake.stack import MipStack, open_stack
     from mipbake.texture_set import TextureSet
@@ -36,12 +37,14 @@ __all__ = [
     "MipStack",
     "MipbakeError",
     "OutputError",
+    "RendererError",
     "TextureSet",
     "UsageError",
     "Validation",
     "bake",
     "bake_all",
     "convert",
+    "fit",
     "load",
     "load_all",
     "open_material",
@@ -54,7 +57,8 @@ _MODULES = {
     "baking": ("BakedDocument", "BakedSet", "BakeOptions", "Listener", "bake_all"),
     "compare.checking": ("Check",),
     "convert": ("Material", "convert", "open_material"),
-    "errors": ("InputError", "MipbakeError", "OutputError", "UsageError"),
+    "errors": ("InputError", "MipbakeError", "OutputError", "RendererError", "UsageError"),
+    "fitting": ("fit",),
     "loading": ("load", "load_all"),
     "stack": ("MipStack", "open_stack"),
     "texture_set": ("TextureSet",),

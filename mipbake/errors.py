@@ -29,3 +29,12 @@ class OutputError(MipbakeError):
     """A result that cannot be written where it was asked for."""
 
     exit_code = 4
+
+
+class RendererError(MipbakeError):
+    """A renderer of a fit that failed, or gave something that is no frame.
+
+    The last lines that a program printed follow the sentence, each in a line of its own.
+    """
+
+    exit_code = 6

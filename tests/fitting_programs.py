@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mipbake.errors import RendererError
 from mipbake.fitting import program
 from mipbake.fitting.process import ProcessRenderer
-from mipbake.fitting.renderer import Levels, RendererError
+from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
 from mipbake.io.leftovers import unfinished
 from mipbake.render import environment, shapes

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
+from mipbake.errors import RendererError
 from mipbake.fitting.process import ProcessRenderer
-from mipbake.fitting.renderer import RendererError
 
 from . import fitting_programs as programs
 from .fitting_programs import GOOD, SERVING, TALK, Write, fails, is_gone, levels_of, starts_another, view_of

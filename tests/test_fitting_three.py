@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
-from mipbake.fitting.renderer import Levels, RendererError
+from mipbake.errors import RendererError, UsageError
+from mipbake.fitting.renderer import Levels
 from mipbake.fitting.three import MATERIALS, ThreeRenderer, three_folder
 from mipbake.fitting.views import View
 from mipbake.pixel_filter import level_sizes

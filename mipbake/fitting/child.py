@@ -16,8 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+from mipbake.errors import RendererError
 from mipbake.fitting.protocol import as_answer
-from mipbake.fitting.renderer import RendererError
 from mipbake.io.signals import uninterrupted
 
 _KEPT = 20

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import OutputError
-from mipbake.fitting.renderer import Array, Frame, Levels, RendererError
+from mipbake.errors import OutputError, RendererError
+from mipbake.fitting.renderer import Array, Frame, Levels
 from mipbake.io.messages import told_by
 from mipbake.io.oiio_levels import finish, put, writer
 from mipbake.io.publish import reason

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError
+from mipbake.errors import RendererError
+from mipbake.fitting.renderer import Array, Levels, Renderer
 
 _FARTHEST = 2.0**16
 """How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart. A guess."""

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from mipbake import stochastic
-from mipbake.errors import UsageError
+from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import TEXELS, Prepared, errors_of_levels, render_pixels, scores
-from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError, new_stamp
+from mipbake.fitting.prepared import ERRORS, TEXELS, Prepared, errors_of_levels, render_pixels, scores
+from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamp
 from mipbake.fitting.state import Checkpoint, FitState
 
 DEFAULT_STEPS = 2000  # a guess
@@ -39,6 +39,7 @@ class FitSettings:
     rate: float = 1.0
     passes: int | None = None
     seed: int = 0
+    error: str = ERRORS[0]
 
     def __post_init__(self) -> None:
         for name in ("steps", "renders", "passes"):
@@ -53,6 +54,8 @@ class FitSettings:
             raise UsageError(f"seed is {self.seed}: expected 0 to 2^32 - 1")
         if self.texels not in TEXELS:
             raise UsageError(f"texels is {self.texels!r}: expected {' or '.join(TEXELS)}")
+        if self.error not in ERRORS:
+            raise UsageError(f"error is {self.error!r}: expected {' or '.join(ERRORS)}")
 
     @property
     def last(self) -> int | None:

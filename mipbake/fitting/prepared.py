@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake._srgb import linear_to_srgb
+from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.frames import Looked, looked, rendered
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.renderer import Array, Levels, Renderer, RendererError
+from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.supersampled import named, supersampled
+from mipbake.metrics.images import film_exposure, tonemapped
 from mipbake.pixel_filter import PixelFilter
 from mipbake.stochastic import Contributions, contributions, touched_texels
 
 TEXELS = ("all", "nearest")
+ERRORS = ("displayed", "plain")
 
 References = Callable[[Any], Any]
 """From a view to its reference image, (H, W, 3)."""
@@ -32,7 +35,8 @@ class Prepared:
         view: what the renderer gets.
         name, scale: of the view.
         size: (height, width) in pixels.
-        reference: (P, 3), the pixels in a row.
+        reference: (P, 3), the pixels in a row, as they are compared.
+        exposure: what images are multiplied by before they are displayed; None where they are compared as they are.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
         weight: one over the reference's sum of squares over these pixels: the errors of all views count as shares.
         visible: the texels that show, (K,) int32, increasing.
@@ -45,6 +49,7 @@ class Prepared:
     scale: str
     size: tuple[int, int]
     reference: Array
+    exposure: float | None
     shown: Array
     weight: float
     visible: NDArray[np.int32]
@@ -56,8 +61,12 @@ class Prepared:
         """The levels that show."""
         return [level for level, share in enumerate(self.shares) if share > 0]
 
+    def compared(self, image: Array) -> Array:
+        """A (P, 3) image as it is compared with the reference."""
+        return image if self.exposure is None else displayed(image, self.exposure)
+
     def error(self, image: Array) -> float:
-        """Sum of squared differences of a (P, 3) image, as a share of the reference's sum of squares."""
+        """Sum of squared differences of a (P, 3) image as compared, as a share of the reference's sum of squares."""
         return float(np.sum(np.square(image - self.reference, dtype=np.float64) * self.shown[:, None]) * self.weight)
 
 
@@ -71,6 +80,7 @@ class Preparation:
         source: level 0 of the source, for supersampled references; None without.
         kernel: the pixel filter. passes: renders of a reference; None for as many as the level of detail asks for.
         seed: of the offsets.
+        error: what is compared, a name in ERRORS.
     """
 
     renderer: Renderer[Any]
@@ -81,6 +91,7 @@ class Preparation:
     kernel: PixelFilter
     passes: int | None
     seed: int
+    error: str
 
     def of(self, view: Any, levels: Levels, reference: Any, held_out: bool) -> Prepared:
         """A view, with its reference image, or None for a supersampled one.
@@ -102,11 +113,14 @@ class Preparation:
             image = self._supersampled(view, _middle_lod(found, self.parameters.sizes[0]), held_out)
         else:
             image = _given(reference, who, found.size)
-        pixels = image.reshape(-1, 3)
-        shown = found.seen.astype(np.float32)
-        energy = float(np.sum(np.square(pixels, dtype=np.float64) * shown[:, None]))
-        if not energy > 0:
+        pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
+        if not (pixels[found.seen > 0] > 0).any():
             raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
+        exposure = None
+        if self.error == "displayed":
+            exposure = film_exposure(pixels[found.seen > 0])
+            pixels = displayed(pixels, exposure)
+        energy = float(np.sum(np.square(pixels, dtype=np.float64) * shown[:, None]))
         visible = np.asarray(every.elements)
         return Prepared(
             view,
@@ -114,6 +128,7 @@ class Preparation:
             str(getattr(view, "scale", "") or "all"),
             found.size,
             pixels,
+            exposure,
             shown,
             1 / energy,
             visible,
@@ -168,13 +183,19 @@ def _given(reference: Any, who: str, size: tuple[int, int]) -> Array:
     return np.ascontiguousarray(image[..., :3])
 
 
+def displayed(image: Array, exposure: float) -> Array:
+    """`mipbake.metrics.displayed` of exposed radiance, in float32, which takes a quarter of the time."""
+    light: Any = tonemapped(image * np.float32(exposure))
+    return np.asarray(linear_to_srgb(light), np.float32)
+
+
 def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Array:
-    """(P, 3) image of a prepared view.
+    """(P, 3) image of a prepared view, as it is compared.
 
     Raises:
         RendererError: no image, or one of another size.
     """
-    return rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3)
+    return view.compared(rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3))
 
 
 def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, float]:

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.errors import InputError, UsageError
-from mipbake.fitting.renderer import RendererError
+from mipbake.errors import InputError, RendererError, UsageError
 from mipbake.fitting.views import View
 from mipbake.io import disk, json_text
 from mipbake.io.gltf.container import packed

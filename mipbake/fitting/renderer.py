@@ -10,8 +10,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import MipbakeError
-
 Array = NDArray[np.float32]
 V_contra = TypeVar("V_contra", contravariant=True)
 
@@ -22,12 +20,6 @@ _STAMPS = itertools.count(1)
 def new_stamp() -> int:
     """A number that no level of this process has been given yet."""
     return next(_STAMPS)
-
-
-class RendererError(MipbakeError):
-    """A renderer that failed, or gave something that is no frame."""
-
-    exit_code = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +54,7 @@ class Frame:
     """What a renderer made of a view, rows from the top.
 
     Args:
-        image: (H, W, 3), what the renderer shows: linear radiance, or what it displays. Errors are squared differences
-            of these numbers.
+        image: (H, W, 3), linear radiance; or what a display gets, for fits that compare it as it is.
         uv: (H, W, 2) where the pixel's centre looked the maps up; u to the right and v down, any real numbers where
             the maps repeat.
         lod: (H, W) level of detail of a trilinear lookup; or None, then `uv_da` is given.

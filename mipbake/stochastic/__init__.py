@@ -367,7 +367,7 @@ def descend(
     rate: float = 1.0,
     elements: Array | None = None,
     betas: tuple[float, float] = (0.9, 0.999),
-    epsilon: float = 1e-30,
+    epsilon: float = 1e-20,
 ) -> None:
     """A step of Adam (Kingma and Ba 2015, algorithm 1) on the listed elements, within the limits of their channels.
 
@@ -379,6 +379,7 @@ def descend(
         elements: (K,) int32, each once; None for all.
         betas: decays of the two moments.
         epsilon: what is added to the root of the second moment. Gradients of all sizes count alike, so it is next to 0.
+            The default is the size of gradients whose squares float32 no longer holds.
 
     Raises:
         UsageError: the type, dtype, device or shape of an argument does not fit, or an array that cannot be written to.

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.fitting.renderer import RendererError
+from mipbake.errors import RendererError
 
 __all__ = ["START_SECONDS", "Page"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from mipbake.errors import UsageError
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import TEXELS, Preparation, errors_of_levels, scores
+from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, errors_of_levels, scores
 from mipbake.fitting.renderer import Levels, Renderer, new_stamp
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
@@ -38,6 +38,7 @@ def fit(
     rate: float = 1.0,
     passes: int | None = None,
     seed: int = 0,
+    error: str = ERRORS[0],
     checkpoint: str | Path | None = None,
     progress: Callable[[Progress], None] = lambda _now: None,
     preparing: Callable[[float], None] = lambda _share: None,
@@ -69,6 +70,9 @@ def fit(
         passes: renders of a supersampled reference; None: 16 at level of detail 0, up to 256 at coarser ones, and four
             times as many for views that are held out.
         seed: of all that is random.
+        error: what is compared. "displayed": images are linear radiance, and are compared as a display shows them, as
+            sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4). "plain": the
+            numbers of images are compared as they are, which suits renderers that show what a display gets.
         checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
             the fit goes on from it.
         progress: told how far the fit is, after every check. preparing: told the share of views that are prepared.
@@ -82,7 +86,7 @@ def fit(
             finite, no uv, no lod; or its pictures do not follow the maps.
         InputError, OutputError: a checkpoint of another fit, or one that cannot be written.
     """
-    settings = FitSettings(steps, budget, renders, texels, rate, passes, seed)
+    settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error)
     learned, checked = _split(views, held_out)
     images = _images(reference, [*views, *(held_out or [])])
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
@@ -90,7 +94,7 @@ def fit(
     loop = Loop(renderer, parameters, stack.wrap, settings)
     original = None if source is None else _source_levels(source)
     kernel = filter_named(stack.provenance.pixel_filter)
-    preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed)
+    preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed, error)
     resting, both = loop.levels_of(values), [*learned, *checked]
     prepared = []
     for done, (index, view) in enumerate(both):
@@ -100,7 +104,7 @@ def fit(
     file = None
     if checkpoint is not None:
         names = [each.name for each in prepared]
-        file = Checkpoint(Path(checkpoint), key_of(values, stack.model, names, renders, texels, rate, passes, seed))
+        file = Checkpoint(Path(checkpoint), key_of(values, stack.model, names, settings))
     state = file.load() if file is not None else None
     if state is None:
         loop.probe(values, training[0])

@@ -1,0 +1,209 @@
+"""Figure 3 of Deliot et al. 2024: triangle soups that become a picture, by pixels' own errors and by the image's."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import raster, stochastic
+from mipbake.stochastic import Channels, Contributions, Moments
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+CREDITS = ("per pixel", "full image")
+"""Equation 8, and equation 4."""
+
+
+@dataclass(frozen=True)
+class Soup:
+    """What is optimised, and how.
+
+    Args:
+        triangles: their number; each has 3 vertices in 3D and a colour, 12 parameters.
+        side: pixels of the square image in each direction.
+        steps: of Adam.
+        estimates: of the gradient for each step, N of equation 9; each takes two renders.
+        layers: 1 where triangles are opaque; else they have an opacity too, and so many layers are blended.
+    """
+
+    triangles: int
+    side: int
+    steps: int
+    estimates: int
+    layers: int = 1
+
+    @property
+    def parameters(self) -> int:
+        return self.triangles * (12 if self.layers == 1 else 13)
+
+    @property
+    def channels(self) -> Channels:
+        """A vertex moves by 1.5 pixels, between the paper's 1 and 2. The other steps are guesses, in which a hundred
+        steps of Adam can cross the range: 1/50 of a depth, a colour or an opacity."""
+        pixel = 2 / self.side
+        place = ((1.5 * pixel, 1.5 * pixel, 0.02), (-1.1, -1.1, -0.95), (1.1, 1.1, 0.95))
+        colour = 3 if self.layers == 1 else 4
+        return Channels(
+            (*place[0] * 3, *(0.02,) * colour), (*place[1] * 3, *(0.0,) * colour), (*place[2] * 3, *(1.0,) * colour)
+        )
+
+    def drawn(self, count: int, generator: np.random.Generator) -> Floats:
+        """Triangles at random places, 1.5 of them above a pixel (a guess), in random colours."""
+        centre = generator.uniform(-1, 1, (count, 1, 2))
+        turn = generator.uniform(0, math.tau, (count, 1)) + np.array([0, 1, 2]) * (math.tau / 3)
+        # An equilateral triangle has 1.3 times the square of its radius for an area.
+        radius = math.sqrt(4 * 1.5 / self.triangles / 1.3)
+        corners = centre + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+        depth = generator.uniform(-0.9, 0.9, (count, 1, 1)).repeat(3, 1)
+        places = np.concatenate([corners, depth], -1).reshape(count, 9)
+        colours = generator.uniform(0.2, 0.8, (count, 3 if self.layers == 1 else 4))
+        return np.concatenate([places, colours], 1).astype(np.float32)
+
+
+def picture(side: int) -> Floats:
+    """(side, side, 3), rows bottom up: hills before an evening sky, a sun, a lake and a striped tower."""
+    across, up = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    image = np.stack([0.95 - 0.6 * up, 0.55 - 0.25 * up + 0.1 * np.sin(9 * across), 0.35 + 0.4 * up], -1)
+    sun = np.hypot(across - 0.68, up - 0.7)
+    image += np.exp(-((sun / 0.16) ** 2))[..., None] * [0.5, 0.35, 0.1]
+    image[sun < 0.07] = [1, 0.95, 0.7]
+    for index, height in enumerate((0.5, 0.4, 0.28)):
+        ridge = height + 0.06 * np.sin((5 + 3 * index) * across + index) + 0.02 * np.sin(31 * across + 5 * index)
+        shade = np.array([[0.35, 0.3, 0.5], [0.2, 0.3, 0.35], [0.08, 0.2, 0.15]][index])
+        texture = 1 + 0.25 * np.sin(60 * across + 40 * up) * np.sin(47 * up - 20 * across)
+        image = np.where((up < ridge)[..., None], shade * texture[..., None], image)
+    lake = ((across - 0.3) / 0.25) ** 2 + ((up - 0.12) / 0.07) ** 2 < 1
+    image[lake] = np.stack([0.4 + 0.3 * np.sin(90 * up), 0.5 + 0.2 * np.sin(90 * up), 0.6 + 0 * up], -1)[lake]
+    tower = (np.abs(across - 0.85) < 0.04) & (up > 0.15) & (up < 0.62)
+    image[tower] = np.where((np.mod(up * 14, 1) < 0.5)[..., None], [0.9, 0.9, 0.85], [0.7, 0.15, 0.1])[tower]
+    return np.clip(image, 0, 1).astype(np.float32)
+
+
+def psnr(image: Floats, wanted: Floats) -> float:
+    """In dB, of values whose peak is 1."""
+    return float(-10 * np.log10(np.square(image - wanted, dtype=np.float64).mean()))
+
+
+@dataclass
+class Clock:
+    """Seconds of each stage: P, R, G and D of section 4.3."""
+
+    spent: dict[str, float] = field(default_factory=lambda: dict.fromkeys("PRGD", 0.0))
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.spent[name] += time.perf_counter() - start
+
+    @property
+    def total(self) -> float:
+        return sum(self.spent.values())
+
+
+class SoupRenderer:
+    """Renders soups. It only renders: an image, and which triangles each pixel shows."""
+
+    def __init__(self, soup: Soup) -> None:
+        self.soup = soup
+        self.context = raster.RasterizeContext()
+        self.triangles = np.arange(3 * soup.triangles, dtype=np.int32).reshape(-1, 3)
+
+    def render(self, *soups: Floats) -> list[tuple[Floats, Ints]]:
+        """(P, 3) images of soups, before black, and (P, layers) triangles, -1 for none."""
+        pos = np.ones((len(soups), 3 * self.soup.triangles, 4), np.float32)
+        for each, values in zip(pos, soups, strict=True):
+            each[:, :3] = values[:, :9].reshape(-1, 3)
+        size = (self.soup.side, self.soup.side)
+        layers = []
+        with raster.DepthPeeler(self.context, pos, self.triangles, size) as peeler:
+            for _ in range(self.soup.layers):
+                rast, _ = peeler.rasterize_next_layer()
+                layers.append(rast[..., 3].reshape(len(soups), -1).astype(np.int32) - 1)
+        ids = np.stack(layers, -1)
+        return [(self._blended(values, own), own) for values, own in zip(soups, ids, strict=True)]
+
+    def _blended(self, values: Floats, ids: Ints) -> Floats:
+        paint = np.concatenate([values[:, 9:], np.zeros_like(values[:1, 9:])])  # the last, -1, is none
+        if self.soup.layers == 1:
+            return paint[ids[:, 0]]
+        image, through = np.zeros((len(ids), 3), np.float32), np.ones((len(ids), 1), np.float32)
+        for layer in ids.T:
+            own = paint[layer]
+            image += through * own[:, 3:] * own[:, :3]
+            through *= 1 - own[:, 3:]
+        return image
+
+
+@dataclass
+class Fitted:
+    """Of one soup and one way of crediting: (renders, seconds, PSNR) on the way, seconds of stages, the last image."""
+
+    curve: list[tuple[int, float, float]]
+    seconds: dict[str, float]
+    image: Floats
+    resampled: int
+
+    def after(self, seconds: float) -> float:
+        """PSNR at a time."""
+        return float(np.interp(seconds, [each[1] for each in self.curve], [each[2] for each in self.curve]))
+
+
+def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
+    """Optimises a soup from random triangles.
+
+    Args:
+        credit: one of CREDITS.
+        measured: how often the PSNR is measured on the way; the clock stands still meanwhile.
+    """
+    generator = np.random.default_rng(seed)
+    channels, renderer, clock = soup.channels, SoupRenderer(soup), Clock()
+    wanted = picture(soup.side).reshape(-1, 3)
+    values = soup.drawn(soup.triangles, generator)
+    gradient, moments, sides = np.zeros_like(values), Moments.of(values), (values.copy(), values.copy())
+    everything = stochastic.contributions(np.arange(soup.triangles, dtype=np.int32)[None])
+    curve, resampled = [(0, 0.0, psnr(renderer.render(values)[0][0], wanted))], 0
+    for step in range(soup.steps):
+        moved = np.zeros(soup.triangles, bool)
+        for number in range(step * soup.estimates, (step + 1) * soup.estimates):
+            with clock.stage("P"):
+                stochastic.perturb(values, channels, number, seed, None, sides)
+            with clock.stage("R"):
+                (plus, of_plus), (minus, of_minus) = renderer.render(*sides)
+            with clock.stage("G"):
+                differences = stochastic.pixel_differences(plus, minus, wanted)
+                made_of: Contributions = everything
+                if credit == CREDITS[0]:
+                    made_of = stochastic.contributions(np.concatenate([of_plus, of_minus], 1))
+                else:
+                    differences = differences.sum(keepdims=True)
+                stochastic.add_gradient(gradient, differences, made_of, channels, number, seed)
+                moved[made_of.elements] = True
+        with clock.stage("D"):
+            elements = np.flatnonzero(moved).astype(np.int32)
+            stochastic.descend(values, gradient, moments, channels, 1.0, elements)
+            resampled += resample(soup, values, moments, generator)
+        if (step + 1) * measured // soup.steps > step * measured // soup.steps:
+            image = renderer.render(values)[0][0]
+            curve.append(((step + 1) * soup.estimates * 2, clock.total, psnr(image, wanted)))
+    return Fitted(curve, clock.spent, renderer.render(values)[0][0].reshape(soup.side, soup.side, 3), resampled)
+
+
+def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.Generator) -> int:
+    """Triangles of less than half a pixel (a guess) begin again at another place, in their colour (section 5)."""
+    a, b, c = (values[:, 3 * corner : 3 * corner + 2] for corner in range(3))
+    (x, y), (s, t) = (b - a).T, (c - a).T
+    thin = np.flatnonzero(np.abs(x * t - y * s) / 2 < 0.5 * (2 / soup.side) ** 2)
+    values[thin, :9] = soup.drawn(len(thin), generator)[:, :9]
+    arrays: tuple[Any, ...] = (moments.first, moments.second, moments.steps)
+    for array in arrays:
+        array[thin] = 0
+    return len(thin)

@@ -1,0 +1,137 @@
+"""Renderers by the names that the command line takes, and the views that go with them."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mipbake.errors import InputError, UsageError
+from mipbake.fitting.renderer import Renderer
+from mipbake.fitting.views import standard_views
+
+RENDERERS = ("gl", "three", "torch")
+
+
+@dataclass(frozen=True)
+class RendererChoice:
+    """Which renderer a fit has, as the command line takes it.
+
+    Args:
+        renderer: a name in RENDERERS, or MODULE:FACTORY, a function without arguments that makes a renderer; None for
+            `command`.
+        shader: for `gl` the name of a shader that comes with mipbake, or a file of GLSL; for `three` the name of a
+            material; None for the default.
+        command: a program that speaks the protocol of docs/fit-protocol.md. exchange: how maps and frames get there and
+            back. timeout: seconds that a render may take.
+        three: the folder that holds three.js; None to look for it.
+        views: a JSON file with a list of views for `command` or MODULE:FACTORY; None for views of a plane.
+
+    Raises:
+        UsageError: none or two renderers, or an option that the renderer does not have.
+    """
+
+    renderer: str | None
+    shader: str | None = None
+    command: str | None = None
+    exchange: str | None = None
+    timeout: float | None = None
+    three: Path | None = None
+    views: Path | None = None
+
+    def __post_init__(self) -> None:
+        if (self.renderer is None) == (self.command is None):
+            raise UsageError("expected a renderer, by --renderer or by --renderer-command, and not both")
+        if self.renderer is not None and self.renderer not in RENDERERS and ":" not in self.renderer:
+            raise UsageError(f"unknown renderer {self.renderer!r}: expected {', '.join(RENDERERS)} or MODULE:FACTORY")
+        allowed = {
+            "shader": self.renderer in ("gl", "three"),
+            "three": self.renderer == "three",
+            "exchange": self.command is not None,
+            "timeout": self.command is not None or self.renderer == "three",
+            "views": self.renderer not in RENDERERS,
+        }
+        for name, fits in allowed.items():
+            if getattr(self, name) is not None and not fits:
+                raise UsageError(f"{name} does not go with the renderer {self.renderer or self.command}: leave it out")
+
+    def made(self) -> Renderer[Any]:
+        """The renderer.
+
+        Raises:
+            UsageError: it does not exist, or lacks something that it needs.
+        """
+        if self.command is not None:
+            from mipbake.fitting.process import ProcessRenderer
+
+            given = {"exchange": self.exchange, "timeout": self.timeout}
+            return ProcessRenderer(self.command, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+        if self.renderer == "gl":
+            from mipbake.fitting.gl import GlRenderer
+
+            return GlRenderer(*_shader(self.shader))
+        if self.renderer == "three":
+            from mipbake.fitting.three import ThreeRenderer
+
+            seconds = {} if self.timeout is None else {"seconds": self.timeout}
+            material = {} if self.shader is None else {"material": self.shader}
+            return ThreeRenderer(self.three, **seconds, **material)  # type: ignore[arg-type]
+        if self.renderer == "torch":
+            from mipbake.fitting.kernels import TorchRenderer
+
+            return TorchRenderer()
+        assert self.renderer is not None
+        return _from_module(self.renderer)
+
+    def views_of(
+        self, size: tuple[int, int], wrap: tuple[str, str], each: int, seed: int
+    ) -> tuple[Sequence[Any], Sequence[Any] | None]:
+        """The views of a stack, and views to check with: those of the file, of which some are kept for checks later
+        (None); or `each` of a plane at each level of detail, and a quarter as many others.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        if self.views is not None:
+            from mipbake.fitting.protocol import read_views
+
+            return read_views(self.views), None
+        return standard_views(size, wrap, each, seed), standard_views(size, wrap, max(2, each // 4), seed + 1)
+
+
+def _shader(name: str | None) -> tuple[str, str, str]:
+    """Source, texels and name of a shader."""
+    from mipbake.fitting.gl import SHADERS, TEXELS, shipped_shader
+
+    if name is None:
+        name = SHADERS[0]
+    if name in SHADERS:
+        return shipped_shader(name), TEXELS[0], name
+    path = Path(name)
+    if not path.is_file():
+        raise UsageError(f"there is no shader {name}: expected {', '.join(SHADERS)}, or a file of GLSL")
+    try:
+        return path.read_text(encoding="utf-8"), TEXELS[0], str(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"the shader {path} cannot be read ({error}): expected a text file of GLSL") from error
+
+
+def _from_module(given: str) -> Renderer[Any]:
+    module, _, factory = given.partition(":")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)  # so that a file beside the user is found, as `python -m` finds it
+    try:
+        found = getattr(importlib.import_module(module), factory)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UsageError(
+            f"the renderer {given} cannot be imported ({error}): expected MODULE:FACTORY, a function without arguments "
+            "in a module that Python finds"
+        ) from error
+    made = found()
+    if not callable(getattr(made, "render", None)):
+        raise UsageError(f"{given}() gave a {type(made).__name__}: expected an object with render(levels, view)")
+    return made  # type: ignore[no-any-return]

@@ -1,0 +1,477 @@
+"""Fits through any renderer: what they gain, what they leave alone, and that their gradients are the kernels' own."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake import MipStack, TextureSet, stochastic
+from mipbake.content import Provenance
+from mipbake.errors import UsageError
+from mipbake.fitting import SCALES, Frame, Levels, Progress, View, fit, standard_views
+from mipbake.fitting.kernels import TorchRenderer
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.renderer import new_stamp
+from mipbake.fitting.supersampled import supersampled
+from mipbake.material import MODELS
+from mipbake.pixel_filter import filter_named, level_sizes
+from mipbake.render.visible import Surface
+
+from .independent_scenes import bilinear
+from .viewer_scenes import material, stack_of
+
+SIDE = 8
+REPEATS = ("wrap", "wrap")
+KERNEL = filter_named("gaussian")
+
+# ---- a renderer in a few lines, and what it shows
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A view of `Plain`: so many pixels, each as large as a texel of a level."""
+
+    name: str
+    level: int
+    side: int = SIDE
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def scale(self) -> str:
+        return f"level {self.level}"
+
+    def moved(self, right: float, up: float) -> Spot:
+        return replace(self, offset=(self.offset[0] + right, self.offset[1] + up))
+
+
+@dataclass(eq=False)
+class Plain:
+    """Looks one level up bilinearly, and multiplies maps, so that means of maps do not show means of pictures.
+
+    Args:
+        damaged: makes another frame of each frame, from it and how many there were before.
+        log: the names of views, as they were rendered.
+    """
+
+    damaged: Callable[[Frame, int], Any] = lambda frame, _count: frame
+    log: list[str] = field(default_factory=list)
+
+    def render(self, levels: Levels, view: Spot) -> Any:
+        height, width = levels.sizes[0]
+        right, up = view.offset
+        rows, columns = np.meshgrid(np.arange(view.side) + 0.5 - up, np.arange(view.side) + 0.5 + right, indexing="ij")
+        uv = np.stack([columns / width, rows / height], -1) * 2**view.level
+        level = min(view.level, len(levels.sizes) - 1)
+        colour, metallic, roughness, normal = (
+            bilinear(levels.maps[name][level].astype(np.float64), uv)
+            for name in ("base_color", "metallic", "roughness", "normal")
+        )
+        image = np.square(colour) * (0.2 + roughness) * (0.3 + normal[..., :1]) + 0.1 * metallic * normal[..., 1:2]
+        frame = Frame(image, uv.astype(np.float32), lod=np.full(uv.shape[:2], level, np.float32))
+        self.log.append(view.name)
+        return self.damaged(frame, len(self.log) - 1)
+
+
+def texture_set(side: int = SIDE) -> TextureSet:
+    stored = material("gltf", side, side)
+    return TextureSet.from_arrays(
+        "small", base_color=stored[..., :3], metallic=stored[..., 3], roughness=stored[..., 4], normal=stored[..., 5:]
+    )
+
+
+def spots(each: int = 5, levels: Sequence[int] = (0, 1, 2, 3)) -> list[Spot]:
+    """Views whose pixels are as large as texels of a level, at places of their own. One in five is held out."""
+    rng = np.random.default_rng(1)
+    return [
+        Spot(f"spot {number} of level {level}", level, offset=(float(rng.uniform(0, 8)), float(rng.uniform(0, 8))))
+        for level in levels
+        for number in range(each)
+    ]
+
+
+def start(side: int = SIDE) -> MipStack:
+    """Averaged levels of the small set."""
+    return stack_of(material("gltf", side, side), "gltf")
+
+
+def fitted(renderer: Any = None, views: Sequence[Any] | None = None, stack: MipStack | None = None, **more: Any) -> Any:
+    """A fit of the small set in a few steps."""
+    settings = {"steps": 96, "passes": 16} | more
+    if "reference" not in settings:
+        settings["source"] = texture_set()
+    found = spots() if views is None else views
+    return fit(stack or start(), Plain() if renderer is None else renderer, found, **settings)
+
+
+def same(first: MipStack, second: MipStack) -> bool:
+    """Bit for bit."""
+    return all(a.tobytes() == b.tobytes() for a, b in zip(first.levels, second.levels, strict=True))
+
+
+def levels_of(stack: MipStack) -> Levels:
+    parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
+    stamps = tuple(new_stamp() for _ in stack.levels)
+    return parameters.levels(parameters.values(list(stack.levels)), stack.wrap, stamps)
+
+
+def source_levels(texture: TextureSet) -> Levels:
+    parameters = Parameters.of("gltf", texture.height, texture.width, 1)
+    return parameters.levels(parameters.values([texture.material("gltf")]), texture.wrap, (new_stamp(),))
+
+
+def error(stack: MipStack, renderer: Any, view: Any, wanted: np.ndarray) -> float:
+    """Squared error of a view, as a share of the reference's sum of squares."""
+    image = renderer.render(levels_of(stack), view).image
+    return float(np.square(image - wanted).sum() / np.square(wanted).sum())
+
+
+# ---- what a fit gains
+
+
+def test_views_that_nothing_has_seen_gain_at_every_scale() -> None:
+    texture, stack, renderer = texture_set(16), start(16), TorchRenderer()
+    views = standard_views((16, 16), each=3, lods=(0, 1, 2, 3, 4))
+    result = fit(stack, renderer, views, source=texture, steps=240, passes=32)
+    gains: dict[str, list[float]] = {}
+    for view in standard_views((16, 16), each=2, seed=5, lods=(0, 2, 4)):
+        wanted = supersampled(renderer, source_levels(texture), view, KERNEL, 256, 9)
+        before, after = (error(each, renderer, view, wanted) for each in (stack, result))
+        gains.setdefault(view.scale, []).append(before / after)
+    assert set(gains) == {"near", "middle"} and all(np.mean(each) > 1.05 for each in gains.values()), gains
+
+
+def test_the_start_is_far_behind_in_a_renderer_that_multiplies_maps() -> None:
+    texture, renderer = texture_set(), Plain()
+    result = fitted(renderer, steps=320)
+    for level in (1, 2):
+        view = Spot("new", level, offset=(0.3, 0.7))
+        wanted = supersampled(renderer, source_levels(texture), view, KERNEL, 512)
+        before, after = (error(each, renderer, view, wanted) for each in (start(), result))
+        assert after < 0.8 * before, (level, before, after)
+
+
+@pytest.mark.parametrize("texels", ["all", "nearest"])
+def test_texels_that_are_credited(texels: str) -> None:
+    told: list[Progress] = []
+    fitted(steps=200, texels=texels, progress=told.append)
+    assert told[-1].scores["level 1"] > told[0].scores["level 1"] + 0.5
+
+
+def test_settings_change_what_is_fitted() -> None:
+    plain = fitted(steps=24)
+    for other in ({"texels": "nearest"}, {"renders": 2}, {"rate": 0.5}, {"seed": 1}, {"passes": 8}):
+        assert not same(fitted(**{"steps": 24} | other), plain), other
+
+
+def test_equal_seeds_give_equal_bits() -> None:
+    assert same(fitted(seed=3), fitted(seed=3))
+
+
+@pytest.mark.parametrize("model", ["gltf-anisotropic", "ggx", "beckmann"])
+def test_other_material_models(model: str) -> None:
+    level = material(model, 16, 16)
+    stack, renderer = stack_of(level, model), TorchRenderer()
+    wanted = stack_of(np.roll(level, 3, axis=1), model)  # another stack of the same model
+    views = standard_views((16, 16), each=5, lods=(0, 1, 3))
+    told: list[Progress] = []
+    result = fit(
+        stack, renderer, views, reference=lambda v: renderer.render(levels_of(wanted), v).image, steps=60,
+        progress=told.append,
+    )  # fmt: skip
+    assert result.model == model and not same(result, stack)
+    assert all(after < before for before, after in zip(told[0].errors[:4], told[-1].errors[:4], strict=True))
+    described = MODELS[model]
+    for each in described.stored:
+        own = result.levels[1][..., described.maps[each.name]]
+        if each.facts.unit_axis is not None:
+            assert np.allclose(np.linalg.norm(own, axis=-1), 1, atol=1e-5)
+
+
+# ---- what a fit leaves alone
+
+
+def test_levels_that_no_view_shows_stay_bit_for_bit() -> None:
+    stack, result = start(), fitted(views=spots(6, (1,)))
+    changed = [a.tobytes() != b.tobytes() for a, b in zip(stack.levels, result.levels, strict=True)]
+    assert changed == [False, True, False, False]
+
+
+def test_a_stack_that_is_right_already_stays_bit_for_bit() -> None:
+    stack, renderer = start(), Plain()
+    shown = levels_of(stack)
+    result = fitted(renderer, reference=lambda view: renderer.render(shown, view).image)
+    assert same(result, stack)
+
+
+def test_a_result_says_that_it_was_fitted() -> None:
+    extra = {"occlusion": [np.full((4, 4, 1), 0.5, np.float32)]}
+    stack = replace(start(), extra=extra)
+    result = fitted(stack=stack)
+    [told] = result.provenance.adjustments
+    assert "fitted in the renderer Plain to 16 views" in told and "SNR of 4 other views" in told
+    assert result.provenance.promise is None and result.extra is stack.extra and result.name == stack.name
+    assert stack.provenance == Provenance("linear", "gaussian")
+    assert same(stack, start())  # what was given did not change
+
+
+def test_pixels_that_show_no_map_do_not_count() -> None:
+    def half(frame: Frame, _count: int) -> Frame:
+        image, number = np.array(frame.image), np.ones(frame.image.shape[:2], np.int32)
+        uv, number[:, :4] = np.array(frame.uv), 0
+        image[:, :4], uv[:, :4] = _count, np.nan  # what lies there is anything, and changes
+        return dataclasses.replace(frame, image=image, uv=uv, id=number)
+
+    black_left = [np.where(np.arange(SIDE)[:, None] < 4, 0, 0.2) * np.ones((SIDE, SIDE, 3)) for _ in spots()]
+    results = [fitted(Plain(half), reference=[image + left for image in black_left]) for left in (0.0, 0.0)]
+    assert same(*results) and not same(results[0], start())
+
+
+# ---- references, and views to check with
+
+
+def test_references_by_source_by_function_and_by_images_are_the_same() -> None:
+    renderer, views = Plain(), spots()
+    source = source_levels(texture_set())
+
+    def reference(view: Spot) -> np.ndarray:
+        return supersampled(renderer, source, view, KERNEL, 16, 0)
+
+    by_source = fitted(renderer)
+    assert same(fitted(renderer, reference=reference), by_source)
+    assert same(fitted(renderer, reference=[reference(view) for view in views]), by_source)
+
+
+def test_views_that_are_held_out() -> None:
+    renderer, views, extra = Plain(), spots(2, (0, 1)), spots(1, (0, 1))
+    images = [np.full((SIDE, SIDE, 3), 0.2)] * 6
+    given = [replace(view, name=f"held out {index}") for index, view in enumerate(extra)]
+    told: list[Progress] = []
+    fitted(renderer, views, held_out=given, reference=images, steps=8, progress=told.append)
+    counts = {name: renderer.log.count(name) for name in renderer.log}
+    rounds = len(told)
+    assert rounds == 2
+    # One to prepare, one to begin with, one a check, one to tell what was reached.
+    assert all(counts[view.name] == 1 + 1 + rounds + 1 for view in given)
+    # One to prepare, two a step, and the first has four to probe.
+    assert sorted(counts[view.name] for view in views) == [1 + 4, 1 + 4, 1 + 4, 1 + 4 + 4]
+
+
+def test_every_fifth_view_is_held_out() -> None:
+    renderer, views = Plain(), spots(5, (0, 1))
+    fitted(renderer, views, reference=[np.full((SIDE, SIDE, 3), 0.2)] * 10, steps=8)
+    few = [name for name in dict.fromkeys(renderer.log) if renderer.log.count(name) == 4]
+    assert few == [views[4].name, views[9].name]
+
+
+def test_frames_with_derivatives_in_place_of_a_level() -> None:
+    def derivatives(frame: Frame, _count: int) -> Frame:
+        step = 2.0 ** np.asarray(frame.lod) / SIDE
+        uv_da = np.stack([step, 0 * step, 0 * step, step], -1)
+        return dataclasses.replace(frame, lod=None, uv_da=uv_da)
+
+    assert not same(fitted(Plain(derivatives)), start())
+
+
+# ---- progress
+
+
+def test_progress_is_told_after_every_check() -> None:
+    told: list[Progress] = []
+    shares: list[float] = []
+    fitted(steps=48, progress=told.append, preparing=shares.append)
+    assert [now.step for now in told] == [16, 32, 48]
+    assert [now.share for now in told] == pytest.approx([1 / 3, 2 / 3, 1])
+    assert all(set(now.scores) == {f"level {n}" for n in range(4)} and len(now.errors) == 4 for now in told)
+    assert shares == [(n + 1) / 20 for n in range(20)]
+    for before, after in itertools.pairwise(told):
+        assert all(a <= b for a, b in zip(after.errors, before.errors, strict=True))
+        assert after.seconds >= before.seconds
+
+
+def test_a_budget_ends_a_fit() -> None:
+    told: list[Progress] = []
+    fitted(steps=None, budget=0.2, progress=told.append)
+    assert told[-1].share == 1 or told[-1].moving == 0
+
+
+# ---- settings that make no sense
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"views": []}, "0 views are given: expected two or more"),
+        ({"views": spots(1, (0,))}, "1 views are given: expected two or more"),
+        ({"held_out": []}, "held_out is empty: expected views"),
+        ({"steps": 0}, "steps is 0: expected 1 or more"),
+        ({"renders": 0}, "renders is 0: expected 1 or more"),
+        ({"passes": 0}, "passes is 0: expected 1 or more"),
+        ({"budget": 0.0}, "budget is 0.0: expected seconds"),
+        ({"budget": float("nan")}, "budget is nan: expected seconds"),
+        ({"rate": 0.0}, "rate is 0.0: expected more than 0"),
+        ({"rate": float("inf")}, "rate is inf: expected more than 0"),
+        ({"texels": "some"}, "texels is 'some': expected all or nearest"),
+        ({"seed": -1}, "is -1: expected 0 to"),
+        ({"reference": [np.ones((SIDE, SIDE, 3))]}, "reference has 1 images: expected 20, one for each view"),
+        ({"reference": None}, "neither source nor reference is given: expected"),
+        ({"reference": [np.ones((4, 4, 3))] * 20}, r"reference of spot 0 of level 0 has shape \(4, 4, 3\): expected"),
+        ({"reference": [np.full((SIDE, SIDE, 3), np.nan)] * 20}, "of spot 0 of level 0 .* finite"),
+    ],
+)  # fmt: skip
+def test_settings_that_make_no_sense(settings: dict[str, Any], told: str) -> None:
+    renderer = Plain()
+    with pytest.raises(UsageError, match=told):
+        fitted(renderer, **settings)
+
+
+def test_a_view_that_cannot_be_moved() -> None:
+    @dataclass(frozen=True, eq=False)
+    class Fixed:
+        level: int = 0
+        side: int = SIDE
+        offset: tuple[float, float] = (0.0, 0.0)
+        name: str = "fixed"
+
+    with pytest.raises(
+        UsageError, match=r"views of the type Fixed have no method moved\(right, up\).*: expected it, or"
+    ):
+        fitted(views=[Fixed(), Fixed()])
+    assert fitted(views=[Fixed(), Fixed()], reference=[np.full((SIDE, SIDE, 3), 0.2)] * 2).model == "gltf"
+
+
+# ---- parameters
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_values_are_what_files_hold_and_lead_back(model: str) -> None:
+    levels = list(stack_of(material(model, 12, 20), model).levels)
+    parameters = Parameters.of(model, 12, 20, len(levels))
+    assert parameters.sizes == tuple(level_sizes(12, 20)) and parameters.starts[-1] == sum(
+        h * w for h, w in parameters.sizes
+    )
+    values, channels = parameters.values(levels), parameters.channels
+    assert values.shape == (parameters.starts[-1], MODELS[model].channels) and values.dtype == np.float32
+    assert (values >= np.float32(channels.low) - 1e-6).all() and (values <= np.float32(channels.high) + 1e-6).all()
+    again = parameters.values(parameters.stored(values))  # vectors have unit length from now on
+    unit = parameters.stored(again)
+    for first, second in zip(parameters.stored(values), unit, strict=True):
+        assert np.abs(first - second).max() < 2e-6
+    colours = MODELS[model].maps[MODELS[model].stored[0].name]
+    assert np.allclose(unit[0][..., colours], levels[0][..., colours], atol=2e-6)
+    seen = parameters.levels(values, REPEATS, tuple(range(len(levels))))
+    assert seen.sizes == list(parameters.sizes) and all(np.shares_memory(m[0], values) for m in seen.maps.values())
+
+
+def test_levels_of_other_sizes_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"levels have sizes \[\(8, 8\).*: expected \[\(8, 4\)"):
+        Parameters.of("gltf", 8, 4, 4).values(list(start().levels))
+
+
+# ---- gradients
+
+
+def test_the_mean_of_many_estimates_is_the_exact_gradient() -> None:
+    """Equation 8 beside backpropagation. Central differences are off where the error is no parabola."""
+    stack, renderer = start(), TorchRenderer()
+    parameters = Parameters.of("gltf", SIDE, SIDE, len(stack.levels))
+    values, channels = parameters.values(list(stack.levels)), parameters.channels
+    values = np.clip(values, 0.1, 0.9)  # so that no perturbation meets a limit
+    [view] = standard_views((SIDE, SIDE), each=1, seed=2, lods=(0.5,))
+    view = replace(view, size=(14, 14))
+    moved = np.clip(values + np.random.default_rng(0).uniform(-0.1, 0.1, values.shape).astype(np.float32), 0.05, 0.95)
+
+    def shown(texels: np.ndarray) -> Frame:
+        return renderer.render(parameters.levels(texels, REPEATS, tuple(new_stamp() for _ in stack.levels)), view)
+
+    frame, wanted = shown(values), np.asarray(shown(moved).image, np.float32)
+    count, seen = wanted.shape[0] * wanted.shape[1], np.asarray(frame.id).reshape(-1).astype(np.uint8)
+    uv, lod = np.asarray(frame.uv, np.float32).reshape(count, 2), np.asarray(frame.lod, np.float32).reshape(count)
+    made_of = stochastic.contributions(stochastic.touched_texels(parameters.sizes, uv, lod, None, seen))
+    _, exact = renderer.exact_gradient(parameters, values, REPEATS, view, wanted)
+    estimates = []
+    for step in range(400):
+        sides = stochastic.perturb(values, channels, step)
+        images = [np.asarray(shown(side).image, np.float32).reshape(count, 3) for side in sides]
+        weights = seen.astype(np.float32)
+        differences = stochastic.pixel_differences(images[0], images[1], wanted.reshape(count, 3), weights)
+        gradient = np.zeros_like(values)
+        stochastic.add_gradient(gradient, differences, made_of, channels, step)
+        estimates.append(gradient)
+    moves = np.asarray(channels.magnitude) > 0
+    mean, spread = np.mean(estimates, 0)[:, moves], np.std(estimates, 0)[:, moves] / np.sqrt(len(estimates))
+    exact = exact[:, moves]
+    assert np.count_nonzero(spread) > 200
+    assert np.array_equal(spread > 0, np.broadcast_to((spread > 0).any(1, keepdims=True), spread.shape))
+    bias = 0.02 * np.abs(exact).max()  # of central differences, and of float32
+    assert np.all(np.abs(mean - exact) <= 5 * spread + bias)
+    agreement = float((mean * exact).sum() / np.sqrt(np.square(mean).sum() * np.square(exact).sum()))
+    assert agreement > 0.95
+
+
+# ---- views
+
+
+def middle_lod(view: View, size: tuple[int, int]) -> float:
+    points = Surface(view.mesh, view.camera, view.size).seen(view.offset)
+    scaled = points.uv_da.reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]])
+    longer = np.linalg.svd(scaled, compute_uv=False)[:, 0]
+    height, width = view.size
+    return float(np.log2(longer[np.argmin(np.abs(points.index - (height // 2 * width + width // 2)))]))
+
+
+@pytest.mark.parametrize("size", [(64, 64), (32, 128)])
+def test_views_have_the_level_of_detail_that_they_are_named_after(size: tuple[int, int]) -> None:
+    lods = (0.0, 1.0, 2.5, 4.0)
+    views = standard_views(size, each=3, lods=lods)
+    assert len({view.name for view in views}) == len(views) == 12
+    for view, lod in zip(views, np.repeat(lods, 3), strict=True):
+        assert view.name.endswith(f"at level of detail {lod:g}") and view.scale in SCALES
+        assert middle_lod(view, size) == pytest.approx(lod, abs=0.15)
+
+
+@pytest.mark.parametrize("wrap", [REPEATS, ("clamp", "clamp"), ("wrap", "clamp")])
+def test_views_show_the_maps(wrap: tuple[str, str]) -> None:
+    stack, renderer = replace(start(32), wrap=wrap), TorchRenderer()
+    for view in standard_views((32, 32), wrap, each=2, lods=(0, 1, 2)):
+        frame = renderer.render(levels_of(stack), view)
+        seen = np.asarray(frame.id) > 0
+        assert seen.mean() > (0.999 if wrap == REPEATS else 0.1), view.name
+        for values in (frame.image, frame.uv[seen], frame.lod[seen]):
+            assert np.isfinite(values).all()
+        assert np.asarray(frame.image)[seen].mean() > 1e-3
+        if wrap != REPEATS:
+            assert frame.uv[seen].min() >= 0 and frame.uv[seen].max() <= 1
+
+
+def test_views_depend_on_their_seed_alone() -> None:
+    first, again, other = (standard_views((16, 16), each=1, seed=seed) for seed in (1, 1, 2))
+    assert len(first) == 2 * 4 + 1  # from 0 to the last level in steps of one half
+    for a, b, c in zip(first, again, other, strict=True):
+        assert np.array_equal(a.matrix(), b.matrix()) and not np.array_equal(a.matrix(), c.matrix())
+        assert np.array_equal(a.lighting.radiance, b.lighting.radiance)
+    assert not np.array_equal(first[0].matrix(), first[0].moved(0.5, 0).matrix())
+
+
+# ---- the page
+
+
+def test_the_renderer_of_the_page_can_be_fitted() -> None:
+    page = (Path(__file__).resolve().parent.parent / "docs" / "fit.md").read_text(encoding="utf-8")
+    [code] = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Lamp" in block]
+    names: dict[str, Any] = {}
+    exec(code, names)
+    views = [(level, 3 * index, 5 * index) for level in (0, 1) for index in range(5)]
+    told: list[Progress] = []
+    result = fit(
+        start(16), names["Lamp"](), views, reference=lambda view: np.full((32, 32, 3), 0.2), steps=64,
+        progress=told.append,
+    )  # fmt: skip
+    assert not same(result, start(16)) and told[-1].scores["all"] > told[0].scores["all"]
