@@ -160,7 +160,7 @@ def measured(
     return found
 
 
-def exposed(right: Image3) -> float:
+def exposed(right: NDArray[np.floating]) -> float:
     """What radiance is multiplied by before it is displayed: the median of the reference is shown at 0.375."""
     lit = right[right > 0]
     return 0.6 / float(np.median(lit)) if lit.size else 1.0

@@ -43,8 +43,8 @@ def cells(data: Mapping[str, Any], renderer: str, measure: str) -> Iterator[tupl
 
 
 def gain(found: Mapping[str, float]) -> float:
-    """dB by which the fit is above the best of the others."""
-    return found[FITTED] - max(found[method] for method in METHODS)
+    """dB by which the fit is above the best of the others, as tables show it: in tenths."""
+    return round(found[FITTED] - max(found[method] for method in METHODS), 1) + 0.0  # and never -0
 
 
 def table(data: Mapping[str, Any], measure: str) -> str:
@@ -89,7 +89,7 @@ def words(data: Mapping[str, Any], measure: str) -> str:
         if behind:
             least, name, scale = min(behind)
             line += f", at most by {-least:.1f} dB ({name}, {scale})"
-        said.append(f"{line}. In the mean it is {np.mean(gains):+.1f} dB above the best of them.")
+        said.append(f"{line}. In the mean, the difference to the best of them is {np.mean(gains):+.1f} dB.")
     return " ".join(said)
 
 

@@ -7,7 +7,7 @@ have. The exact gradients are those of mipbake's own primitives: rasterize, inte
 
 from __future__ import annotations
 
-import math
+import itertools
 import sys
 import time
 from dataclasses import dataclass, field
@@ -24,16 +24,17 @@ from mipbake import raster, sampling, stochastic
 from mipbake.stochastic import Channels, Moments
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples" / "fitting"))
-from camera import random_quaternions, rotation_matrix, to_clip  # noqa: E402
-from meshes import sphere  # noqa: E402
-from textures import fractal_noise  # noqa: E402
+from camera import random_quaternions, rotation_matrix, to_clip
+from meshes import sphere
+from textures import fractal_noise
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
 DISTANCE = 3.2
-RATES = {"stochastic": 1.0, "exact": 1.0}
-"""Factors on the magnitudes, which give the rates."""
+CLOCKS = {"wall": time.perf_counter, "processor": time.process_time}
+"""Seconds of the wall's clock, or of all threads together, which other processes do not disturb."""
+CLAMP = ("clamp", "clamp")
 LAST = 0.1
 """Rates fall to this share of what they are at first; a guess."""
 
@@ -48,6 +49,7 @@ class Setting:
         side: pixels of the square images in each direction.
         views, held_out: numbers of pictures, for learning and for measuring.
         estimates, images: pictures for each step of Adam: stochastic and exact.
+        texels: which of a lookup stochastic errors are credited to, as `touched_texels` has it.
     """
 
     kind: str
@@ -57,6 +59,16 @@ class Setting:
     held_out: int = 8
     estimates: int = 8
     images: int = 4
+    texels: str = "trilinear"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Of each pixel: (P, 1) triangles, 0 for none; (P, 2) uv, NaN for none; (P, 3) the light in the map's frame."""
+
+    ids: Ints
+    uv: Floats
+    light: Floats | None
 
 
 @dataclass
@@ -65,7 +77,7 @@ class Scene:
 
     setting: Setting
     steps: int = 16
-    topology: raster.RasterizeContext = field(default_factory=raster.RasterizeContext)
+    context: raster.RasterizeContext = field(default_factory=raster.RasterizeContext)
 
     def __post_init__(self) -> None:
         mesh = sphere(self.steps)
@@ -77,7 +89,7 @@ class Scene:
         corners, faces = [], self.triangles.shape[0] // 6
         rows = torch.arange(n * n)
         row, column = rows // n, rows % n
-        # As meshes.sphere makes a face's triangles: (a, b, c) of all squares, then (a, c, d); turned on the first sides.
+        # As meshes.sphere makes a face's triangles: (a, b, c) of all squares, then (a, c, d); turned on every other.
         places = [(row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column)]
         inset = 1.0 / (texture // 3)  # a texel, so that lookups stay on their face
         for face in range(6):
@@ -135,7 +147,7 @@ class Scene:
         """(1, S, S, 3), with silhouettes blended; differentiable. Every measure is taken by it."""
         pos = self.clip(places, view)
         size = (self.setting.side, self.setting.side)
-        rast, _ = raster.rasterize(self.topology, pos, self.triangles, size, grad_db=False)
+        rast, _ = raster.rasterize(self.context, pos, self.triangles, size, grad_db=False)
         uv, _ = raster.interpolate(self.uv, rast, self.uv_triangles)
         colour = sampling.texture(texels[None], uv, filter_mode="linear", boundary_mode="clamp")
         if self.setting.kind == "normal":
@@ -147,26 +159,33 @@ class Scene:
         colour = colour * (rast[..., 3:] > 0)
         return raster.antialias(colour, rast, pos, self.triangles, self.hash)
 
-    def plain(self, places: Floats, texels: Floats, view: int) -> tuple[Floats, Ints, Floats]:
-        """(P, 3) without blended silhouettes, (P, 1) triangles with 0 for none, (P, 2) uv: a renderer that only
-        renders, in NumPy. Pixels of the background have uv NaN."""
+    def surface(self, places: Floats, view: int) -> Surface:
+        """What a picture shows of the mesh, by a renderer that only renders, in NumPy."""
         s = self.setting.side
         pos = self.clip(torch.from_numpy(places), view).numpy()
-        rast, _ = raster.rasterize(self.topology, pos, self._arrays["triangles"], (s, s))
+        rast, _ = raster.rasterize(self.context, pos, self._arrays["triangles"], (s, s))
         ids = rast[..., 3].reshape(-1, 1).astype(np.int32)
         uv, _ = raster.interpolate(self._arrays["uv"], rast, self._arrays["uv_triangles"])
-        stack = texels.reshape(1, self.setting.texture, self.setting.texture, 3)
-        colour = sampling.texture(stack, uv, filter_mode="linear", boundary_mode="clamp").reshape(-1, 3)
-        if self.setting.kind == "normal":
-            frame, _ = raster.interpolate(self._arrays["frame"], rast, self._arrays["triangles"])
-            local = 2 * colour - 1
-            local /= np.maximum(np.linalg.norm(local, axis=-1, keepdims=True), 1e-6)
-            light = (self.rotations[view].T @ self.lights[view]).numpy()
-            shade = ((frame.reshape(-1, 3, 3) @ light) * local).sum(-1, keepdims=True)
-            colour = np.float32(0.1) + np.float32(0.8) * np.maximum(shade, 0) * np.float32([1.0, 0.9, 0.7])
         uv = uv.reshape(-1, 2)
         uv[ids[:, 0] == 0] = np.nan
-        return np.where(ids > 0, colour, np.float32(0)), ids, uv
+        light = None
+        if self.setting.kind == "normal":
+            frame, _ = raster.interpolate(self._arrays["frame"], rast, self._arrays["triangles"])
+            towards = (self.rotations[view].T @ self.lights[view]).numpy()
+            light = frame.reshape(-1, 3, 3) @ towards
+        return Surface(ids, uv, light)
+
+    def plain(self, seen: Surface, texels: Floats) -> Floats:
+        """(P, 3) its picture, without blended silhouettes."""
+        stack = texels.reshape(1, self.setting.texture, self.setting.texture, 3)
+        colour = sampling.texture(stack, seen.uv[None, None], filter_mode="linear", boundary_mode="clamp")[0, 0]
+        if seen.light is not None:
+            local = 2 * colour - 1
+            shade = np.einsum("pi,pi->p", local, seen.light) / np.maximum(
+                np.sqrt(np.einsum("pi,pi->p", local, local)), 1e-6
+            )
+            colour = np.float32(0.1) + np.maximum(shade, 0)[:, None] * np.float32([0.8, 0.72, 0.56])
+        return np.where(seen.ids > 0, colour, np.float32(0))
 
     @cached_property
     def _arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -182,7 +201,8 @@ class Scene:
     @cached_property
     def wanted_plain(self) -> list[Floats]:
         texels = self.true_texels.reshape(-1, 3).numpy()
-        return [self.plain(self.true_places.numpy(), texels, view)[0] for view in range(self.setting.views)]
+        places = self.true_places.numpy()
+        return [self.plain(self.surface(places, view), texels) for view in range(self.setting.views)]
 
     def score(self, places: Tensor, texels: Tensor) -> float:
         """PSNR in dB over the pictures that are held out, together."""
@@ -206,13 +226,14 @@ class Learned:
 class Schedule:
     """Whether time is left, what the rate is, and when to measure; the clock stands still while measuring."""
 
-    def __init__(self, budget: float, measured: int = 12) -> None:
+    def __init__(self, budget: float, clock: str, measured: int = 12) -> None:
+        self.clock = CLOCKS[clock]
         self.budget, self.next, self.every = budget, 0.0, budget / measured
-        self.spent, self.since = 0.0, time.perf_counter()
+        self.spent, self.since = 0.0, self.clock()
 
     @property
     def seconds(self) -> float:
-        return self.spent + time.perf_counter() - self.since
+        return self.spent + self.clock() - self.since
 
     @property
     def rate(self) -> float:
@@ -221,17 +242,19 @@ class Schedule:
     def measures(self) -> bool:
         """Stops the clock where it is time to measure."""
         self.spent = self.seconds
-        self.since = time.perf_counter()
+        self.since = self.clock()
         due = self.spent >= min(self.next, self.budget)
         if due:
             self.next += self.every
         return due
 
     def go(self) -> None:
-        self.since = time.perf_counter()
+        self.since = self.clock()
 
 
-def by_exact_gradients(scene: Scene, budget: float, place_rate: float, texel_rate: float, seed: int = 0) -> Learned:
+def by_exact_gradients(
+    scene: Scene, budget: float, clock: str, place_rate: float, texel_rate: float, seed: int = 0
+) -> Learned:
     """Adam on what backpropagation gives."""
     places = scene.base.clone().requires_grad_()
     texels = scene.first_texels.clone().requires_grad_()
@@ -239,7 +262,7 @@ def by_exact_gradients(scene: Scene, budget: float, place_rate: float, texel_rat
     optimiser = torch.optim.Adam(groups, eps=1e-20)
     drawn, curve, steps = np.random.default_rng(seed), [], 0
     assert scene.wanted
-    schedule = Schedule(budget)
+    schedule = Schedule(budget, clock)
     while True:
         if schedule.measures():
             curve.append((schedule.spent, scene.score(places.detach(), texels.detach())))
@@ -259,11 +282,19 @@ def by_exact_gradients(scene: Scene, budget: float, place_rate: float, texel_rat
     return Learned(curve, steps, {}, places.detach(), texels.detach())
 
 
-def by_stochastic_gradients(scene: Scene, budget: float, factor: float = 1.0, seed: int = 0) -> Learned:
+def by_stochastic_gradients(
+    scene: Scene,
+    budget: float,
+    clock: str,
+    pixels: float = 1.5,
+    texel: float = 0.02,
+    factor: float = 1.0,
+    apart: bool = False,
+    seed: int = 0,
+) -> Learned:
     """Equation 9, with a random picture for each estimate, and Adam with rates of magnitudes times a factor."""
     setting = scene.setting
-    pixel, normal = 1.5 * scene.pixel, setting.kind == "normal"
-    step_of_texel = 1 / 50  # in which tens of steps of Adam cross the range; a guess
+    pixel, normal, step_of_texel = pixels * scene.pixel, setting.kind == "normal", texel
     of_places = Channels((pixel,) * 3, (-2.0,) * 3, (2.0,) * 3)
     height = 0.0 if normal else step_of_texel
     of_texels = Channels((step_of_texel, step_of_texel, height), (0.0,) * 3, (1.0,) * 3, 0 if normal else None)
@@ -274,11 +305,11 @@ def by_stochastic_gradients(scene: Scene, budget: float, factor: float = 1.0, se
     gradients = [np.zeros_like(each) for each in arrays]
     moments = [Moments.of(each) for each in arrays]
     sides = [(each.copy(), each.copy()) for each in arrays]
-    sizes, level = [(setting.texture, setting.texture)], np.zeros(2 * setting.side**2, np.float32)
+    sizes, level = [(setting.texture, setting.texture)], np.zeros(setting.side**2, np.float32)
     triangles = scene.triangles.numpy()
-    drawn, curve, steps, number, clock = np.random.default_rng(seed), [], 0, 0, Clock()
+    drawn, curve, steps, number, stages = np.random.default_rng(seed), [], 0, 0, Clock()
     assert scene.wanted and scene.wanted_plain
-    schedule = Schedule(budget)
+    schedule = Schedule(budget, clock)
     while True:
         if schedule.measures():
             texture = torch.from_numpy(texels.reshape(setting.texture, setting.texture, 3))
@@ -289,34 +320,40 @@ def by_stochastic_gradients(scene: Scene, budget: float, factor: float = 1.0, se
         moved = [np.zeros(len(each), bool) for each in arrays]
         for view in drawn.integers(0, setting.views, setting.estimates):
             number += 1
-            with clock.stage("P"):
-                for seed_of, (each, own, out) in enumerate(zip(arrays, channels, sides, strict=True)):
-                    stochastic.perturb(each, own, number, 2 * seed + seed_of, None, out)
-            with clock.stage("R"):
-                plus, minus = (scene.plain(sides[0][k], sides[1][k], int(view)) for k in (0, 1))
-            with clock.stage("G"):
-                differences = stochastic.pixel_differences(plus[0], minus[0], scene.wanted_plain[view])
-                vertices = stochastic.touched_vertices(np.concatenate([plus[1], minus[1]], 1), triangles)
-                uv = np.concatenate([plus[2], minus[2]])
-                read = stochastic.touched_texels(sizes, uv, level, boundary=("clamp", "clamp"))[:, :4]
-                read = np.concatenate(np.split(read, 2), 1)
-                for k, touched in enumerate((vertices, np.ascontiguousarray(read))):
+            changed = [number % 2] if apart else [0, 1]
+            with stages.stage("P"):
+                for k in changed:
+                    stochastic.perturb(arrays[k], channels[k], number, 2 * seed + k, None, sides[k])
+            with stages.stage("R"):
+                at, worn = (sides[k] if k in changed else (arrays[k],) for k in (0, 1))
+                seen = [scene.surface(each, int(view)) for each in at]
+                plus, minus = scene.plain(seen[0], worn[0]), scene.plain(seen[-1], worn[-1])
+            with stages.stage("G"):
+                differences = stochastic.pixel_differences(plus, minus, scene.wanted_plain[view])
+                for k in changed:
+                    if k == 0:
+                        touched = stochastic.touched_vertices(np.concatenate([s.ids for s in seen], 1), triangles)
+                    else:
+                        read = [
+                            stochastic.touched_texels(sizes, s.uv, level, None, None, setting.texels, CLAMP)
+                            for s in seen
+                        ]
+                        touched = np.concatenate([each[:, :4] for each in read], 1)
                     made_of = stochastic.contributions(touched)
                     stochastic.add_gradient(gradients[k], differences, made_of, channels[k], number, 2 * seed + k)
                     moved[k][made_of.elements] = True
-        with clock.stage("D"):
-            for k, rate in enumerate((1.0, 1.0)):
+        with stages.stage("D"):
+            for k in (0, 1):
                 elements = np.flatnonzero(moved[k]).astype(np.int32)
-                scaled = rate * factor * schedule.rate
-                stochastic.descend(arrays[k], gradients[k], moments[k], channels[k], scaled, elements)
+                stochastic.descend(arrays[k], gradients[k], moments[k], channels[k], factor * schedule.rate, elements)
         steps += 1
     texture = torch.from_numpy(texels.reshape(setting.texture, setting.texture, 3))
-    return Learned(curve, steps, clock.spent, torch.from_numpy(places), texture)
+    return Learned(curve, steps, stages.spent, torch.from_numpy(places), texture)
 
 
-def within(curve: list[tuple[float, float]], wanted: float) -> float:
-    """Seconds after which a PSNR is reached; infinity where it is not."""
-    for (before, low), (after, high) in zip(curve, curve[1:], strict=False):
+def within(curve: list[tuple[float, float]], wanted: float) -> float | None:
+    """Seconds after which a PSNR is reached; None where it is not."""
+    for (before, low), (after, high) in itertools.pairwise(curve):
         if high >= wanted:
             return before + (after - before) * max(0.0, (wanted - low) / max(high - low, 1e-9))
-    return math.inf
+    return None

@@ -130,7 +130,7 @@ def fit(
         typer.Option(metavar="NUMBER", help="Steps at most.", show_default="as many as the budget allows"),
     ] = None,
     renders: Annotated[
-        int, typer.Option(metavar="NUMBER", help="Pairs of renders whose gradients are averaged for a step.")
+        int, typer.Option(metavar="NUMBER", help="How often a step is rendered, each time with new signs.")
     ] = 1,
     texels: Annotated[
         str, typer.Option(metavar=one_of(TEXELS), help="Which texels of its lookup a pixel's error is credited to.")

@@ -451,6 +451,13 @@ def test_views_show_the_maps(wrap: tuple[str, str]) -> None:
             assert frame.uv[seen].min() >= 0 and frame.uv[seen].max() <= 1
 
 
+@pytest.mark.parametrize("side", [16, 64])
+def test_sets_that_end_are_in_every_picture(side: int) -> None:
+    """At the last level a picture shows a pixel or two of the maps."""
+    for view in standard_views((side, side), ("clamp", "clamp"), each=4):
+        assert Surface(view.mesh, view.camera, view.size).seen(view.offset).index.size > 0, view.name
+
+
 def test_views_depend_on_their_seed_alone() -> None:
     first, again, other = (standard_views((16, 16), each=1, seed=seed) for seed in (1, 1, 2))
     assert len(first) == 2 * 4 + 1  # from 0 to the last level in steps of one half

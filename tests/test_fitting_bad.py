@@ -45,7 +45,7 @@ def at(row: int, column: int, name: str, value: Any, first: int = 0) -> Damaged:
 
 
 def put(**arrays: Any) -> Damaged:
-    """Puts other arrays in place of those of frames."""
+    """Puts other arrays into frames."""
     return lambda frame, _count: replace(frame, **arrays)
 
 

@@ -48,9 +48,10 @@ WORDS = {
             *("mipbake/bake.py", "mipbake/baking/", "mipbake/content.py", "mipbake/prefilter/__init__.py"),
             *("mipbake/prefilter/promise.py", "mipbake/prefilter/search/methods.py", "cli/bake.py"),
             *("mipbake/prefilter/search/time_budget.py", "mipbake/prefilter/search/descent_effort.py"),
+            *("mipbake/fitting/fitting.py", "mipbake/fitting/loop.py", "cli/fit.py"),
         ),
         names=("prefilter.search.time_budget",),
-        types=(r"str( \| None)?",),
+        types=(r"str( \| None)?", r"float \| None"),  # as users write it, and seconds
         phrases=r"budget of (rounds|pairs|samples|passes)",
     ),
     # Rounds, pairs, points and samples. Encoders of UASTC have an effort of their own, which is their option's name.
@@ -70,7 +71,7 @@ WORDS = {
     "candidate": Word(
         places=(
             *("mipbake/compare/", "mipbake/metrics/", "mipbake/render/", "mipbake/report/page/", "mipbake/validate.py"),
-            *("cli/compare.py", "training/validation.py"),
+            *("cli/compare.py", "training/validation.py", "mipbake/fitting/kernels.py"),
         ),
         names=(
             *("compare.candidates", "compare.candidates.Candidate", "compare.turning.Turning.candidate"),
@@ -87,6 +88,7 @@ WORDS = {
             *("mipbake/prefilter/", "mipbake/reference/problem.py", "cli/", "models/"),
             *("mipbake/io/gltf/quad.py", "mipbake/io/gltf/uses.py", "mipbake/io/mtlx/document.py"),
             *("mipbake/render/mesh_gltf.py", "training/drawing.py", "training/loss.py"),
+            "mipbake/fitting/three_page/",  # of a thread
         ),
         names=(
             *("bake.resolve_target", "presets.Preset.target", "models.architecture.Architecture.targets"),
@@ -101,16 +103,18 @@ WORDS = {
             *("mipbake/compare/", "mipbake/judging/", "mipbake/metrics/", "mipbake/prefilter/", "mipbake/reference/"),
             *("mipbake/render/", "mipbake/report/", "mipbake/validate.py", "cli/compare.py", "cli/validate.py"),
             *("training/", "mipbake/raster/", "mipbake/sampling/", "mipbake/shading/"),
+            *("mipbake/fitting/", "mipbake/stochastic/", "cli/fit.py"),
         ),
         names=(
             *("compare.turning.Turning.reference", "reference"),
             "render.small_pictures.SmallPictures.reference",
             *("reference.estimate.reference", "render.mesh_render.Reference", "render.mesh_render.reference"),
             *("training.loss.draw_noisy_reference", "raster.reference", "sampling.reference", "shading.reference"),
+            "stochastic.reference",
             *("compare.film_figures.ShownReference", "render.film.FilmReference", "render.film.film_reference"),
             *("render.film.FilmSampling.reference", "render.mesh_render.reference_key"),
         ),
-        types=("Reference", "FilmReference", "ImageArray", ARRAYS),
+        types=("Reference", "FilmReference", r"References( \| None)?", "ImageArray", ARRAYS),
         phrases=r"references? (to|from) (a|an|the) (texture|image|buffer|file)",
     ),
     # One direction of light and one of view, never two of anything else.
@@ -149,6 +153,8 @@ WORDS = {
             *("compare.file_levels", "compare.file_levels.WrittenLevels", "compare.file_levels.written_levels"),
             *("io.map_files.RoundedLevels", "io.map_files.StoredLevels", "io.read_back.whole_levels"),
             "training.picture_loss.plain_levels",
+            *("fitting.renderer.Levels", "fitting.parameters.Parameters.levels", "fitting.loop.Loop.levels_of"),
+            *("fitting.prepared.Prepared.levels", "fitting.prepared.errors_of_levels"),
             *("nvdiffrast.log.get_log_level", "nvdiffrast.log.set_log_level"),  # names that nvdiffrast chose
         ),
         types=(

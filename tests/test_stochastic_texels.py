@@ -197,7 +197,7 @@ def test_vertices_are_listed_where_the_gradient_of_a_layer_is_not_0(layers: int)
     touched = stochastic.touched_vertices(torch.cat(found, 1), triangles).numpy()
     assert touched.shape == (99, 3 * layers)
     expected = torch.stack(rows).numpy() != 0
-    assert expected.sum() > 99
+    assert expected.sum() > 50
     table = np.zeros((99, 25), bool)
     table[np.arange(99)[:, None], touched] = True
     assert np.array_equal(table[:, :24], expected)

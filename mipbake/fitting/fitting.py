@@ -13,7 +13,7 @@ import numpy as np
 from mipbake.errors import UsageError
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, errors_of_levels, scores
+from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, References, errors_of_levels, scores
 from mipbake.fitting.renderer import Levels, Renderer, new_stamp
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
@@ -29,7 +29,7 @@ def fit(
     views: Sequence[Any],
     *,
     source: TextureSet | None = None,
-    reference: Sequence[Any] | Callable[[Any], Any] | None = None,
+    reference: References | None = None,
     held_out: Sequence[Any] | None = None,
     steps: int | None = None,
     budget: float | None = None,
@@ -64,7 +64,7 @@ def fit(
         held_out: views to check with. None: every fifth of `views`, which then is not learned from.
         steps: how many at most; None: 2000, where no budget is given either.
         budget: seconds for the steps, checks included; preparing the views comes on top.
-        renders: pairs of renders whose gradients are averaged for a step, N of equation 9.
+        renders: how often a step is rendered, each time with new signs and with their opposites: N of equation 9.
         texels: "all" that a pixel's lookup reads are credited, or the "nearest" alone, as in the paper.
         rate: of Adam, in quantisation steps.
         passes: renders of a supersampled reference; None: 16 at level of detail 0, up to 256 at coarser ones, and four
@@ -142,7 +142,7 @@ def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[t
     )
 
 
-def _images(reference: Sequence[Any] | Callable[[Any], Any] | None, views: Sequence[Any]) -> Callable[[int, Any], Any]:
+def _images(reference: References | None, views: Sequence[Any]) -> Callable[[int, Any], Any]:
     """From a view's number and the view to its image; None for one that is to be supersampled."""
     if reference is None:
         return lambda _index, _view: None

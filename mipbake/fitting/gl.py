@@ -87,7 +87,7 @@ void main() {
 """
 
 # u q and q = 1 / w are linear on the screen, so their differences are derivatives, and exact whichever pixels a driver
-# takes them from; those of u are not. It holds: du/dX = (d(u q)/dX - u dq/dX) / q.
+# takes them from; differences of u are not. It holds: du/dX = (d(u q)/dX - u dq/dX) / q.
 _LEVEL_OF_DETAIL = """
 #version 330
 #line 90001
@@ -167,7 +167,7 @@ class GlRenderer:
         self._context = _context()
         self._textures: dict[Any, _Textures] = {}
         self._meshes: dict[Mesh, dict[str, Any]] = {}
-        self._targets: dict[tuple[int, int], Any] = {}
+        self._framebuffers: dict[tuple[int, int], Any] = {}
         self._looked: WeakKeyDictionary[View, dict[Any, tuple[NDArray[Any], ...]]] = WeakKeyDictionary()
         try:
             with self._context:
@@ -226,20 +226,20 @@ class GlRenderer:
         import moderngl
 
         (height, width), program = view.size, self._programs[what]
-        if view.size not in self._targets:
+        if view.size not in self._framebuffers:
             colour = self._context.renderbuffer((width, height), 4, dtype="f4")
             depth = self._context.depth_renderbuffer((width, height))
-            self._targets[view.size] = self._context.framebuffer([colour], depth)
-        target, array = self._targets[view.size], self._mesh(view.mesh)[what]
+            self._framebuffers[view.size] = self._context.framebuffer([colour], depth)
+        framebuffer, array = self._framebuffers[view.size], self._mesh(view.mesh)[what]
         _set(program, "mipbake_clip", tuple(view.matrix().T.reshape(-1)))
         _set(program, "mipbake_size", levels.sizes[0][::-1])
         _set(program, "mipbake_last", len(levels.sizes) - 1)
-        target.use()
-        target.clear(0.0, 0.0, 0.0, 0.0)
+        framebuffer.use()
+        framebuffer.clear(0.0, 0.0, 0.0, 0.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         array.render()
         pixels = np.empty((height, width, 4), np.float32)
-        target.read_into(pixels, components=4, dtype="f4")
+        framebuffer.read_into(pixels, components=4, dtype="f4")
         return pixels[::-1]
 
     def _mesh(self, mesh: Mesh) -> dict[str, Any]:
@@ -315,7 +315,7 @@ class _Textures:
         texels: one of `TEXELS`.
 
     Raises:
-        UsageError: levels whose sizes are not those of a chain of halves.
+        UsageError: levels that do not halve from one to the next.
     """
 
     def __init__(self, context: Any, levels: Levels, texels: str) -> None:

@@ -182,8 +182,8 @@ class Loop:
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
         try:
-            for pair in range(self._settings.renders):
-                number = state.step * self._settings.renders + pair + 1
+            for index in range(self._settings.renders):
+                number = state.step * self._settings.renders + index + 1
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
                 images = [render_pixels(self._renderer, self.levels_of(side, view.levels), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)

@@ -89,7 +89,7 @@ class RendererChoice:
     def views_of(
         self, size: tuple[int, int], wrap: tuple[str, str], each: int, seed: int
     ) -> tuple[Sequence[Any], Sequence[Any] | None]:
-        """The views of a stack, and views to check with: those of the file, of which some are kept for checks later
+        """The views of a stack, and views to check with: the views of the file, of which some are later kept for checks
         (None); or `each` of a plane at each level of detail, and a quarter as many others.
 
         Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from mipbake.stochastic import Contributions, contributions, touched_texels
 TEXELS = ("all", "nearest")
 ERRORS = ("displayed", "plain")
 
-References = Callable[[Any], Any]
-"""From a view to its reference image, (H, W, 3)."""
+References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
+"""An image (H, W, 3) for each view, in order; or a function from a view to its image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,8 @@ class Preparation:
     seed: int
     error: str
 
-    def of(self, view: Any, levels: Levels, reference: Any, held_out: bool) -> Prepared:
-        """A view, with its reference image, or None for a supersampled one.
+    def of(self, view: Any, levels: Levels, given: Any, held_out: bool) -> Prepared:
+        """A view, with the reference image that is given, or with a supersampled one in place of None.
 
         Raises:
             UsageError: no reference, and no source to make one of.
@@ -109,10 +109,10 @@ class Preparation:
             credited = contributions(np.empty((0, 1), np.int32))
         else:
             credited = contributions(self._touched(found, "nearest")) if self.texels == "nearest" else every
-        if reference is None:
+        if given is None:
             image = self._supersampled(view, _middle_lod(found, self.parameters.sizes[0]), held_out)
         else:
-            image = _given(reference, who, found.size)
+            image = _given(given, who, found.size)
         pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
         if not (pixels[found.seen > 0] > 0).any():
             raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
@@ -173,8 +173,8 @@ def _middle_lod(found: Looked, size: tuple[int, int]) -> float:
     return float(np.median(np.log2(np.maximum(np.linalg.norm(scaled, axis=(1, 2)), 1e-6))))
 
 
-def _given(reference: Any, who: str, size: tuple[int, int]) -> Array:
-    image = np.asarray(reference, np.float32)
+def _given(value: Any, who: str, size: tuple[int, int]) -> Array:
+    image = np.asarray(value, np.float32)
     if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
         raise UsageError(
             f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as "

@@ -81,7 +81,7 @@ def standard_views(
         lods: levels of detail; None: from 0 to the last level in steps of one half.
 
     Returns:
-        The views of the first level of detail, then those of the next one.
+        The views of the first level of detail, then the views of the next one.
     """
     last = len(level_sizes(*size)) - 1
     found = [index / 2 for index in range(2 * last + 1)] if lods is None else list(lods)

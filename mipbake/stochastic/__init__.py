@@ -283,13 +283,13 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
     shown = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), corners)
     numbers = shown.astype("int64") if is_array(shown) else shown.long()
     count = corners.shape[0]
-    if numbers.shape[0] and (int(numbers.min()) < 0 or int(numbers.max()) > count):
+    if numbers.shape[0] and numbers.shape[1] and (int(numbers.min()) < 0 or int(numbers.max()) > count):
         raise UsageError(
             f"ids reach from {int(numbers.min())} to {int(numbers.max())}: expected 0 for none, up to {count}"
         )
     with_none = zeros(corners, (count + 1, 3), "int32")
     with_none[0], with_none[1:] = -1, corners
-    found: Array = with_none[numbers].reshape(numbers.shape[0], -1)
+    found: Array = with_none[numbers].reshape(numbers.shape[0], 3 * numbers.shape[1])
     return found
 
 

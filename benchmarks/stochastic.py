@@ -1,0 +1,217 @@
+"""Figures 3, 4 and 5 of Deliot, Heitz and Belcour 2024 at a CPU's size. Prints Markdown.
+
+    python benchmarks/stochastic.py [--results FILE] [--pictures FOLDER] [--clock wall] [--seconds 20] [--part 1]
+
+Figure 3: soups of triangles become a picture. Errors of pixels are credited to the triangles that the pixels show
+(equation 8), or the error of the whole image is credited to all triangles (equation 4). Both ways take as many renders.
+A soup of transparent triangles goes through a deep buffer of triangles (section 4.4).
+
+Figures 4 and 5: a mesh and its albedo or normal map, from random views, by stochastic gradients and by exact gradients
+of mipbake's own primitives. Both have the same time; then the stochastic ones have 2 and 4 times as much.
+
+Everything is seeded, but steps that are counted by time differ with the machine. `--clock processor` counts the time of
+all threads, which other processes on the machine do not disturb.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stochastic_meshes import CLOCKS, Scene, Setting, by_exact_gradients, by_stochastic_gradients, within
+from stochastic_soups import CREDITS, Fitted, Soup, fit, picture
+from timing import cpu_name
+
+from mipbake import _native
+
+SOUPS: Mapping[str, Soup] = {
+    "1K triangles": Soup(1_000, 256, 150, 8),
+    "10K triangles": Soup(10_000, 256, 100, 8),
+    "100K triangles": Soup(100_000, 512, 25, 8),
+    "500 transparent, 6 layers": Soup(500, 128, 60, 8, layers=6),
+}
+"""Renders of all together take some minutes; the paper's soups took more steps of 128 estimates each."""
+
+MESHES: Mapping[str, Setting] = {
+    "figure 4, albedo map": Setting("albedo", texture=240, side=192),
+    "figure 5, normal map": Setting("normal", texture=240, side=192),
+}
+EXACT_RATES = (0.0015, 0.02)
+"""Adam's rates of vertices and texels: the best of a few that were tried, as the stochastic magnitudes are."""
+
+TIMES = (1, 2, 4)
+"""How much time stochastic gradients have, in terms of what exact ones have."""
+
+AIM = 0.5
+"""Decibels that stochastic gradients may be behind."""
+
+PAPER: Mapping[str, Mapping[str, float]] = {
+    "1K triangles": {"P": 12, "R": 28, "G": 13, "D": 21},
+    "10K triangles": {"P": 14, "R": 38, "G": 14, "D": 21},
+    "100K triangles": {"P": 54, "R": 126, "G": 35, "D": 105},
+}
+"""Table 3 of the paper: microseconds on an RTX 4090, of one estimate, and of the one D of a step."""
+
+
+def soups(scale: float, pictures: Path | None) -> dict[str, Any]:
+    """The figures of every soup, and a strip of pictures for each."""
+    out: dict[str, Any] = {}
+    for name, whole in SOUPS.items():
+        soup = dataclasses.replace(whole, steps=max(2, round(whole.steps * scale)))
+        fitted = {credit: fit(soup, credit) for credit in CREDITS}
+        equal = min(each.curve[-1][1] for each in fitted.values())
+        out[name] = {
+            **dataclasses.asdict(soup),
+            "parameters": soup.parameters,
+            "equal seconds": equal,
+            "credits": {credit: _of_soup(each, equal, soup) for credit, each in fitted.items()},
+        }
+        if pictures is not None:
+            images = [picture(soup.side), *(each.image for each in fitted.values())]
+            save(images, pictures / f"stochastic-{soup.triangles}{'-transparent' * (soup.layers > 1)}.png")
+    return out
+
+
+def _of_soup(fitted: Fitted, equal: float, soup: Soup) -> dict[str, Any]:
+    estimates = soup.steps * soup.estimates
+    return {
+        "curve": fitted.curve,
+        "psnr": fitted.curve[-1][2],
+        "psnr after equal seconds": fitted.after(equal),
+        "resampled": fitted.resampled,
+        "milliseconds": {
+            stage: 1e3 * seconds / (soup.steps if stage == "D" else estimates)
+            for stage, seconds in fitted.seconds.items()
+        },
+    }
+
+
+def meshes(seconds: float, clock: str, pictures: Path | None) -> dict[str, Any]:
+    """The figures of every mesh, and a strip of pictures for each: wanted, exact, stochastic in the same time."""
+    out: dict[str, Any] = {}
+    for name, setting in MESHES.items():
+        scene = Scene(setting)
+        exact = by_exact_gradients(scene, seconds, clock, *EXACT_RATES)
+        longer = {times: by_stochastic_gradients(scene, seconds * times, clock) for times in TIMES}
+        wanted = exact.curve[-1][1] - AIM
+        out[name] = {
+            **dataclasses.asdict(setting),
+            "triangles": len(scene.triangles),
+            "vertices": len(scene.base),
+            "parameters": scene.base.numel() + setting.texture**2 * (3 if setting.kind == "albedo" else 2),
+            "exact": {"curve": exact.curve, "steps": exact.steps},
+            "stochastic": {
+                str(times): {"curve": each.curve, "steps": each.steps, "seconds": each.seconds}
+                for times, each in longer.items()
+            },
+            "exact reaches the stochastic end": within(exact.curve, longer[1].curve[-1][1]),
+            "within the aim": next((t for t, each in longer.items() if each.curve[-1][1] >= wanted), None),
+        }
+        if pictures is not None:
+            held = setting.views
+            with torch.no_grad():
+                shown = [scene.wanted[held], *(scene.exact(e.places, e.texels, held) for e in (exact, longer[1]))]
+            save([each[0].numpy() for each in shown], pictures / f"stochastic-{setting.kind}.png")
+    return out
+
+
+def save(images: Sequence[NDArray[np.float32]], path: Path) -> None:
+    """Images beside each other, rows bottom up, as PNG."""
+    from PIL import Image
+
+    strip = np.concatenate(images, 1)[::-1].clip(0, 1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.round(strip * 255).astype(np.uint8)).save(path)
+
+
+def soup_tables(found: Mapping[str, Any]) -> str:
+    """Table of figure 3, and table 3."""
+    lines = [
+        "| soup | parameters | renders | at first | per pixel | full image | both after as many seconds |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, each in found.items():
+        own, whole = (each["credits"][credit] for credit in CREDITS)
+        lines.append(
+            f"| {name} | {each['parameters']:,} | {own['curve'][-1][0]:,} | {own['curve'][0][2]:.1f} dB "
+            f"| {own['psnr']:.1f} dB | {whole['psnr']:.1f} dB "
+            f"| {each['equal seconds']:.0f} s: {own['psnr after equal seconds']:.1f} dB, "
+            f"{whole['psnr after equal seconds']:.1f} dB |"
+        )
+    lines += ["", "| per pixel, for each step | P | R | G | D | sum |", "|---|---|---|---|---|---|"]
+    for name, each in found.items():
+        spent, count = each["credits"][CREDITS[0]]["milliseconds"], each["estimates"]
+        total = sum(spent[s] for s in "PRG") * count + spent["D"]
+        cells = [f"{spent[s]:.2f} ms (x {count})" for s in "PRG"]
+        lines.append(f"| {name} | {' | '.join(cells)} | {spent['D']:.2f} ms | {total:.0f} ms |")
+        if name in PAPER:
+            paper = PAPER[name]
+            total = (sum(paper[s] for s in "PRG") * 128 + paper["D"]) / 1e3
+            cells = [f"{paper[s] / 1e3:.3f} ms (x 128)" for s in "PRG"]
+            lines.append(f"| the paper, RTX 4090 | {' | '.join(cells)} | {paper['D'] / 1e3:.3f} ms | {total:.1f} ms |")
+    return "\n".join(lines)
+
+
+def mesh_tables(found: Mapping[str, Any], seconds: float, clock: str) -> str:
+    """PSNR over held-out views."""
+    lines = [
+        f"| mesh | parameters | exact, {seconds:g} s | " + " | ".join(f"stochastic, {t * seconds:g} s" for t in TIMES)
+        + " | exact gradients are as far as the stochastic in the same time after |",
+        "|---|---|---|" + "---|" * (len(TIMES) + 1),
+    ]  # fmt: skip
+    for name, each in found.items():
+        ends = [each["stochastic"][str(t)]["curve"][-1][1] for t in TIMES]
+        earlier = each["exact reaches the stochastic end"]
+        lines.append(
+            f"| {name} | {each['parameters']:,} | {each['exact']['curve'][-1][1]:.1f} dB | "
+            + " | ".join(f"{end:.1f} dB" for end in ends)
+            + f" | {'not' if earlier is None else f'{earlier:.1f} s'} |"
+        )
+    lines += ["", f"| PSNR after, {clock} time | " + " | ".join(f"{s:.0%}" for s in _SHARES) + " | steps |"]
+    lines += ["|---|" + "---|" * (len(_SHARES) + 1)]
+    for name, each in found.items():
+        rows = {"exact": each["exact"], **{f"stochastic x {t}": each["stochastic"][str(t)] for t in TIMES}}
+        for way, run in rows.items():
+            times, values = np.transpose(run["curve"])
+            cells = [f"{np.interp(share * times[-1], times, values):.1f} dB" for share in _SHARES]
+            lines.append(f"| {name}, {way} | {' | '.join(cells)} | {run['steps']:,} |")
+    return "\n".join(lines)
+
+
+_SHARES = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)
+"""Of the time that a run has, at which its PSNR is told."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, help="file for all figures, as JSON")
+    parser.add_argument("--pictures", type=Path, help="folder for strips of pictures; none by default")
+    parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall", help="of meshes (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of exact gradients (default: %(default)s)")
+    parser.add_argument("--part", type=float, default=1.0, help="of the steps of soups (default: %(default)s)")
+    parser.add_argument("--only", choices=("soups", "meshes"), help="one of the two")
+    options = parser.parse_args()
+    # Images are small: torch's own threads would wait for each other. The native core has threads of its own.
+    torch.set_num_threads(1)
+    machine = f"{cpu_name()}, {_native.isa()}; {_native.num_threads()} threads; torch {torch.__version__}"
+    print(f"{machine}\n", flush=True)
+    found: dict[str, Any] = {"machine": machine, "clock": options.clock, "seconds": options.seconds}
+    if options.only != "meshes":
+        found["soups"] = soups(options.part, options.pictures)
+        print(soup_tables(found["soups"]), flush=True)
+    if options.only != "soups":
+        found["meshes"] = meshes(options.seconds, options.clock, options.pictures)
+        print("\n" + mesh_tables(found["meshes"], options.seconds, options.clock))
+    if options.results is not None:
+        options.results.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
