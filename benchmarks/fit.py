@@ -127,7 +127,7 @@ def inside(frame: Frame, endless: bool) -> NDArray[np.bool_]:
     shown = np.asarray(frame.id) > 0
     if endless:
         return shown
-    padded = np.pad(shown, 1)
+    padded = np.pad(shown, 1, mode="edge")  # the border of a picture is no edge of the plane
     height, width = shown.shape
     parts = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
     return np.asarray(np.logical_and.reduce(parts))

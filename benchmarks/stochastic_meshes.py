@@ -59,7 +59,7 @@ class Setting:
     held_out: int = 8
     estimates: int = 8
     images: int = 4
-    texels: str = "trilinear"
+    texels: str = "nearest"
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,8 @@ class Scene:
         return 0.8 * DISTANCE / self.setting.side
 
     def clip(self, places: Tensor, view: int) -> Tensor:
-        return to_clip(places, self.rotations[view : view + 1], DISTANCE)
+        out: Tensor = to_clip(places, self.rotations[view : view + 1], DISTANCE)
+        return out
 
     def exact(self, places: Tensor, texels: Tensor, view: int) -> Tensor:
         """(1, S, S, 3), with silhouettes blended; differentiable. Every measure is taken by it."""
@@ -157,7 +158,8 @@ class Scene:
             shade = (frame.reshape(*frame.shape[:-1], 3, 3) @ light * local).sum(-1, keepdim=True)
             colour = 0.1 + 0.8 * shade.clamp_min(0) * torch.tensor([1.0, 0.9, 0.7])
         colour = colour * (rast[..., 3:] > 0)
-        return raster.antialias(colour, rast, pos, self.triangles, self.hash)
+        out: Tensor = raster.antialias(colour, rast, pos, self.triangles, self.hash)
+        return out
 
     def surface(self, places: Floats, view: int) -> Surface:
         """What a picture shows of the mesh, by a renderer that only renders, in NumPy."""
@@ -181,11 +183,11 @@ class Scene:
         colour = sampling.texture(stack, seen.uv[None, None], filter_mode="linear", boundary_mode="clamp")[0, 0]
         if seen.light is not None:
             local = 2 * colour - 1
-            shade = np.einsum("pi,pi->p", local, seen.light) / np.maximum(
-                np.sqrt(np.einsum("pi,pi->p", local, local)), 1e-6
-            )
-            colour = np.float32(0.1) + np.maximum(shade, 0)[:, None] * np.float32([0.8, 0.72, 0.56])
-        return np.where(seen.ids > 0, colour, np.float32(0))
+            length = np.sqrt(np.einsum("pi,pi->p", local, local))
+            shade = np.einsum("pi,pi->p", local, seen.light) / np.maximum(length, 1e-6)
+            colour = np.float32(0.1) + np.maximum(shade, 0)[:, None] * np.array([0.8, 0.72, 0.56], np.float32)
+        shown: Floats = np.where(seen.ids > 0, colour, np.float32(0))
+        return shown
 
     @cached_property
     def _arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -274,7 +276,7 @@ def by_exact_gradients(
         optimiser.zero_grad()
         for view in drawn.integers(0, scene.setting.views, scene.setting.images):
             error = (scene.exact(places, texels, int(view)) - scene.wanted[view]).square().sum()
-            error.backward()  # type: ignore[no-untyped-call]
+            error.backward()
         optimiser.step()
         with torch.no_grad():
             texels.clamp_(0, 1)
@@ -282,22 +284,36 @@ def by_exact_gradients(
     return Learned(curve, steps, {}, places.detach(), texels.detach())
 
 
-def by_stochastic_gradients(
-    scene: Scene,
-    budget: float,
-    clock: str,
-    pixels: float = 1.5,
-    texel: float = 0.02,
-    factor: float = 1.0,
-    apart: bool = False,
-    seed: int = 0,
-) -> Learned:
-    """Equation 9, with a random picture for each estimate, and Adam with rates of magnitudes times a factor."""
+@dataclass(frozen=True)
+class Perturbing:
+    """How parameters are perturbed, which is also how fast Adam moves them.
+
+    Args:
+        pixels: how far a vertex moves, in pixels at the distance of the centre.
+        texel: of a channel of a texel.
+        apart: whether estimates take turns: one moves vertices alone, the next one texels alone. A vertex changes the
+            pixels of its triangles much more than a texel does, and is noise to the texels that they show.
+    """
+
+    pixels: float
+    texel: float
+    apart: bool
+
+
+AS_THE_PAPER = Perturbing(1.5, 0.02, apart=False)
+"""Everything moves at once, vertices by 1 to 2 pixels."""
+
+IN_TURNS = Perturbing(0.25, 0.02, apart=True)
+"""The best of a few that were tried for the albedo map."""
+
+
+def by_stochastic_gradients(scene: Scene, budget: float, clock: str, moving: Perturbing, seed: int = 0) -> Learned:
+    """Equation 9, with a random picture for each estimate, and Adam with rates of magnitudes."""
     setting = scene.setting
-    pixel, normal, step_of_texel = pixels * scene.pixel, setting.kind == "normal", texel
+    pixel, normal = moving.pixels * scene.pixel, setting.kind == "normal"
     of_places = Channels((pixel,) * 3, (-2.0,) * 3, (2.0,) * 3)
-    height = 0.0 if normal else step_of_texel
-    of_texels = Channels((step_of_texel, step_of_texel, height), (0.0,) * 3, (1.0,) * 3, 0 if normal else None)
+    height = 0.0 if normal else moving.texel
+    of_texels = Channels((moving.texel, moving.texel, height), (0.0,) * 3, (1.0,) * 3, 0 if normal else None)
     places = scene.base.numpy().copy()
     texels = scene.first_texels.reshape(-1, 3).numpy().copy()
     arrays = [places, texels]
@@ -320,7 +336,7 @@ def by_stochastic_gradients(
         moved = [np.zeros(len(each), bool) for each in arrays]
         for view in drawn.integers(0, setting.views, setting.estimates):
             number += 1
-            changed = [number % 2] if apart else [0, 1]
+            changed = [number % 2] if moving.apart else [0, 1]
             with stages.stage("P"):
                 for k in changed:
                     stochastic.perturb(arrays[k], channels[k], number, 2 * seed + k, None, sides[k])
@@ -345,7 +361,7 @@ def by_stochastic_gradients(
         with stages.stage("D"):
             for k in (0, 1):
                 elements = np.flatnonzero(moved[k]).astype(np.int32)
-                stochastic.descend(arrays[k], gradients[k], moments[k], channels[k], factor * schedule.rate, elements)
+                stochastic.descend(arrays[k], gradients[k], moments[k], channels[k], schedule.rate, elements)
         steps += 1
     texture = torch.from_numpy(texels.reshape(setting.texture, setting.texture, 3))
     return Learned(curve, steps, stages.spent, torch.from_numpy(places), texture)

@@ -223,8 +223,7 @@ class GlRenderer:
 
     def _drawn(self, what: str, levels: Levels, view: View) -> NDArray[np.float32]:
         """(H, W, 4) what a program makes of a view, 0 where nothing is, rows from the top."""
-        import moderngl
-
+        moderngl = _moderngl()
         (height, width), program = view.size, self._programs[what]
         if view.size not in self._framebuffers:
             colour = self._context.renderbuffer((width, height), 4, dtype="f4")
@@ -285,7 +284,7 @@ class GlRenderer:
             )
 
     def _compiled(self, shader: str) -> Any:
-        import moderngl
+        moderngl = _moderngl()
 
         code = re.sub(r"//[^\n]*|/\*.*?\*/", " ", shader, flags=re.DOTALL)
         if re.search(r"^[ \t]*#[ \t]*version\b", code, re.MULTILINE):
@@ -319,7 +318,7 @@ class _Textures:
     """
 
     def __init__(self, context: Any, levels: Levels, texels: str) -> None:
-        import moderngl
+        moderngl = _moderngl()
 
         sizes = levels.sizes
         if sizes != level_sizes(*sizes[0])[: len(sizes)]:
@@ -371,10 +370,15 @@ class _Textures:
         return texels if colour else texels.astype(np.uint16) * np.uint16(257)
 
 
-def _context() -> Any:
-    """A context of OpenGL without a window."""
+def _moderngl() -> Any:
     with extra("fit", "the renderer gl"):
         import moderngl
+    return moderngl
+
+
+def _context() -> Any:
+    """A context of OpenGL without a window."""
+    moderngl = _moderngl()
     # Only EGL needs no display. moderngl has it for Linux alone; what it takes elsewhere was never tried.
     backend: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
     try:

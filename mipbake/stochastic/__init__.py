@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mipbake.errors import UsageError
-from mipbake.stochastic._arrays import REAL, dtype_of, empty, given, is_array, stream_of, writable, zeros
+from mipbake.stochastic._arrays import REAL, device_of, dtype_of, empty, given, is_array, stream_of, writable, zeros
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -339,7 +339,7 @@ def add_gradient(
     Args:
         gradient: (N, C), float32, or float64 on the CPU; changed in place.
         differences: (P,), from `pixel_differences`, in the same dtype.
-        made_of: from `contributions`, for the same pixels.
+        made_of: from `contributions`, for the same pixels and elements; on a GPU nobody checks that.
         channels, step, seed: as `perturb` had them.
 
     Raises:
@@ -353,6 +353,17 @@ def add_gradient(
     elements = given("made_of.elements", made_of.elements, ("int32",), (None,), gradient)
     starts = given("made_of.starts", made_of.starts, ("int64",), (elements.shape[0] + 1,), gradient)
     pixels = given("made_of.pixels", made_of.pixels, ("int32",), (None,), gradient)
+    if device_of(gradient) == "cpu" and pixels.shape[0]:
+        if int(pixels.max()) >= differences.shape[0]:
+            raise UsageError(
+                f"differences has {differences.shape[0]} pixels, and made_of names pixel {int(pixels.max())}: expected "
+                "the same pixels"
+            )
+        if int(elements.max()) >= gradient.shape[0]:
+            raise UsageError(
+                f"gradient has {gradient.shape[0]} elements, and made_of names element {int(elements.max())}: expected "
+                "the same elements"
+            )
     with stream_of(gradient, "gradient") as stream:
         _native.stochastic_gradient(
             differences, elements, starts, pixels, channels.magnitude, _key(step), _key(seed), gradient, stream
