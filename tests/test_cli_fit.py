@@ -1,0 +1,160 @@
+"""`mipbake fit`: what it writes, what it goes on from, and what it says of renderers that do not work."""
+
+import json
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake import open_stack
+from mipbake.cli.main import main
+
+from .command_line import fails, write_set
+
+QUICK = ["--views", "2", "--budget", "60s", "--steps", "6", "--start", "linear"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_set(tmp_path / "metal")
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Makes a module of a renderer, and returns what --renderer takes."""
+
+    def make(name, body):
+        (tmp_path / f"{name}.py").write_text(textwrap.dedent(body))
+        monkeypatch.syspath_prepend(str(tmp_path))
+        return f"{name}:make"
+
+    yield make
+    for name in [name for name in sys.modules if name.startswith("own_renderer")]:
+        del sys.modules[name]
+
+
+def run(folder, out, *arguments):
+    return main(["fit", str(folder), "-o", str(out), *QUICK, *arguments])
+
+
+def test_a_stack_is_fitted_and_says_so(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(folder, out, "--renderer", "torch", "--json", "--format", "png") == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    assert result["ok"] and "levels were fitted in the renderer TorchRenderer" in result["fitted"]
+    assert {"views", "fit", "write"} <= set(result["seconds"])
+    stack = open_stack(out / "metal")
+    assert stack.provenance.method == "linear" and stack.provenance.adjustments[-1] == result["fitted"]
+    assert [path.name for path in out.iterdir()] == ["metal"]  # the state of the fit is gone
+    assert any(path.suffix == ".png" for path in (out / "metal").iterdir())
+
+
+def test_a_baked_stack_is_where_a_fit_starts(folder, tmp_path):
+    assert main(["bake", str(folder), "-o", str(tmp_path / "baked"), "--method", "lean"]) == 0
+    start = str(tmp_path / "baked" / "metal")
+    assert run(folder, tmp_path / "out", "--renderer", "torch", "--start", start) == 0
+    assert open_stack(tmp_path / "out" / "metal").provenance.method == "lean"
+
+
+def test_a_stack_of_another_set_is_refused(folder, tmp_path, capsys):
+    other = write_set(tmp_path / "other" / "metal", roughness=np.full((16, 16), 99, np.uint8))
+    assert main(["bake", str(other), "-o", str(tmp_path / "baked"), "--method", "linear", "--quiet"]) == 0
+    start = tmp_path / "baked" / "metal"
+    err = fails(
+        capsys, 2, "fit", folder, "-o", tmp_path / "out", "--quiet", *QUICK, "--renderer", "torch", "--start", start
+    )
+    assert "was not baked from metal" in err
+
+
+FAILING = """
+    from mipbake.fitting.kernels import TorchRenderer
+    from mipbake.errors import RendererError
+
+    class Failing(TorchRenderer):
+        calls = 0
+        broken = {broken}
+
+        def render(self, levels, view):
+            type(self).calls += 1
+            if self.broken and self.calls > {after}:
+                raise RendererError("the renderer stopped: expected a frame\\nfirst printed line\\nsecond printed line")
+            return super().render(levels, view)
+
+    def make():
+        return Failing()
+"""
+
+
+def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
+    """The state is kept, what the renderer printed is shown, and the same command goes on from there."""
+    whole = tmp_path / "whole"
+    assert run(folder, whole, "--renderer", module("own_renderer_whole", FAILING.format(broken=False, after=0))) == 0
+    out = tmp_path / "out"
+    capsys.readouterr()
+    # What is before the last check: views and references; then the failure comes within the steps.
+    sys.modules["own_renderer_whole"].Failing.broken = False
+    calls = sys.modules["own_renderer_whole"].Failing.calls
+    name = module("own_renderer_failing", FAILING.format(broken=True, after=calls - 8))
+    assert run(folder, out, "--renderer", name, "--quiet") == 6
+    err = capsys.readouterr().err.splitlines()
+    assert err[0].startswith("mipbake: the renderer stopped: expected a frame")
+    assert err[1:3] == ["first printed line", "second printed line"]
+    assert [path.name for path in out.iterdir()] == ["metal.fit"]
+    sys.modules["own_renderer_failing"].Failing.broken = False
+    assert run(folder, out, "--renderer", name, "--quiet") == 0
+    assert [path.name for path in out.iterdir()] == ["metal"]
+    for one, other in zip(open_stack(whole / "metal").levels, open_stack(out / "metal").levels, strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_a_program_renders(folder, tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(
+        textwrap.dedent(
+            """
+            import numpy as np
+            from mipbake.fitting.program import Rendered, serve
+
+            def render(maps, view):
+                (height, width), (right, up) = view["size"], view.get("offset", (0, 0))
+                x, y = (np.arange(width) + 0.5 + right) / width, (np.arange(height) + 0.5 - up) / height
+                uv = np.stack(np.meshgrid(x, y), -1).astype(np.float32)
+                level = maps.maps["base_color"][0]
+                column, row = np.floor(uv * len(level)).astype(int).transpose(2, 0, 1) % len(level)
+                return Rendered(level[row, column], uv, lod=np.zeros((height, width), np.float32))
+
+            serve(render)
+            """
+        )
+    )
+    views = tmp_path / "views.json"
+    views.write_text(json.dumps([{"name": f"view {k}", "scale": "near", "size": [16, 16]} for k in range(5)]))
+    command = f"{sys.executable} {program}"
+    given = ["--renderer-command", command, "--views-file", str(views), "--renderer-timeout", "60"]
+    assert run(folder, tmp_path / "out", *given) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "--renderer-command"),
+        (("--renderer", "torch", "--renderer-command", "true"), "not both"),
+        (("--renderer", "cinema"), "unknown renderer 'cinema'"),
+        (("--renderer", "torch", "--shader", "ramp"), "shader does not go with"),
+        (("--renderer", "torch", "--exchange", "exr"), "exchange does not go with"),
+        (("--renderer", "nowhere_at_all:make"), "cannot be imported"),
+        (("--renderer", "json:dumps_nothing"), "cannot be imported"),
+        (("--renderer", "torch", "--views", "0"), "views is 0"),
+        (("--renderer", "torch", "--steps", "0"), "steps is 0"),
+        (("--renderer", "torch", "--texels", "some"), "texels is 'some'"),
+        (("--renderer", "torch", "--error", "none"), "error is 'none'"),
+        (("--renderer", "torch", "--start", "nothing"), "no method and no stack nothing"),
+        (("--renderer", "torch", "--budget", "soon"), "budget is 'soon'"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_sentence(folder, tmp_path, capsys, arguments, said):
+    err = fails(capsys, 2, "fit", folder, "-o", tmp_path / "out", "--quiet", *QUICK, *arguments)
+    assert said in err
+    assert not (tmp_path / "out").exists() or not list(Path(tmp_path / "out").iterdir())
