@@ -51,8 +51,8 @@ one that is pictured."""
 ESTIMATES = (81, 82)
 """Seeds of both estimates of a reference."""
 
-PICTURED_LOD = 1.5
-"""Pixels see enough texels that methods differ, and the picture is still large enough to see them. A guess."""
+PICTURED_LOD, PICTURED_SIDE = 4.0, 144
+"""Pixels see so many texels that methods differ. The picture is enlarged to about so many pixels a side. Guesses."""
 
 DIGITS = 5
 """Significant ones of the figures that are kept."""
@@ -178,12 +178,14 @@ def rounded(value: Any) -> Any:
 def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort) -> Image.Image:
     """One view of every stack and of the reference, side by side, as a display shows them at one exposure."""
     size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
-    [view] = standard_views(size, wrap, 1, PICTURED, [PICTURED_LOD])
+    lod = min(PICTURED_LOD, float(len(level_sizes(*size)) - 1))
+    [view] = standard_views(size, wrap, 1, PICTURED, [lod])
     source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, wrap)
-    right = reference(renderer, source, view, PICTURED_LOD, effort, ESTIMATES[0])
+    right = reference(renderer, source, view, lod, effort, ESTIMATES[0])
     shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in stacks.values()]
     picture = displayed(np.concatenate([*shown, right], 1) * exposed(right))
-    return Image.fromarray(np.rint(255 * picture).astype(np.uint8))
+    larger = max(1, PICTURED_SIDE // view.size[0])
+    return Image.fromarray(np.rint(255 * picture).astype(np.uint8).repeat(larger, 0).repeat(larger, 1))
 
 
 def one(

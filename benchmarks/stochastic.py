@@ -47,7 +47,7 @@ SOUPS: Mapping[str, Soup] = {
     "100K triangles": Soup(100_000, 512, 25, 8),
     "500 transparent, 6 layers": Soup(500, 128, 60, 8, layers=6),
 }
-"""Renders of all together take some minutes; the paper's soups took more steps of 128 estimates each."""
+"""Numbers of steps are guesses, for some minutes in all. The paper has 128 estimates for each step."""
 
 MESHES: Mapping[str, Setting] = {
     "figure 4, albedo map": Setting("albedo", texture=240, side=192),

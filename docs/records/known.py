@@ -136,5 +136,6 @@ KNOWN: Mapping[str, Known] = {
     "timing-texture": _timing("texture", "texture lookups beside torch's"),
     "timing-raster": _timing("raster", "rasterize, interpolate, antialias"),
     "timing-render": _timing("render", "renders of meshes"),
+    "timing-stochastic": _timing("stochastic", "soups and meshes by stochastic gradients", "--clock", "processor"),
 }
 """Name to what it is. Those without a file stand in benchmarks/records/unrecorded.json."""
