@@ -258,8 +258,10 @@ def test_views_that_are_held_out() -> None:
     counts = {name: renderer.log.count(name) for name in renderer.log}
     rounds = len(told)
     assert rounds == 2
-    # One to prepare, one to begin with, one a check, one to tell what was reached.
-    assert all(counts[view.name] == 1 + 1 + rounds + 1 for view in given)
+    # One to prepare, one to begin with, one a check; then one with all levels that are kept, one without each of them
+    # that changed, and one to tell what was reached.
+    assert len({counts[view.name] for view in given}) == 1
+    assert all(4 + rounds <= counts[view.name] <= 4 + rounds + 4 for view in given)
     # One to prepare, two a step, and the first has four to probe.
     assert sorted(counts[view.name] for view in views) == [1 + 4, 1 + 4, 1 + 4, 1 + 4 + 4]
 
@@ -267,8 +269,8 @@ def test_views_that_are_held_out() -> None:
 def test_every_fifth_view_is_held_out() -> None:
     renderer, views = Plain(), spots(5, (0, 1))
     fitted(renderer, views, reference=[np.full((SIDE, SIDE, 3), 0.2)] * 10, steps=8)
-    few = [name for name in dict.fromkeys(renderer.log) if renderer.log.count(name) == 4]
-    assert few == [views[4].name, views[9].name]
+    last = renderer.log[-2:]  # what was reached is told of views that are held out
+    assert last == [views[4].name, views[9].name]
 
 
 def test_frames_with_derivatives_in_place_of_a_level() -> None:

@@ -41,10 +41,15 @@ void gradient_range(const GradientArgs<T>& args, Index begin, Index end) {
 template <class T>
 void adam_range(const AdamArgs<T>& args, Index begin, Index end) {
     const ChannelNumbers<T> n = numbers_of(args.channels);
+    // Powers take longer than all else, and neighbours mostly have as many steps.
+    std::int32_t known = 0;
+    AdamScales<T> whole{};
     for (Index i = begin; i < end; ++i) {
         const Index e = element_at(args.elements, i), at = e * n.count;
-        adam_element(args.values + at, args.gradient + at, args.first + at, args.second + at, ++args.steps[e], n,
-                     args.beta1, args.beta2, args.epsilon);
+        const std::int32_t steps = ++args.steps[e];
+        if (steps != known) whole = adam_scales(known = steps, args.beta1, args.beta2);
+        adam_element(args.values + at, args.gradient + at, args.first + at, args.second + at, whole, n, args.beta1,
+                     args.beta2, args.epsilon);
     }
 }
 

@@ -50,8 +50,9 @@ __global__ void adam_kernel(const __grid_constant__ AdamArgs<float> args,
                             const __grid_constant__ ChannelNumbers<float> n) {
     for_each(args.elements.count, [&](Index i) {
         const Index e = element_at(args.elements, i), at = e * n.count;
-        adam_element(args.values + at, args.gradient + at, args.first + at, args.second + at, ++args.steps[e], n,
-                     args.beta1, args.beta2, args.epsilon);
+        const AdamScales<float> whole = adam_scales(++args.steps[e], args.beta1, args.beta2);
+        adam_element(args.values + at, args.gradient + at, args.first + at, args.second + at, whole, n, args.beta1,
+                     args.beta2, args.epsilon);
     });
 }
 

@@ -45,6 +45,13 @@ MIPBAKE_INLINE void lift(T* stored) {
     stored[2] = T(0.5) * (square_root(square < 1 ? 1 - square : T(0)) + 1);
 }
 
+// Rounding may carry what is made of numbers within the limits beyond them. A channel that stays as it is has none.
+template <class T>
+MIPBAKE_INLINE T within(T value, const ChannelNumbers<T>& n, int c) {
+    const T bounded = value < n.low[c] ? n.low[c] : value > n.high[c] ? n.high[c] : value;
+    return n.magnitude[c] > 0 ? bounded : value;
+}
+
 // Both perturbed elements lie within the limits: where a parameter is nearer to one than its magnitude, the middle of
 // the two moves, so that the difference stays a central one.
 template <class T>
@@ -58,8 +65,8 @@ MIPBAKE_INLINE void perturb_element(const T* values, const ChannelNumbers<T>& n,
         middle = middle > high ? (high < low ? T(0.5) * (low + high) : high) : middle;
         middle = magnitude > 0 ? middle : values[c];
         const T step = sign_of<T>(first + static_cast<std::uint32_t>(c), key) * magnitude;
-        plus[c] = middle + step;
-        minus[c] = middle - step;
+        plus[c] = within(middle + step, n, c);
+        minus[c] = within(middle - step, n, c);
     }
     if (n.lifted >= 0) {
         lift(plus + n.lifted);
@@ -88,17 +95,21 @@ MIPBAKE_INLINE float power_of(float base, float exponent) { return ::powf(base, 
 MIPBAKE_INLINE double power_of(double base, double exponent) { return ::pow(base, exponent); }
 
 template <class T>
-MIPBAKE_INLINE void adam_element(T* values, T* gradient, T* first, T* second, std::int32_t steps,
+MIPBAKE_INLINE AdamScales<T> adam_scales(std::int32_t steps, T beta1, T beta2) {
+    const T count = static_cast<T>(steps);
+    return {1 / (1 - power_of(beta1, count)), 1 / (1 - power_of(beta2, count))};
+}
+
+template <class T>
+MIPBAKE_INLINE void adam_element(T* values, T* gradient, T* first, T* second, const AdamScales<T>& whole,
                                  const ChannelNumbers<T>& n, T beta1, T beta2, T epsilon) {
-    const T whole_first = 1 / (1 - power_of(beta1, static_cast<T>(steps)));
-    const T whole_second = 1 / (1 - power_of(beta2, static_cast<T>(steps)));
     for (int c = 0; c < n.count; ++c) {
         const T g = gradient[c];
         gradient[c] = 0;
         first[c] = beta1 * first[c] + (1 - beta1) * g;
         second[c] = beta2 * second[c] + (1 - beta2) * g * g;
         T value =
-            values[c] - n.magnitude[c] * (first[c] * whole_first) / (square_root(second[c] * whole_second) + epsilon);
+            values[c] - n.magnitude[c] * (first[c] * whole.first) / (square_root(second[c] * whole.second) + epsilon);
         value = value < n.low[c] ? n.low[c] : value;
         value = value > n.high[c] ? n.high[c] : value;
         values[c] = n.magnitude[c] > 0 ? value : values[c];

@@ -46,6 +46,7 @@ MIPBAKE_INLINE void add_level(const TouchedArgs& args, int level, float u, float
     const int width = args.widths[level];
     const Tap<float> x = tap_along(args.boundary_u, u, width, nearest);
     const Tap<float> y = tap_along(args.boundary_v, v, args.heights[level], nearest);
+    if (x.fraction != x.fraction || y.fraction != y.fraction) return;  // undefined: such lookups have no gradient
     for (int i = 0; i < 2; ++i)
         for (int j = 0; j < 2; ++j) {
             const int row = i ? y.second : y.first, column = j ? x.second : x.first;
@@ -76,7 +77,9 @@ MIPBAKE_INLINE void add_touched(const TouchedArgs& args, std::int64_t point, std
             taps.lod = lod;
             if (args.filter == Filter::anisotropic) taps = axis_taps(j, e);
         }
-        if (args.filter == Filter::nearest) {
+        if (!(taps.lod == taps.lod)) {
+            // Undefined as well.
+        } else if (args.filter == Filter::nearest) {
             add_level(args, nearest_level(lod, args.level_count - 1).finer, u, v, true, list);
         } else {
             for (int k = 0; k < taps.count; ++k) {

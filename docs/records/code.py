@@ -47,6 +47,7 @@ _SCRIPTS = ("benchmarks", "docs", "examples/fitting")
 _NATIVE = {
     "shading": ("bind/shading.cpp", "cpu/shading*.cpp"),
     "sampling": ("bind/texture.cpp", "cpu/texture*.cpp", "cpu/mip*.cpp"),
+    "stochastic": ("bind/stochastic.cpp", "cpu/stochastic*.cpp"),
     "raster": (
         "bind/raster.cpp", "bind/interpolate.cpp", "bind/antialias.cpp",
         "cpu/raster*.cpp", "cpu/interpolate*.cpp", "cpu/antialias*.cpp", "cpu/triangle*.cpp",
@@ -76,7 +77,7 @@ class Entry:
 def hashes(entry: Entry, root: Path = ROOT) -> Hashes:
     """The hashes of all files that the entry reaches, in the order of their names."""
     found = {str(path.relative_to(root)): _python(path) for path in modules(entry, root)}
-    doors = {match[1] for name in found if (match := re.match(r"mipbake/(shading|sampling|raster)/", name))}
+    doors = {match[1] for name in found if (match := re.match(r"mipbake/(shading|sampling|raster|stochastic)/", name))}
     found |= {str(path.relative_to(root)): _cpp(path) for path in sources(doors, root)}
     found |= {str(p.relative_to(root)): _short(p.read_bytes()) for each in entry.files for p in root.glob(each)}
     found |= {f"weights {name}": digest for name, digest in _weights(entry.weights, root).items()}

@@ -13,6 +13,9 @@ goes on in."""
 
 ALL = ("*",)
 
+FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
+"""Sets that fits are measured on."""
+
 
 @dataclass(frozen=True)
 class Known:
@@ -98,6 +101,16 @@ KNOWN: Mapping[str, Known] = {
     "fitting-cube": _fitting("cube", "corners and colours of a cube"),
     "fitting-envphong": _fitting("envphong", "an environment and a highlight"),
     "fitting-pose": _fitting("pose", "the pose of a cube"),
+    "fit": Known(
+        "stacks that were fitted in three renderers, beside bakes",
+        ("benchmarks/fit.py", "--materials", MATERIALS, *FITTED, "--results", OUT, "--pictures", WORK),
+        Entry(
+            ("benchmarks/fit.py",),
+            ("mipbake-2",),
+            files=("mipbake/fitting/shaders/*.glsl", "mipbake/fitting/three_page/*.js"),
+        ),
+        pictures="docs",
+    ),
     "commands": Known(
         "every command on every set: exit codes, time, memory, what files cost",
         ("benchmarks/commands.py", MATERIALS, "--results", OUT),
@@ -127,6 +140,7 @@ KNOWN: Mapping[str, Known] = {
         ("benchmarks/weights.py", MATERIALS),
         Entry(("benchmarks/weights.py",), ("mipbake-2",)),
     ),
+    "timing-fit": _timing("fit_cost", "what a step of a fit costs, by its parts"),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),
     "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),
     "timing-training-step": _timing("training_step", "one step at the paper's settings"),

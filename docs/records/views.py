@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
 from records.views_films import FILM_VIEWS
+from records.views_fit import FIT_VIEWS
 from records.views_results import in_three, results_table, results_words
 from records.wrapping import table, wrapped
 
@@ -174,6 +175,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "results-whole/words": lambda records: wrapped(results_words(records)),
     "engines-three/summary": lambda records: wrapped(in_three(records)),
     **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
+    **FIT_VIEWS,
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }
 """Name of a block to what makes its text. The part before the slash is the record that it is about."""

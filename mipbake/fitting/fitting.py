@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -104,23 +106,35 @@ def fit(
     file = None
     if checkpoint is not None:
         names = [each.name for each in prepared]
-        file = Checkpoint(Path(checkpoint), key_of(values, stack.model, names, settings))
+        file = Checkpoint(
+            Path(checkpoint), key_of(values, stack.model, names, replace(settings, steps=None, budget=None))
+        )
     state = file.load() if file is not None else None
     if state is None:
         loop.probe(values, training[0])
         errors = loop.errors(values, checking)
         state = FitState.first(values, errors_of_levels(checking, errors), scores(checking, errors))
+        if file is not None:
+            file.save(state)
+    still = [str(level) for level, error in enumerate(state.errors) if not math.isfinite(error)]
+    if still:
+        warnings.warn(
+            f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "
+            "there: expected more views",
+            stacklevel=2,
+        )
     loop.run(state, training, checking, file, progress)
-    reached = scores(checking, loop.errors(state.best, checking))
+    best = loop.settled(state.best, values, checking)
+    reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
         f"levels were fitted in the renderer {type(renderer).__name__} to {len(training)} views; SNR of "
         f"{len(checking)} other views: {gained}"
     )
-    levels = []
+    levels, fitted = [], parameters.stored(best)
     for index, (first, last) in enumerate(itertools.pairwise(parameters.starts)):
-        same = np.array_equal(state.best[first:last], values[first:last])
-        levels.append(stack.levels[index] if same else parameters.stored(state.best)[index])
+        same = np.array_equal(best[first:last], values[first:last])
+        levels.append(stack.levels[index] if same else fitted[index])
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
     return replace(stack, levels=levels, provenance=provenance)
 

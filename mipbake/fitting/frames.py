@@ -47,6 +47,21 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
     return _picture(made if image is not None else _image(made, who), who, size)
 
 
+def with_cover(frame: Any, who: str, size: tuple[int, int] | None) -> tuple[Array, NDArray[np.bool_]]:
+    """The (H, W, 3) image of a frame, and (H, W) where it shows the maps. RendererError as of `rendered`."""
+    image = _picture(_image(frame, who), who, size)
+    return image, _seen(frame, (image.shape[0], image.shape[1]), who)
+
+
+def _seen(frame: Any, size: tuple[int, int], who: str) -> NDArray[np.bool_]:
+    if getattr(frame, "id", None) is None:
+        return np.ones(size, np.bool_)
+    numbers = _numbers(frame.id, "id", who)
+    if numbers.shape != size:
+        raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
+    return np.asarray(numbers > 0)
+
+
 def _image(frame: Any, who: str) -> Any:
     if not hasattr(frame, "image"):
         raise RendererError(f"{who}: the renderer returned a {type(frame).__name__}: expected a Frame")
@@ -78,13 +93,7 @@ def looked(frame: Any, who: str) -> Looked:
             f"{who}: the frame has no uv: expected where each pixel looks the maps up, (height, width, 2); without it "
             "no error can be credited to a texel"
         )
-    seen = np.ones(size, np.uint8)
-    if getattr(frame, "id", None) is not None:
-        numbers = _numbers(frame.id, "id", who)
-        if numbers.shape != size:
-            raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
-        seen = (numbers > 0).astype(np.uint8)
-    shown = seen > 0
+    shown = _seen(frame, (size[0], size[1]), who)
     if not shown.any():
         raise RendererError(f"{who}: no pixel shows the maps (id is 0 everywhere): expected a view of the material")
     uv = _of_pixels(frame.uv, "uv", 2, size, shown, who)
@@ -102,7 +111,7 @@ def looked(frame: Any, who: str) -> Looked:
         uv.reshape(rows, 2),
         None if lod is None else _of_pixels(lod, "lod", 1, size, shown, who).reshape(rows),
         None if lod is not None else _of_pixels(uv_da, "uv_da", 4, size, shown, who).reshape(rows, 4),
-        seen.reshape(rows),
+        shown.astype(np.uint8).reshape(rows),
         (size[0], size[1]),
     )
 

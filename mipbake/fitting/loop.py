@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -131,12 +132,33 @@ class Loop:
                 f"{view.name}: the picture is the same when every texel is another one: expected a renderer that looks "
                 "its maps up in `levels`"
             )
-        if noise > change:
+        if 2 * noise > change:
             raise RendererError(
                 f"{view.name}: two renders of the same maps differ more ({math.sqrt(noise):.3g}) than renders of "
                 f"perturbed maps do ({math.sqrt(change):.3g}): expected a renderer whose picture follows from its maps "
                 "alone, so turn off its noise, temporal filters and animations"
             )
+
+    def settled(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
+        """The best values, less the levels without which the views that are held out have a higher mean SNR.
+
+        Levels were kept one by one, each beside others than it has in the end.
+        """
+        kept: Array = best.copy()
+        value = self._mean_score(kept, checking)
+        for first, last in itertools.pairwise(self._parameters.starts):
+            if np.array_equal(best[first:last], start[first:last]):
+                continue
+            without = kept.copy()
+            without[first:last] = start[first:last]
+            other = self._mean_score(without, checking)
+            if other > value:
+                kept, value = without, other
+        return kept
+
+    def _mean_score(self, values: Array, checking: Sequence[Prepared]) -> float:
+        found = scores(checking, self.errors(values, checking))
+        return sum(found.values()) / len(found)
 
     def run(
         self,
@@ -165,7 +187,7 @@ class Loop:
                 falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
                 try:
                     self._step(state, training[index], gradient, sides, settings.rate * falling)
-                except Exception as error:
+                except BaseException as error:
                     if file is not None:
                         file.save(state)
                     if file is None or not isinstance(error, RendererError):

@@ -110,7 +110,9 @@ class Preparation:
         else:
             credited = contributions(self._touched(found, "nearest")) if self.texels == "nearest" else every
         if given is None:
-            image = self._supersampled(view, _middle_lod(found, self.parameters.sizes[0]), held_out)
+            image = self._supersampled(
+                view, _middle_lod(found, self.parameters.sizes[0]), held_out, bool(found.seen.all())
+            )
         else:
             image = _given(given, who, found.size)
         pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
@@ -142,14 +144,14 @@ class Preparation:
             return touched_texels(sizes, found.uv, None, uv_da, found.seen, texels, self.wrap)
         return touched_texels(sizes, found.uv, found.lod, None, found.seen, texels, self.wrap)
 
-    def _supersampled(self, view: Any, lod: float, held_out: bool) -> Array:
+    def _supersampled(self, view: Any, lod: float, held_out: bool, whole: bool) -> Array:
         if self.source is None:
             raise UsageError(
                 "neither source nor reference is given: expected the texture set that the stack was baked from, or "
                 "reference images"
             )
         passes = passes_for(lod, held_out) if self.passes is None else self.passes
-        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed)
+        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed, whole)
 
 
 _LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4

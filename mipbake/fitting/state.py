@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
+import zlib
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -93,7 +96,8 @@ class Checkpoint:
                 )
             temporary.replace(self.path)
         except OSError as error:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
             raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "
                               "choose another file") from error  # fmt: skip
 
@@ -109,9 +113,10 @@ class Checkpoint:
             with np.load(self.path) as file:
                 arrays = {name: file[name] for name in _ARRAYS}
             about = json.loads(arrays["about"].tobytes())
-        except (OSError, ValueError, KeyError, EOFError) as error:
+            of = about["format"], about["key"]
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
-        if about.get("format") != _FORMAT or about.get("key") != self.key:
+        if of != (_FORMAT, self.key):
             raise InputError(
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"

@@ -99,6 +99,8 @@ def _view(size: tuple[int, int], wrap: tuple[str, str], lod: float, index: int, 
     endless = wrap == ("wrap", "wrap")
     wanted = max(size) / 2**lod
     side = int(np.clip(round(wanted if endless else 1.5 * wanted), _SIDES[0] if endless else 4, _SIDES[1]))
+    if not endless:
+        side |= 1
     tilt = math.asin(math.sin(_TILT) * math.sqrt(rng.random()))
     turn, spin = rng.random(2) * 2 * math.pi
     to_camera = np.array([math.sin(tilt) * math.cos(turn), math.cos(tilt), math.sin(tilt) * math.sin(turn)])

@@ -21,13 +21,13 @@ not grow with elements that no pixel shows. The plain twins are in `mipbake.stoc
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mipbake.errors import UsageError
-from mipbake.stochastic._arrays import REAL, device_of, dtype_of, empty, given, is_array, stream_of, writable, zeros
+from mipbake.stochastic._arrays import REAL, device_of, dtype_of, empty, given, is_array, stream_of, writable
+from mipbake.stochastic.elements import Channels, Contributions, Moments
+from mipbake.stochastic.touching import contributions, touched_texels, touched_vertices
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,99 +48,8 @@ __all__ = [
     "touched_vertices",
 ]
 
-MOST_CHANNELS = 64
 MOST_PARAMETERS = 2**32
 """What signs can number."""
-
-MOST_LEVELS = 32
-"""Of a MIP stack, as in the native core."""
-
-TEXELS = {"nearest": 1, "trilinear": 8, "anisotropic": 8 * 16}
-"""How many texels a lookup reads at most."""
-
-_BOUNDARIES = ("wrap", "clamp", "mirror", "zero")
-
-
-@dataclass(frozen=True)
-class Channels:
-    """What the channels of all elements have in common.
-
-    Args:
-        magnitude: how far each channel is perturbed, epsilon of equation 4; 0 for a channel that stays as it is. The
-            paper takes the quantisation step of the format for texels, and what moves a vertex by 1 to 2 pixels.
-        low, high: limits of each channel; both perturbed values and what `descend` makes lie within.
-        lifted: the first of three channels that hold a unit vector as (n + 1) / 2; its z follows from x and y, so that
-            its magnitude is 0. None: there is no such vector.
-
-    Raises:
-        UsageError: numbers of other lengths, that are not finite, or limits in the wrong order, or too close together.
-    """
-
-    magnitude: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    lifted: int | None = None
-
-    def __post_init__(self) -> None:
-        count = len(self.magnitude)
-        if not 1 <= count <= MOST_CHANNELS or len(self.low) != count or len(self.high) != count:
-            raise UsageError(
-                f"channels have {count} magnitudes, {len(self.low)} lower and {len(self.high)} upper limits: expected "
-                f"1 to {MOST_CHANNELS} of each"
-            )
-        for name in ("magnitude", "low", "high"):
-            for number in getattr(self, name):
-                if math.isnan(number) or (name == "magnitude" and not 0 <= number < math.inf):
-                    raise UsageError(f"{name} holds {number}: expected numbers, and magnitudes from 0 on")
-        if any(low > high for low, high in zip(self.low, self.high, strict=True)):
-            raise UsageError("a lower limit of channels lies above the upper one: expected low <= high")
-        ranges = zip(self.magnitude, self.low, self.high, strict=True)
-        if any(high - low < 2 * magnitude for magnitude, low, high in ranges):
-            raise UsageError("limits of a channel lie closer together than 2 magnitudes: expected room for both signs")
-        if self.lifted is not None and not (0 <= self.lifted <= count - 3 and self.magnitude[self.lifted + 2] == 0):
-            raise UsageError(
-                f"lifted is {self.lifted}: expected the first of three channels, the third with a magnitude of 0"
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class Contributions:
-    """For each element the pixels that show it, from `contributions`.
-
-    Args:
-        elements: (K,) int32, increasing: the elements that some pixel shows.
-        starts: (K + 1,) int64: where the pixels of each begin.
-        pixels: int32: numbers of pixels, increasing for each element.
-    """
-
-    elements: Any
-    starts: Any
-    pixels: Any
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """What Adam remembers of each element, from `Moments.of(values)`.
-
-    Args:
-        first, second: (N, C), the dtype of values.
-        steps: (N,) int32, how often an element has been updated. Elements that no pixel showed stand still.
-    """
-
-    first: Any
-    second: Any
-    steps: Any
-
-    @classmethod
-    def of(cls, values: Any) -> Moments:
-        """Moments of elements that have never been updated."""
-        given("values", values, REAL, (None, None))
-        shape = tuple(values.shape)
-        return cls(
-            zeros(values, shape, dtype_of(values)),
-            zeros(values, shape, dtype_of(values)),
-            zeros(values, shape[:1], "int32"),
-        )
 
 
 def perturb(
@@ -205,126 +114,6 @@ def pixel_differences(plus: Array, minus: Array, reference: Array, weights: Arra
     with stream_of(plus, "plus") as stream:
         _native.stochastic_differences(plus, minus, reference, weights, out, stream)
     return out
-
-
-def touched_texels(
-    sizes: Sequence[tuple[int, int]],
-    uv: Array,
-    lod: Array | None = None,
-    uv_da: Array | None = None,
-    seen: Array | None = None,
-    texels: str = "trilinear",
-    boundary: tuple[str, str] = ("wrap", "wrap"),
-) -> Array:
-    """Which texels of a MIP stack each pixel was made of (section 4.4, textures).
-
-    Texels are numbered level after level, finest first, and row by row. A texel that a lookup gives no weight is left
-    out.
-
-    Args:
-        sizes: (height, width) of each level.
-        uv: (P, 2) float32. A pixel whose uv is NaN touches nothing.
-        lod: (P,) float32 level of detail; or
-        uv_da: (P, 4) float32 derivatives du/dX, du/dY, dv/dX, dv/dY, which it follows from as in `sampling.texture`.
-        seen: (P,) uint8, 0 where a pixel shows no texture; None: every pixel does.
-        texels: "nearest", one texel of the nearest level, as in the paper; "trilinear", all texels that a trilinear
-            lookup reads; "anisotropic", all that up to 16 lookups along the footprint read, for which uv_da is needed.
-        boundary: the modes of u and v: "wrap", "clamp", "mirror" or "zero".
-
-    Returns:
-        (P, K) int32, -1 behind the last; K is 1, 8 or 128.
-
-    Raises:
-        UsageError: the type, dtype, device or shape of an argument does not fit, or a name is unknown.
-    """
-    from mipbake import _native
-
-    if texels not in TEXELS:
-        raise UsageError(f"texels is {texels!r}: expected {', '.join(TEXELS)}")
-    if len(boundary) != 2 or any(mode not in _BOUNDARIES for mode in boundary):
-        raise UsageError(f"boundary is {boundary!r}: expected two of {', '.join(_BOUNDARIES)}")
-    if (lod is None) == (uv_da is None):
-        raise UsageError("lod and uv_da are both given, or both missing: expected one of the two")
-    if texels == "anisotropic" and uv_da is None:
-        raise UsageError("uv_da is missing: expected it for anisotropic lookups, whose footprint is long")
-    uv = given("uv", uv, ("float32",), (None, 2))
-    count = uv.shape[0]
-    lod = None if lod is None else given("lod", lod, ("float32",), (count,), uv)
-    uv_da = None if uv_da is None else given("uv_da", uv_da, ("float32",), (count, 4), uv)
-    seen = None if seen is None else given("seen", seen, ("uint8",), (count,), uv)
-    out: Array = empty(uv, (count, TEXELS[texels]), "int32")
-    levels = [(int(height), int(width)) for height, width in sizes]
-    if not 1 <= len(levels) <= MOST_LEVELS or sum(height * width for height, width in levels) >= 2**31:
-        raise UsageError(
-            f"sizes has {len(levels)} levels: expected 1 to {MOST_LEVELS}, with less than 2^31 texels in all"
-        )
-    if min(map(min, levels)) < 1:
-        raise UsageError(f"sizes holds {min(levels, key=min)}: expected heights and widths of 1 or more")
-    with stream_of(uv, "uv") as stream:
-        _native.stochastic_touched(levels, uv, lod, uv_da, seen, texels, *boundary, out, stream)
-    return out
-
-
-def touched_vertices(ids: Array, triangles: Array) -> Array:
-    """Which vertices each pixel was made of, by a buffer of triangles (section 4.4, opaque and transparent geometry).
-
-    Args:
-        ids: (P, K) integers: for each pixel the triangles that it shows, one for opaque surfaces, all layers in a deep
-            buffer. 0 is none, and t + 1 is triangle t, as `raster.rasterize` counts.
-        triangles: (T, 3) int32.
-
-    Returns:
-        (P, 3 K) int32 numbers of vertices, -1 for none.
-
-    Raises:
-        UsageError: the dtype or shape of an argument does not fit, or a triangle does not exist.
-    """
-    corners = given("triangles", triangles, ("int32",), (None, 3))
-    shown = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), corners)
-    numbers = shown.astype("int64") if is_array(shown) else shown.long()
-    count = corners.shape[0]
-    if numbers.shape[0] and numbers.shape[1] and (int(numbers.min()) < 0 or int(numbers.max()) > count):
-        raise UsageError(
-            f"ids reach from {int(numbers.min())} to {int(numbers.max())}: expected 0 for none, up to {count}"
-        )
-    with_none = zeros(corners, (count + 1, 3), "int32")
-    with_none[0], with_none[1:] = -1, corners
-    found: Array = with_none[numbers].reshape(numbers.shape[0], 3 * numbers.shape[1])
-    return found
-
-
-def contributions(touched: Array) -> Contributions:
-    """Turns (P, K) int32 elements of each pixel (-1 for none) round: for each element the pixels that show it.
-
-    An element that a pixel names twice counts once: the pixel's error difference is credited to it, and not twice.
-
-    Raises:
-        UsageError: another dtype or shape.
-    """
-    from mipbake import _native
-
-    named = given("touched", touched, ("int32",), (None, None))
-    if is_array(named):
-        import numpy as np
-
-        counts = np.zeros(int(named.max(initial=-1)) + 1, np.int32)
-        _native.stochastic_count(named, counts)
-        elements = np.flatnonzero(counts)
-        starts = np.concatenate([[0], np.cumsum(counts[elements])]).astype(np.int64)
-        cursors = np.zeros(len(counts), np.int64)
-        cursors[elements] = starts[:-1]
-        pixels = np.empty(int(starts[-1]), np.int32)
-        _native.stochastic_fill(named, cursors, pixels)
-        return Contributions(elements.astype(np.int32), starts, pixels)
-    import torch
-
-    count = max(named.shape[0], 1)
-    pixel = torch.arange(named.shape[0], device=named.device)[:, None].expand(named.shape)[named >= 0]
-    keys = torch.unique(named[named >= 0].long() * count + pixel)
-    of, shown = torch.div(keys, count, rounding_mode="floor"), torch.remainder(keys, count)
-    numbers, sizes = torch.unique_consecutive(of, return_counts=True)
-    begins = torch.nn.functional.pad(torch.cumsum(sizes, 0), (1, 0))
-    return Contributions(numbers.int(), begins, shown.int())
 
 
 def add_gradient(
