@@ -187,7 +187,7 @@ def test_other_material_models(model: str) -> None:
         progress=told.append,
     )  # fmt: skip
     assert result.model == model and not same(result, stack)
-    assert all(after < before for before, after in zip(told[0].errors[:4], told[-1].errors[:4], strict=True))
+    assert all(after > before for before, after in zip(told[0].levels[:4], told[-1].levels[:4], strict=True))
     described = MODELS[model]
     for each in described.stored:
         own = result.levels[1][..., described.maps[each.name]]
@@ -291,10 +291,10 @@ def test_progress_is_told_after_every_check() -> None:
     fitted(steps=48, progress=told.append, preparing=shares.append)
     assert [now.step for now in told] == [16, 32, 48]
     assert [now.share for now in told] == pytest.approx([1 / 3, 2 / 3, 1])
-    assert all(set(now.scores) == {f"level {n}" for n in range(4)} and len(now.errors) == 4 for now in told)
+    assert all(set(now.scores) == {f"level {n}" for n in range(4)} and len(now.levels) == 4 for now in told)
     assert shares == [(n + 1) / 20 for n in range(20)]
     for before, after in itertools.pairwise(told):
-        assert all(a <= b for a, b in zip(after.errors, before.errors, strict=True))
+        assert all(a >= b for a, b in zip(after.levels, before.levels, strict=True))
         assert after.seconds >= before.seconds
 
 

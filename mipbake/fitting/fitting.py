@@ -15,7 +15,7 @@ import numpy as np
 from mipbake.errors import UsageError
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, References, errors_of_levels, scores
+from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, References, scores, scores_of_levels
 from mipbake.fitting.renderer import Levels, Renderer, new_stamp
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
@@ -113,10 +113,10 @@ def fit(
     if state is None:
         loop.probe(values, training[0])
         errors = loop.errors(values, checking)
-        state = FitState.first(values, errors_of_levels(checking, errors), scores(checking, errors))
+        state = FitState.first(values, scores_of_levels(checking, errors), scores(checking, errors))
         if file is not None:
             file.save(state)
-    still = [str(level) for level, error in enumerate(state.errors) if not math.isfinite(error)]
+    still = [str(level) for level, snr in enumerate(state.snr) if not math.isfinite(snr)]
     if still:
         warnings.warn(
             f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "

@@ -47,6 +47,11 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
     return _picture(made if image is not None else _image(made, who), who, size)
 
 
+def image_of(frame: Any, who: str) -> Array:
+    """The image of a frame, its pixels in a row: (P, 3). RendererError as of `rendered`."""
+    return _picture(_image(frame, who), who, None).reshape(-1, 3)
+
+
 def with_cover(frame: Any, who: str, size: tuple[int, int] | None) -> tuple[Array, NDArray[np.bool_]]:
     """The (H, W, 3) image of a frame, and (H, W) where it shows the maps. RendererError as of `rendered`."""
     image = _picture(_image(frame, who), who, size)

@@ -14,7 +14,7 @@ import numpy as np
 from mipbake import stochastic
 from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import ERRORS, TEXELS, Prepared, errors_of_levels, render_pixels, scores
+from mipbake.fitting.prepared import ERRORS, TEXELS, Prepared, render_pixels, scores, scores_of_levels
 from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamp
 from mipbake.fitting.state import Checkpoint, FitState
 
@@ -78,7 +78,7 @@ class Progress:
         step, seconds: so far.
         moving: how many levels still gain.
         scores: mean SNR in dB over the views that are held out, by scale, now. What is kept may be better.
-        errors: of each level the least error so far, as a share of 1: -10 log10 of it is an SNR in dB.
+        levels: of each level the highest mean SNR in dB so far, over the views that show it.
     """
 
     share: float
@@ -86,7 +86,7 @@ class Progress:
     seconds: float
     moving: int
     scores: Mapping[str, float]
-    errors: Sequence[float]
+    levels: Sequence[float]
 
 
 class Loop:
@@ -199,7 +199,7 @@ class Loop:
             done, moving = share(), int(np.count_nonzero(state.rates))
             if file is not None:
                 file.save(state)
-            progress(Progress(done, state.step, state.seconds, moving, now, state.errors.tolist()))
+            progress(Progress(done, state.step, state.seconds, moving, now, state.snr.tolist()))
 
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
@@ -209,7 +209,7 @@ class Loop:
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
                 images = [render_pixels(self._renderer, self.levels_of(side, view.levels), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)
-                differences *= np.float32(view.weight * len(view.shown))
+                differences *= np.float32(view.weight / view.started)
                 stochastic.add_gradient(
                     gradient, differences, view.credited, self._channels, number, self._settings.seed
                 )
@@ -230,10 +230,10 @@ class Loop:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self.errors(state.values, checking)
         starts = self._parameters.starts
-        for level, error in enumerate(errors_of_levels(checking, found)):
+        for level, snr in enumerate(scores_of_levels(checking, found)):
             own = slice(starts[level], starts[level + 1])
-            if error < state.errors[level]:
-                state.best[own], state.errors[level], state.waited[level] = state.values[own], error, 0
+            if snr > state.snr[level]:
+                state.best[own], state.snr[level], state.waited[level] = state.values[own], snr, 0
                 continue
             state.waited[level] += 1
             if state.waited[level] >= _PATIENCE:

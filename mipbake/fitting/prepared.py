@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake._srgb import linear_to_srgb
 from mipbake.errors import RendererError, UsageError
-from mipbake.fitting.frames import Looked, looked, rendered
+from mipbake.fitting.frames import Looked, image_of, looked, rendered
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.supersampled import named, supersampled
@@ -39,6 +38,8 @@ class Prepared:
         exposure: what images are multiplied by before they are displayed; None where they are compared as they are.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
         weight: one over the reference's sum of squares over these pixels: the errors of all views count as shares.
+        started: the error of the stack that the fit started from. Steps divide by it, so that what a view has left
+            counts as much in every view, as a share.
         visible: the texels that show, (K,) int32, increasing.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
         credited: which pixels each texel is credited for; empty for a view that is held out.
@@ -52,6 +53,7 @@ class Prepared:
     exposure: float | None
     shown: Array
     weight: float
+    started: float
     visible: NDArray[np.int32]
     shares: NDArray[np.float64]
     credited: Contributions
@@ -124,7 +126,7 @@ class Preparation:
             pixels = displayed(pixels, exposure)
         energy = float(np.sum(np.square(pixels, dtype=np.float64) * shown[:, None]))
         visible = np.asarray(every.elements)
-        return Prepared(
+        prepared = Prepared(
             view,
             who,
             str(getattr(view, "scale", "") or "all"),
@@ -133,10 +135,13 @@ class Preparation:
             exposure,
             shown,
             1 / energy,
+            1.0,
             visible,
             self.parameters.shares(every),
             credited,
         )
+        started = prepared.error(prepared.compared(image_of(frame, who)))
+        return replace(prepared, started=max(started, _LEAST_ERROR))
 
     def _touched(self, found: Looked, texels: str) -> NDArray[np.int32]:
         sizes, uv_da = self.parameters.sizes, found.uv_da
@@ -200,17 +205,26 @@ def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Ar
     return view.compared(rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3))
 
 
+_LEAST_ERROR = 1e-9
+"""A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before. A guess."""
+
+
+def decibels(errors: Sequence[float]) -> NDArray[np.float64]:
+    """SNR in dB of errors that are shares of 1."""
+    return np.asarray(-10 * np.log10(np.maximum(np.asarray(errors, np.float64), _LEAST_ERROR)))
+
+
 def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, float]:
-    """SNR in dB of each scale, in the order in which the views name them, from the error of each view."""
+    """Mean SNR in dB of each scale, in the order in which the views name them, from the error of each view."""
     found: dict[str, list[float]] = {}
-    for view, error in zip(views, errors, strict=True):
-        found.setdefault(view.scale, []).append(error)
-    return {scale: -10 * math.log10(max(sum(each) / len(each), 1e-12)) for scale, each in found.items()}
+    for view, snr in zip(views, decibels(errors), strict=True):
+        found.setdefault(view.scale, []).append(float(snr))
+    return {scale: sum(each) / len(each) for scale, each in found.items()}
 
 
-def errors_of_levels(views: Sequence[Prepared], errors: Sequence[float]) -> NDArray[np.float64]:
-    """(levels,) mean error of the views, weighed with how much of each level they show; infinite where none does."""
+def scores_of_levels(views: Sequence[Prepared], errors: Sequence[float]) -> NDArray[np.float64]:
+    """(levels,) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does."""
     shares = np.stack([view.shares for view in views])
     shown = np.sum(shares, axis=0)
-    total = np.asarray(errors, np.float64) @ shares
-    return np.asarray(np.where(shown > 0, total / np.where(shown > 0, shown, 1), np.inf))
+    total = decibels(errors) @ shares
+    return np.asarray(np.where(shown > 0, total / np.where(shown > 0, shown, 1), np.nan))

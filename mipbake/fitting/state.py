@@ -18,7 +18,7 @@ from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
 _FORMAT = 1
-_ARRAYS = ("about", "values", "best", "first", "second", "steps", "errors", "rates", "waited")
+_ARRAYS = ("about", "values", "best", "first", "second", "steps", "snr", "rates", "waited")
 
 
 @dataclass(eq=False)
@@ -29,7 +29,7 @@ class FitState:
         values: (texels, channels) now.
         moments: of Adam.
         best: of each level the values that were best on the views that are held out.
-        errors: (levels,) float64, the errors of these views then, as shares of 1.
+        snr: (levels,) float64, their mean SNR in dB then; NaN for a level that no such view shows.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         started: mean SNR in dB over the views that are held out, by scale, of the stack that the fit started from.
         step: steps that were made. seconds: that were spent on them, with the checks.
@@ -38,7 +38,7 @@ class FitState:
     values: Array
     moments: Moments
     best: Array
-    errors: NDArray[np.float64]
+    snr: NDArray[np.float64]
     rates: NDArray[np.float64]
     waited: NDArray[np.int64]
     started: dict[str, float]
@@ -46,11 +46,11 @@ class FitState:
     seconds: float = 0.0
 
     @staticmethod
-    def first(values: Array, errors: NDArray[np.float64], started: dict[str, float]) -> FitState:
-        """The state before the first step. No view that is held out shows a level whose error is infinite."""
-        rates = np.where(np.isfinite(errors), 1.0, 0.0)
-        waited = np.zeros(len(errors), np.int64)
-        return FitState(values.copy(), Moments.of(values), values.copy(), errors, rates, waited, started)
+    def first(values: Array, snr: NDArray[np.float64], started: dict[str, float]) -> FitState:
+        """The state before the first step. A level that no view shows which is held out does not move."""
+        rates = np.where(np.isfinite(snr), 1.0, 0.0)
+        waited = np.zeros(len(snr), np.int64)
+        return FitState(values.copy(), Moments.of(values), values.copy(), snr, rates, waited, started)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Checkpoint:
                     first=state.moments.first,
                     second=state.moments.second,
                     steps=state.moments.steps,
-                    errors=state.errors,
+                    snr=state.snr,
                     rates=state.rates,
                     waited=state.waited,
                 )
@@ -125,7 +125,7 @@ class Checkpoint:
             arrays["values"],
             Moments(arrays["first"], arrays["second"], arrays["steps"]),
             arrays["best"],
-            arrays["errors"],
+            arrays["snr"],
             arrays["rates"],
             arrays["waited"],
             about["started"],
