@@ -26,6 +26,10 @@ else:
     import tomli as tomllib
 
 
+MIXED = ("another", "itself")
+"""What a patch can be mixed with."""
+
+
 @dataclass(frozen=True)
 class DataConfig:
     """Materials to train on; a folder of texture sets, procedural sets, or both.
@@ -37,9 +41,16 @@ class DataConfig:
         procedural_size: their side in texels.
         strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
         plain: share of the patches that are left as they are, except for orientation and the order of colours.
+        mixed: what a patch is mixed with: "another" patch of any material, half of the time, or "itself", augmented
+            anew, always.
+        turned: whether patches are turned by multiples of 90 degrees and mirrored.
+        boosted: whether every patch is made a little glossier and steeper before its random changes, or the random
+            changes lean to gloss and steep normals.
         description, licence: of the data, for the weights' card.
 
-    The defaults are guesses: the paper does not say how it validates.
+    The paper mixes a material with itself, turns nothing and boosts (sections 3.4 and 4); `paper-*.toml` do. The
+    defaults are guesses, and what networks of other configurations are trained with. The paper does not say how it
+    validates.
     """
 
     folder: str = ""
@@ -48,6 +59,9 @@ class DataConfig:
     procedural_size: int = 256
     strided: float = 0.0
     plain: float = 0.0
+    mixed: str = "another"
+    turned: bool = True
+    boosted: bool = False
     description: str = "procedural sets of this project"
     licence: str = "CC0-1.0"
 
@@ -57,6 +71,7 @@ class DataConfig:
         require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
         for name in ("strided", "plain"):
             require_share(f"data.{name}", getattr(self, name))
+        require(self.mixed in MIXED, "data.mixed", f"one of {', '.join(MIXED)}", self.mixed)
 
 
 AUGMENTED = tuple(model.name for model in MODELS.values() if model.lines is None)

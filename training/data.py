@@ -105,18 +105,22 @@ def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[n
 def draw_crops(
     materials: Materials, count: int, size: int, model: str, rng: np.random.Generator, data: DataConfig | None = None
 ) -> Crops:
-    """`count` augmented patches of a model: each two materials, differently augmented, mixed by a Perlin-noise mask.
+    """`count` augmented patches of a model: each two patches, differently augmented, mixed by a Perlin-noise mask.
 
-    A share of `data.plain` of them are one material with nothing changed but its orientation and the order of colours.
+    As `data.mixed` has it, the two are patches of any two materials, or one and the same patch. A share of `data.plain`
+    is one material with nothing changed but its orientation and the order of colours.
     """
-    crops = material.convert(
-        materials.crops(2 * count, size, rng, data.strided if data else 0.0), materials.model, model
-    )
-    patches = augment(crops, model, rng)
-    patches = mix(patches[:count], patches[count:], rng)
-    if data is None or not data.plain:
+    data = data or DataConfig()
+    itself = data.mixed == "itself"
+    crops = materials.crops(count if itself else 2 * count, size, rng, data.strided)
+    crops = material.convert(crops, materials.model, model)
+    patches = augment(np.concatenate([crops, crops]) if itself else crops, model, rng, data.turned, data.boosted)
+    patches = mix(patches[:count], patches[count:], rng, always=itself)
+    if not data.plain:
         return patches
-    plain = reorient(permute_colours(crops[:count], model, rng), model, rng)
+    plain = permute_colours(crops[:count], model, rng)
+    if data.turned:
+        plain = reorient(plain, model, rng)
     return np.where((rng.random(count) < data.plain)[:, None, None, None], plain, patches)
 
 
