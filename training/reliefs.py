@@ -1,7 +1,7 @@
 """Periodic fields and reliefs from random numbers, which generated materials are made of.
 
 A relief is a height field and a region: where a second substance lies, or what lies deep. The kinds are chosen to
-differ in what prefiltering finds hard: isotropic and one-sided bumps, sharp edges, and surfaces that are plainly smooth.
+differ in what prefiltering finds hard: isotropic and one-sided bumps, sharp edges, plainly smooth surfaces.
 """
 
 from __future__ import annotations
