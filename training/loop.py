@@ -223,7 +223,7 @@ def train(
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
     state = resumed_state(last, config, where) if resume else new_state(config, where)
     train_materials, held_out = load_materials(config)
-    say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")
+    say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
     if not resume:
         state.commit = _commit()
         fit_whitening(state.network, train_materials, config)

@@ -85,8 +85,8 @@ def tiles(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
     return tile * surface, 1 - tile
 
 
-def woven(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
-    """Plain weave: threads over and under each other."""
+def weave(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
+    """Plain weave: threads over and under each other; the region is where those lie on top that run up and down."""
     threads = 2 * int(rng.integers(4, 33))
     y, x = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
     u, v = x / size * threads, y / size * threads
@@ -94,7 +94,13 @@ def woven(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
     warp = np.sqrt(np.maximum(0, 1 - np.square(2 * (u % 1) - 1))) + 0.5 * over * np.sin(np.pi * (v % 1))
     weft = np.sqrt(np.maximum(0, 1 - np.square(2 * (v % 1) - 1))) - 0.5 * over * np.sin(np.pi * (u % 1))
     fibres = rng.uniform(0, 0.2) * noise(rng, size, 0.4)
-    return np.maximum(warp, weft) + fibres, step(warp - weft, 8.0) if rng.random() < 0.5 else patches(rng, size)
+    return np.maximum(warp, weft) + fibres, step(warp - weft, 8.0)
+
+
+def woven(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
+    """A weave whose second substance is half of the time in the threads of one direction, else in blotches."""
+    height, threads = weave(rng, size)
+    return height, threads if rng.random() < 0.5 else patches(rng, size)
 
 
 def scratched(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
