@@ -118,7 +118,8 @@ def captured(kind: Substance, rng: np.random.Generator, size: int) -> NDArray[np
 
 def _between(rng: np.random.Generator, ends: Range) -> float:
     """Evenly distributed in the logarithm."""
-    return math.exp(rng.uniform(*(math.log(each) for each in ends)))
+    low, high = ends
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
 def _colours(
