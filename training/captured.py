@@ -8,7 +8,8 @@ parameter maps are fields with the same statistics everywhere. They depend on ea
 surface is glossier, its tails are heavier and its specular albedo is higher.
 
 All numbers are guesses, after the materials that the captures show: leather, fabrics, metals, paints, plastics, paper,
-stone.
+stone. No metal is nearly a mirror, and the tails of metals are heavy: the paper says that its data has no extremely sharp
+lobes, and metals that are black beside their highlights drown everything else in noise.
 """
 
 from __future__ import annotations
@@ -78,12 +79,12 @@ class Substance:
 SUBSTANCES: dict[str, Substance] = {
     "leather": Substance((cells, bumps), 0.0, (0.1, 0.4), (0.0, 0.4), (0.35, 1.0), (0.05, 0.35)),
     "fabric": Substance((weave,), 0.05, (0.12, 0.6), (0.3, 1.3), (0.3, 0.9), (0.08, 0.5), crossed=True),
-    "brushed metal": Substance((brushed, scratched), 1.0, (0.03, 0.2), (0.7, 1.9), (0.35, 1.3), (0.01, 0.15)),
-    "cast metal": Substance((cells, rock, bumps), 1.0, (0.04, 0.3), (0.0, 0.5), (0.35, 1.1), (0.03, 0.35)),
-    "paint": Substance((smooth, bumps), 0.3, (0.012, 0.12), (0.0, 0.2), (0.28, 0.9), (0.005, 0.06)),
-    "plastic": Substance((bumps, cells, smooth), 0.0, (0.03, 0.35), (0.0, 0.3), (0.5, 2.2), (0.01, 0.25)),
+    "brushed metal": Substance((brushed, scratched), 1.0, (0.08, 0.3), (0.6, 1.6), (0.28, 0.8), (0.01, 0.12)),
+    "cast metal": Substance((cells, rock, bumps), 1.0, (0.08, 0.4), (0.0, 0.5), (0.28, 0.8), (0.03, 0.3)),
+    "paint": Substance((smooth, bumps), 0.3, (0.02, 0.15), (0.0, 0.2), (0.28, 0.9), (0.005, 0.06)),
+    "plastic": Substance((bumps, cells, smooth), 0.0, (0.05, 0.35), (0.0, 0.3), (0.5, 1.8), (0.01, 0.25)),
     "paper": Substance((rock, bumps), 0.0, (0.2, 0.7), (0.0, 0.4), (0.5, 1.6), (0.02, 0.15)),
-    "stone": Substance((rock, tiles, smooth), 0.0, (0.03, 0.5), (0.0, 0.3), (0.3, 1.6), (0.02, 0.3)),
+    "stone": Substance((rock, tiles, smooth), 0.0, (0.04, 0.5), (0.0, 0.3), (0.3, 1.6), (0.02, 0.3)),
 }
 """Kinds of captured materials. The numbers are guesses."""
 
@@ -129,7 +130,7 @@ def _colours(
     metal = rng.random() < kind.metal
     tints = 1 - rng.uniform(0, 0.7) * rng.random((2, 3))
     # What captures find of a metal is not without a diffuse part: dust, oxide, light between grooves.
-    diffuse = tints * (rng.uniform(0.0, 0.12, (2, 1)) if metal else rng.beta(1.2, 2.0, (2, 1)))
+    diffuse = tints * (rng.uniform(0.02, 0.15, (2, 1)) if metal else rng.beta(1.2, 2.0, (2, 1)))
     shade = rng.uniform(0, 0.25) * standardise(height) + rng.uniform(-0.2, 0.2) * wear
     albedo = (diffuse[0] + (diffuse[1] - diffuse[0]) * region[..., None]) * np.exp(np.clip(shade, -1, 1))[..., None]
     if metal:
