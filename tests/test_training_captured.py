@@ -46,8 +46,8 @@ def test_sets_are_valid_periodic_and_reproducible(seed: int) -> None:
     assert np.abs(stored[..., 11]).max() <= MAX_LOG_GAMMA
     np.testing.assert_allclose(regularise(stored, "beckmann"), stored, atol=1e-5)  # nothing has to be put right
     np.testing.assert_array_equal(stored, captured_set(seed, 64))
-    for inner, seam in ((np.diff(stored, axis=1), stored[:, :1] - stored[:, -1:]),):
-        assert np.abs(seam).mean() < 2.5 * np.abs(inner).mean() + 1e-3
+    inner, seam = np.diff(stored, axis=1), stored[:, :1] - stored[:, -1:]
+    assert np.abs(seam).mean() < 2.5 * np.abs(inner).mean() + 1e-3
 
 
 def test_tails_are_heavy_and_light_and_lobes_are_sharp() -> None:
@@ -60,7 +60,7 @@ def test_tails_are_heavy_and_light_and_lobes_are_sharp() -> None:
     wide, narrow, _ = axes(sets)
     assert np.mean(narrow < math.log(0.06)) > 0.1
     assert np.mean(wide > math.log(0.4)) > 0.1
-    assert np.mean(wide - narrow > math.log(2)) > 0.2
+    assert np.mean(wide - narrow > math.log(2)) > 0.15
     own = [np.corrcoef(each[..., 11].ravel(), (each[..., 8] + each[..., 9]).ravel())[0, 1] for each in sets]
     assert np.mean(own) > 0.3  # within a set, glossier texels have heavier tails
 

@@ -8,8 +8,8 @@ parameter maps are fields with the same statistics everywhere. They depend on ea
 surface is glossier, its tails are heavier and its specular albedo is higher.
 
 All numbers are guesses, after the materials that the captures show: leather, fabrics, metals, paints, plastics, paper,
-stone. No metal is nearly a mirror, and the tails of metals are heavy: the paper says that its data has no extremely sharp
-lobes, and metals that are black beside their highlights drown everything else in noise.
+stone. No metal is nearly a mirror, and the tails of metals are heavy: the paper says that its data has no extremely
+sharp lobes, and metals that are black beside their highlights drown everything else in noise.
 """
 
 from __future__ import annotations
