@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake import TextureSet, material
-from mipbake.training.procedural import noise, procedural_set
+from mipbake.training.procedural import procedural_set
+from mipbake.training.reliefs import noise
 
 Image = NDArray[np.float32]
 

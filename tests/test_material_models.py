@@ -275,6 +275,7 @@ BY_NAME = {
     "mipbake/presets.py": (1, "what engines read is a fact about engines"),
     "mipbake/shading/reference.py": (4, "the list of plain twins; a test compares it with the list of models"),
     "mipbake/prefilter/search/pixel_samples.py": (1, "PLAIN, which steers the search whatever the target is"),
+    "training/captured.py": (1, "MODEL, of the sets that are made there"),
     "training/procedural.py": (1, "MODEL, of the sets that are made there"),
 }
 """File to the number of names in it, and why they stand there."""

@@ -115,6 +115,8 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     assert (optimiser.clip, optimiser.ema_decay, optimiser.fall_until, run.uses) == (0, 0, 0, 1)
     assert (made.pairs, made.crop_size, made.crops, made.lods) == (64, 32, 1, 5)
     assert (made.target_samples, made.near_mirror_fraction) == (1, 0)
+    assert (config.data.mixed, config.data.turned, config.data.boosted) == ("itself", False, True)
+    assert (config.data.strided, config.data.plain) == (0, 0)
     (adam,) = FlatAdam(LatentConfig().build(), None, optimiser).state_dict()["param_groups"]
     assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
@@ -131,6 +133,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
         ({"loss": {"pairs": 6, "target_samples": 4}}, r"loss\.target_samples must be a divisor"),
         ({"loss": {"pixel_filter": "sinc"}}, r"sinc.*gaussian"),
         ({"loss": {"near_mirror_fraction": 2}}, r"loss\.near_mirror_fraction"),
+        ({"data": {"mixed": "both"}}, r"data\.mixed must be one of another, itself, got 'both'"),
         ({"optimiser": {"beta1": 1.0}}, r"optimiser\.beta1"),
         ({"run": {"steps": True}}, r"run\.steps"),
         ({"network": 3}, r"\[network\]"),
@@ -267,6 +270,63 @@ def test_mixes_take_each_texel_from_one_of_the_two() -> None:
     share = mixed.mean((1, 2, 3))
     assert 0.25 < (share == 0).mean() < 0.75
     assert share.max() > 0.7
+
+
+def ramps(sets: int = 6) -> data.Materials:
+    """Sets that a patch can be told from, however it is augmented: their albedos have no two colours in common."""
+    images = []
+    for index in range(sets):
+        image = np.zeros((48, 48, 11), np.float32)
+        image[..., :3] = np.array([0.1, 0.4, 0.7]) + 0.02 * index  # permuted, it stays the same three numbers
+        image[..., 3:6] = 0.04 + 0.01 * np.arange(48)[:, None]  # rises from left to right
+        image[..., 8:10] = -4.0
+        images.append(image.astype(np.float16))
+    return data.Materials(images, [f"set {index}" for index in range(sets)], "ggx")
+
+
+@pytest.mark.parametrize("name", ["paper-ggx", "mipbake-1"])
+def test_the_paper_mixes_a_material_with_itself(name: str) -> None:
+    """Section 3.4: two differently augmented instances of the material of a step, and a binary mask."""
+    settings = read_config(CONFIGS / f"{name}.toml").data
+    settings = dataclasses.replace(settings, strided=0.0, plain=0.0)
+    patches = data.draw_crops(ramps(), 64, 32, "ggx", np.random.default_rng(0), settings)
+    sources = [len(np.unique(np.sort(p[..., :3], -1).reshape(-1, 3).round(3), axis=0)) for p in patches]
+    instances = [len(np.unique(p[..., 8:11].reshape(-1, 3).round(3), axis=0)) for p in patches]
+    if name == "paper-ggx":
+        assert max(sources) == 1
+        assert (
+            np.mean(np.array(instances) == 2) > 0.85
+        )  # now and then both keep their roughness, or one fills the patch
+    else:
+        assert max(sources) == 2
+        assert 0.3 < np.mean(np.array(instances) == 1) < 0.7
+
+
+def test_the_paper_turns_nothing() -> None:
+    """Section 3.4 lists permuted colours, rotated and scaled tensors, eccentric normals and mixtures, and no more."""
+    settings = read_config(CONFIGS / "paper-ggx.toml").data
+    for turned in (False, True):
+        asked = dataclasses.replace(settings, turned=turned)
+        patches = data.draw_crops(ramps(), 32, 16, "ggx", np.random.default_rng(0), asked)
+        rises = (np.diff(patches[..., 3], axis=2) > 0).all((1, 2))
+        assert rises.all() != turned
+
+
+def test_boosted_patches_are_glossier_and_steeper() -> None:
+    """Section 4: sharpness and normals are boosted slightly, and of every material."""
+    count = 4000
+    patches = np.zeros((count, 1, 1, 11), np.float32)
+    patches[..., 6], patches[..., 8:10] = 0.1, -4.0
+    found = {}
+    for boosted in (False, True):
+        rng = np.random.default_rng(0)
+        tensor = augmentation.change_roughness(patches, "ggx", rng, boosted)[:, 0, 0, 8:10].mean(-1) + 4
+        slope = np.linalg.norm(augmentation.change_normals(patches, "ggx", rng, boosted)[:, 0, 0, 6:8], axis=-1)
+        found[boosted] = np.log(np.median(slope) / 0.1), tensor
+    assert np.mean(abs(found[False][1]) < 1e-5) == pytest.approx(0.25, abs=0.03)  # these stay as they are
+    assert np.median(found[True][1]) == pytest.approx(-0.5, abs=0.05)
+    assert np.mean(abs(found[True][1] + 0.5) < 1e-5) == pytest.approx(0.25, abs=0.03)
+    assert found[True][0] > 0.05
 
 
 def test_draws_are_functions_of_seed_and_step() -> None:

@@ -1,4 +1,4 @@
 """Training of mipbake's networks: `python -m mipbake.training train CONFIG`.
 
-To read it from top to bottom: config, data (with procedural and augmentation), loss, loop, validation.
+To read it from top to bottom: config, data (with augmentation and generated materials), loss, loop, validation.
 """

@@ -17,7 +17,8 @@ from mipbake.material import MAX_LOG_GAMMA, MIN_ROUGHNESS, Kind, lift_normal, mo
 Patches = NDArray[np.float32]
 Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
 
-# Spreads of the random changes. The centres lean to gloss and steep normals, which are rare in real sets.
+# Spreads of the random changes. The centres of roughness and slopes lean to gloss and steep normals, which are rare in
+# real sets; a boost gives every patch as much.
 _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2  # a guess
 _LOG_ANISOTROPY_SPREAD = 0.8  # a guess
 _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4  # a guess
@@ -29,12 +30,24 @@ _UNCHANGED = 0.25
 _MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly; a guess
 
 
-def augment(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
-    """Every augmentation of a single material, with random numbers of its own for each patch."""
+def augment(
+    patches: Patches, model: str, rng: np.random.Generator, turned: bool = True, boosted: bool = False
+) -> Patches:
+    """Every augmentation of a single material, with random numbers of its own for each patch.
+
+    Args:
+        patches: of one material model.
+        model: its name.
+        rng: of the step.
+        turned: they are also turned by multiples of 90 degrees and mirrored.
+        boosted: every patch is made glossier and steeper by one factor each, and the random changes lean to neither.
+            Otherwise they lean by as much, and a part of the patches stays as it is.
+    """
     patches = permute_colours(patches, model, rng)
-    patches = reorient(patches, model, rng)
-    patches = change_roughness(patches, model, rng)
-    patches = change_normals(patches, model, rng)
+    if turned:
+        patches = reorient(patches, model, rng)
+    patches = change_roughness(patches, model, rng, boosted)
+    patches = change_normals(patches, model, rng, boosted)
     return change_kurtosis(patches, model, rng)
 
 
@@ -80,9 +93,9 @@ def turn(patch: Patches, quarter_turns: int, mirror: bool, model: str) -> Patche
     return out
 
 
-def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+def change_roughness(patches: Patches, model: str, rng: np.random.Generator, boosted: bool = False) -> Patches:
     """Scales the roughness tensor; where it is one, also turns it and stretches it along a random axis."""
-    scale = _some(rng, len(patches), _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD)
+    scale = _leaning(rng, len(patches), _LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD, boosted)
     out: Patches = patches.copy()
     layout = model_named(model)
     for group in layout.of(Kind.ROUGHNESS):
@@ -106,9 +119,9 @@ def change_roughness(patches: Patches, model: str, rng: np.random.Generator) -> 
     return out
 
 
-def change_normals(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+def change_normals(patches: Patches, model: str, rng: np.random.Generator, boosted: bool = False) -> Patches:
     """Scales slopes, by different factors along and across a random axis."""
-    scale = _some(rng, len(patches), _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD)
+    scale = _leaning(rng, len(patches), _LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD, boosted)
     stretch = _some(rng, len(patches), 0.0, _LOG_ECCENTRICITY_SPREAD)
     angle = (np.pi * rng.random((len(patches), 1, 1))).astype(np.float32)
     group = model_named(model).normal
@@ -143,12 +156,20 @@ def _some(rng: np.random.Generator, count: int, mean: float, spread: float) -> V
     return values.astype(np.float32).reshape(count, 1, 1)
 
 
-def mix(first: Patches, second: Patches, rng: np.random.Generator) -> Patches:
-    """Where a Perlin noise lies above a random iso-level, `first`, elsewhere `second`; half of the time all `first`."""
+def _leaning(rng: np.random.Generator, count: int, mean: float, spread: float, boosted: bool) -> Values:
+    """As `_some`. Boosted, the mean is added to every patch, those that stay unchanged included."""
+    return np.float32(mean) + _some(rng, count, 0.0, spread) if boosted else _some(rng, count, mean, spread)
+
+
+def mix(first: Patches, second: Patches, rng: np.random.Generator, always: bool = False) -> Patches:
+    """Where a Perlin noise lies above a random iso-level, `first`, elsewhere `second`.
+
+    Half of the time all is `first`, unless it is to be both `always`.
+    """
     count, size = first.shape[:2]
     noise = perlin(count, size, rng)
     # The level is a quantile, so that every share of the area is as likely as any other.
-    shares = np.maximum(rng.uniform(-1, 1, count), 0)
+    shares = np.maximum(rng.uniform(0 if always else -1, 1, count), 0)
     levels = np.array([np.quantile(noise[i], shares[i]) for i in range(count)])
     inside = (noise >= levels[:, None, None])[..., None]
     return np.where(inside, first, second)

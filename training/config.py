@@ -16,6 +16,7 @@ from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.latent_config import LatentConfig
 from mipbake.training.base import Loss
+from mipbake.training.captured import MODEL as CAPTURED
 from mipbake.training.checks import require, require_share
 from mipbake.training.loss import SingleLightsLossConfig
 from mipbake.training.losses import LOSSES
@@ -24,6 +25,10 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+
+MIXED = ("another", "itself")
+"""What a patch can be mixed with."""
 
 
 @dataclass(frozen=True)
@@ -35,19 +40,32 @@ class DataConfig:
         held_out: of every `held_out` sets in the folder one is kept for validation; 0 keeps none.
         procedural_sets: how many sets the project's own generator makes.
         procedural_size: their side in texels.
+        captured_sets: how many sets the project's generator of Beckmann lobes makes, as captures have them. The encoder
+            of `beckmann` alone reads them, beside all other sets.
         strided: share of the patches that take every 2nd, 4th or 8th texel of a larger place: what coarse levels cover.
         plain: share of the patches that are left as they are, except for orientation and the order of colours.
+        mixed: what a patch is mixed with: "another" patch of any material, half of the time, or "itself", augmented
+            anew, always.
+        turned: whether patches are turned by multiples of 90 degrees and mirrored.
+        boosted: whether every patch is made a little glossier and steeper before its random changes, or the random
+            changes lean to gloss and steep normals.
         description, licence: of the data, for the weights' card.
 
-    The defaults are guesses: the paper does not say how it validates.
+    The paper mixes a material with itself, turns nothing and boosts (sections 3.4 and 4); `paper-*.toml` do. The
+    defaults are guesses, and what networks of other configurations are trained with. The paper does not say how it
+    validates.
     """
 
     folder: str = ""
     held_out: int = 14
     procedural_sets: int = 0
     procedural_size: int = 256
+    captured_sets: int = 0
     strided: float = 0.0
     plain: float = 0.0
+    mixed: str = "another"
+    turned: bool = True
+    boosted: bool = False
     description: str = "procedural sets of this project"
     licence: str = "CC0-1.0"
 
@@ -55,8 +73,10 @@ class DataConfig:
         require(self.held_out == 0 or self.held_out > 1, "data.held_out", "0 or at least 2", self.held_out)
         require(self.procedural_sets >= 0, "data.procedural_sets", "at least 0", self.procedural_sets)
         require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
+        require(self.captured_sets >= 0, "data.captured_sets", "at least 0", self.captured_sets)
         for name in ("strided", "plain"):
             require_share(f"data.{name}", getattr(self, name))
+        require(self.mixed in MIXED, "data.mixed", f"one of {', '.join(MIXED)}", self.mixed)
 
 
 AUGMENTED = tuple(model.name for model in MODELS.values() if model.lines is None)
@@ -154,6 +174,9 @@ class TrainingConfig:
         for model in self.network.encoders:
             require(model in AUGMENTED, "network.encoders", f"of {', '.join(AUGMENTED)} in a training", model)
         network = self.network
+        if self.data.captured_sets:
+            expected = f"{CAPTURED} where data.captured_sets is not 0"
+            require(CAPTURED in network.encoders, "network.encoders", expected, network.encoders)
         expected = f'"{network.trained_with}" where network.architecture is "{network.architecture}"'
         require(self.loss.kind == network.trained_with, "loss.kind", expected, self.loss.kind)
 

@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.training.augmentation import augment, mix, permute_colours, reorient
+from mipbake.training.captured import MODEL as CAPTURED
+from mipbake.training.captured import captured_set
 from mipbake.training.config import DataConfig, TrainingConfig
 from mipbake.training.procedural import MODEL, procedural_set
 
 Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
 
 _STRIDES = (2, 4, 8)  # texels of a set from one texel of a patch to the next; a guess
-_VALIDATION_SEEDS = 1_000_000  # procedural sets from here on are for validation; a seed
+_VALIDATION_SEEDS = 1_000_000  # generated sets from here on are for validation; a seed
+_GENERATED = 8  # sets for validation, of each generator; a guess
 
 
 @dataclass(frozen=True)
@@ -29,25 +32,36 @@ class Materials:
         images: (H, W, C) stored channels each, float16: half the memory, and finer than 8-bit sources.
         names: of the sets.
         model: material model of the images.
+        captured: sets in a model of their own, which are read in that model alone, beside the others; None for none.
     """
 
     images: Sequence[NDArray[np.float16]]
     names: Sequence[str]
     model: str
+    captured: Materials | None = None
 
-    def crops(self, count: int, size: int, rng: np.random.Generator, strided: float = 0.0) -> Crops:
-        """`count` patches, each of a random set at a random place; a share of them of every 2nd, 4th or 8th texel."""
-        patches = []
-        for index in rng.integers(len(self.images), size=count):
-            image, stride = self.images[index], 1
+    def __len__(self) -> int:
+        return len(self.images) + (len(self.captured) if self.captured else 0)
+
+    def of(self, model: str) -> list[tuple[NDArray[np.float16], str]]:
+        """What a model is read from: images, and the model of each."""
+        own = [(image, self.model) for image in self.images]
+        return own + (self.captured.of(model) if self.captured and self.captured.model == model else [])
+
+    def crops(self, count: int, size: int, model: str, rng: np.random.Generator, strided: float = 0.0) -> Crops:
+        """`count` patches in a model, of random sets at random places; a share of every 2nd, 4th or 8th texel."""
+        patches, sets = [], self.of(model)
+        for index in rng.integers(len(sets), size=count):
+            (image, stored_as), stride = sets[index], 1
             if strided and rng.random() < strided:
                 stride = int(rng.choice(_STRIDES))
                 while (size - 1) * stride + 1 > min(image.shape[:2]):
                     stride //= 2
             extent = (size - 1) * stride + 1
             top, left = (int(rng.integers(n - extent + 1)) for n in image.shape[:2])
-            patches.append(image[top : top + extent : stride, left : left + extent : stride])
-        return np.stack(patches).astype(np.float32)
+            patch = image[top : top + extent : stride, left : left + extent : stride].astype(np.float32)
+            patches.append(material.convert(patch, stored_as, model))
+        return np.stack(patches)
 
 
 def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
@@ -64,12 +78,21 @@ def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
     train, held_out = _folder(data, model, config.loss.crop_size) if data.folder else ([], [])
     train += [_procedural(seed, data, model) for seed in range(data.procedural_sets)]
     if not held_out:
-        held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(8)]
-    return _materials(train, model), _materials(held_out, model)
+        held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(_GENERATED)]
+    beside: list[Materials | None] = [None, None]
+    if data.captured_sets:
+        seeds = range(data.captured_sets), range(_VALIDATION_SEEDS, _VALIDATION_SEEDS + _GENERATED)
+        beside = [_captured(each, data.procedural_size) for each in seeds]
+    return _materials(train, model, beside[0]), _materials(held_out, model, beside[1])
 
 
-def _materials(sets: _Sets, model: str) -> Materials:
-    return Materials([image for _, image in sets], [name for name, _ in sets], model)
+def _materials(sets: _Sets, model: str, captured: Materials | None = None) -> Materials:
+    return Materials([image for _, image in sets], [name for name, _ in sets], model, captured)
+
+
+def _captured(seeds: range, size: int) -> Materials:
+    sets = [(f"captured-{seed}", captured_set(seed, size).astype(np.float16)) for seed in seeds]
+    return _materials(sets, CAPTURED)
 
 
 _Sets = list[tuple[str, NDArray[np.float16]]]
@@ -105,18 +128,21 @@ def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[n
 def draw_crops(
     materials: Materials, count: int, size: int, model: str, rng: np.random.Generator, data: DataConfig | None = None
 ) -> Crops:
-    """`count` augmented patches of a model: each two materials, differently augmented, mixed by a Perlin-noise mask.
+    """`count` augmented patches of a model: each two patches, differently augmented, mixed by a Perlin-noise mask.
 
-    A share of `data.plain` of them are one material with nothing changed but its orientation and the order of colours.
+    As `data.mixed` has it, the two are patches of any two materials, or one and the same patch. A share of `data.plain`
+    is one material with nothing changed but its orientation and the order of colours.
     """
-    crops = material.convert(
-        materials.crops(2 * count, size, rng, data.strided if data else 0.0), materials.model, model
-    )
-    patches = augment(crops, model, rng)
-    patches = mix(patches[:count], patches[count:], rng)
-    if data is None or not data.plain:
+    data = data or DataConfig()
+    itself = data.mixed == "itself"
+    crops = materials.crops(count if itself else 2 * count, size, model, rng, data.strided)
+    patches = augment(np.concatenate([crops, crops]) if itself else crops, model, rng, data.turned, data.boosted)
+    patches = mix(patches[:count], patches[count:], rng, always=itself)
+    if not data.plain:
         return patches
-    plain = reorient(permute_colours(crops[:count], model, rng), model, rng)
+    plain = permute_colours(crops[:count], model, rng)
+    if data.turned:
+        plain = reorient(plain, model, rng)
     return np.where((rng.random(count) < data.plain)[:, None, None, None], plain, patches)
 
 

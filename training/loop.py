@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import dataclasses
 import os
 import subprocess
 import time
@@ -29,7 +30,7 @@ from mipbake.training.validation import ValidationEffort, Validator
 LAST, BEST = "last.pt", "best.pt"
 
 _CPU = torch.device("cpu")
-_WHITENING_SAMPLES = 16  # patches; a guess
+_WHITENING_SAMPLES = 16  # patches; section 3.4 of the paper
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's; a seed
 
 
@@ -189,7 +190,8 @@ def fit_whitening(network: Network, materials: Materials, config: TrainingConfig
     """Has a network take its whitening, where it has one, from 16 augmented samples (section 3.4)."""
     rng = step_generator(config.run.seed, _WHITENING_STEP)
     here = copy.deepcopy(network).to(_CPU)
-    here.fit(lambda source: draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng))
+    data = dataclasses.replace(config.data, strided=0.0, plain=0.0)
+    here.fit(lambda source: draw_crops(materials, _WHITENING_SAMPLES, config.loss.crop_size, source, rng, data))
     network.load_state_dict(here.state_dict())
 
 
@@ -221,7 +223,7 @@ def train(
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
     state = resumed_state(last, config, where) if resume else new_state(config, where)
     train_materials, held_out = load_materials(config)
-    say(f"materials: {len(train_materials.images)} to train on, {len(held_out.images)} held out")
+    say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
     if not resume:
         state.commit = _commit()
         fit_whitening(state.network, train_materials, config)

@@ -107,12 +107,8 @@ class Validator:
         sets = [pair_set(name, _SEED, self.effort.pairs) for name in _SETS]
         self.pairs = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view")))
         self.patches = [
-            _Patch(source, material.regularise(material.convert(patch, materials.model, source), source))
-            for patch, source in zip(
-                _central_patches(materials, self.effort.patches, self.effort.patch_size),
-                itertools.cycle(config.encoders),
-                strict=False,
-            )
+            _patch(materials, index, source, index // len(config.encoders), self.effort.patch_size)
+            for index, source in zip(range(self.effort.patches), itertools.cycle(config.encoders), strict=False)
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
         self.linear = np.mean(
@@ -183,13 +179,14 @@ class Validator:
         _write_png(path, np.concatenate(rows))
 
 
-def _central_patches(materials: Materials, count: int, size: int) -> list[NDArray[np.float32]]:
-    patches = []
-    for index in range(count):
-        image = materials.images[index % len(materials.images)]
-        top, left = ((n - size) // 2 for n in image.shape[:2])
-        patches.append(image[top : top + size, left : left + size].astype(np.float32))
-    return patches
+def _patch(materials: Materials, index: int, source: str, turn: int, size: int) -> _Patch:
+    """The middle of set `index` in a model; of a captured set every second turn, where that model reads such sets."""
+    captured = materials.captured
+    chosen = captured if captured is not None and captured.model == source and turn % 2 else materials
+    image = chosen.images[index % len(chosen.images)]
+    top, left = ((n - size) // 2 for n in image.shape[:2])
+    stored = image[top : top + size, left : left + size].astype(np.float32)
+    return _Patch(source, material.regularise(material.convert(stored, chosen.model, source), source))
 
 
 def _tonemap(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
