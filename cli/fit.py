@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -178,17 +179,25 @@ def fit(
             check_output(place, stack.provenance.sources)
             learned, checked = choice.views_of(stack.size, stack.wrap, views, seed)
             kept = place.with_name(place.name + ".fit")
-            fitted = fit_stack(
-                stack, made, learned, held_out=checked, source=texture_set, steps=most,
-                budget=seconds, renders=renders, texels=texels, seed=seed, error=error, checkpoint=kept,
-                progress=_shown(phases), preparing=partial(phases, "views"),
-            )  # fmt: skip
-            phases("fit", 1.0)
-            files = fitted.save(place, format, partial(phases, "write"), preset=preset, measured=None)
+            with warnings.catch_warnings(record=True) as found:
+                warnings.simplefilter("always", UserWarning)
+                fitted = fit_stack(
+                    stack, made, learned, held_out=checked, source=texture_set, steps=most,
+                    budget=seconds, renders=renders, texels=texels, seed=seed, error=error, checkpoint=kept,
+                    progress=_shown(phases), preparing=partial(phases, "views"),
+                )  # fmt: skip
+                phases("fit", 1.0)
+                files = fitted.save(place, format, partial(phases, "write"), preset=preset)
             kept.unlink(missing_ok=True)
+            warned = [str(each.message) for each in found if issubclass(each.category, UserWarning)]
         told = fitted.provenance.adjustments[-1]
-        session.print(f"fitted: {told}", f"time: {phases.summary()}", f"wrote {place}: {len(files)} files")
-        return {"out": place, "files": files, "fitted": told, "seconds": dict(phases.seconds)}
+        session.print(
+            f"fitted: {told}",
+            *(f"warning: {sentence}" for sentence in warned),
+            f"time: {phases.summary()}",
+            f"wrote {place}: {len(files)} files",
+        )
+        return {"out": place, "files": files, "fitted": told, "warnings": warned, "seconds": dict(phases.seconds)}
 
     try:
         results = over_sets(session, sources, load, act)

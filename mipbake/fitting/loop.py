@@ -78,7 +78,7 @@ class Progress:
         step, seconds: so far.
         moving: how many levels still gain.
         scores: mean SNR in dB over the views that are held out, by scale, now. What is kept may be better.
-        levels: of each level the highest mean SNR in dB so far, over the views that show it.
+        snr: of each level the highest mean SNR in dB so far, over the views that show it.
     """
 
     share: float
@@ -86,7 +86,7 @@ class Progress:
     seconds: float
     moving: int
     scores: Mapping[str, float]
-    levels: Sequence[float]
+    snr: Sequence[float]
 
 
 class Loop:
