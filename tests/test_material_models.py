@@ -270,6 +270,7 @@ def test_augmentation_takes_a_model_or_refuses_it(name: str) -> None:
 # ---- nobody asks for the name of a model
 
 BY_NAME = {
+    "mipbake/fitting/gl.py": (1, "names of shaders, of which one shades as glTF says"),
     "mipbake/intake.py": (1, "kinds of inputs, of which one is a glTF document"),
     "mipbake/io/inputs.py": (2, "kinds of inputs, of which one is a glTF document"),
     "mipbake/presets.py": (1, "what engines read is a fact about engines"),
