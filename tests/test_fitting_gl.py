@@ -24,12 +24,12 @@ from . import independent_scenes as scenes
 from .mesh_renders import candidate
 from .viewer_scenes import material, stack_of
 
+pytestmark = pytest.mark.independent
+
 PLANE = View("plane", "near", scenes.PLANE, scenes.CAMERA, scenes.LIGHTING, (48, 64))
 BALL = View(
     "ball", "far", shapes.material_ball(12), Camera((1.2, 1.4, 3.6), field_of_view=36), scenes.LIGHTING, (60, 50)
 )
-
-pytestmark = pytest.mark.independent
 # Straight above a plane that fills the view: pixel (row i, column j) sees u = (j + 1/2) / 16, v = (i + 1/2) / 16.
 ABOVE = Camera((0.0, 1.0, 0.0), up=(0.0, 0.0, -1.0), field_of_view=90.0)
 FLAT = View("flat", "1:1", shapes.plane(2.0, 2.0), ABOVE, scenes.LIGHTING, (16, 16))
