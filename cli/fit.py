@@ -122,10 +122,13 @@ def fit(
             show_default=False,
         ),
     ] = None,
-    budget: Annotated[str, typer.Option(
+    budget: Annotated[
+        str,
+        typer.Option(
             metavar=f"30s|2m|{BEST}",
             help=f"Time for the steps of each set; {BEST} goes on until no level gains any more.",
-        )] = DEFAULT_BUDGET,
+        ),
+    ] = DEFAULT_BUDGET,
     steps: Annotated[
         Optional[int],  # noqa: UP045
         typer.Option(metavar="NUMBER", help="Steps at most.", show_default="as many as the budget allows"),
@@ -147,7 +150,8 @@ def fit(
     format: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            metavar="FORMAT[:TEXELS],...", help="Files that are written, as in `mipbake bake --format`.",
+            metavar="FORMAT[:TEXELS],...",
+            help="Files that are written, as in `mipbake bake --format`.",
             show_default="exr",
         ),
     ] = None,
@@ -157,7 +161,7 @@ def fit(
             metavar="NAME", help="Engine that loads the stack, as in `mipbake bake --preset`.", show_default=False
         ),
     ] = None,
-) -> None:  # fmt: skip
+) -> None:
     """Fit stacks in a renderer of your own, which need not be differentiable.
 
     The state of a fit is kept in OUT/<set>.fit until the stack is written. The same command goes on from it where a fit
