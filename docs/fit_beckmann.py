@@ -1,10 +1,10 @@
-"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [OUT]`, a minute on one core.
+"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [OUT]`, minutes on one core.
 
 `python docs/remake.py beckmann` keeps what it writes to OUT. It prints
 
 1. the polynomials of csrc/shading/beckmann_masking.h, and how far they are from erfc;
-2. for each alpha, the `beckmann` mirror that is nearest to a GGX mirror, beside what `mipbake.material.ggx_to_beckmann`
-   says and what both keep of the reflection;
+2. for each alpha, the `beckmann` mirror that is nearest to a GGX mirror, what `mipbake.material.ggx_to_beckmann` keeps
+   of the reflection beside it, and the curves through these mirrors that it uses;
 3. for each g, the narrow GGX lobe that is nearest to a narrow `beckmann` one, the polynomial through them that
    `mipbake.material.beckmann_to_ggx` uses, and what it keeps.
 
@@ -12,9 +12,8 @@ Near is meant in the mean square of the specular radiance of an upright isotropi
 the lobe that is to be replaced: in 2. the mean of the decibels of the two pair sets of docs/conventions.md, in 3. over
 all half vectors.
 
-The fit of 2. sees twelve views, the lowest with a cosine of 0.2. What both keep is measured with those and with as
-many as it takes to see views that graze, which the pair sets hold, too: there both lobes are brightest and differ
-most. The fit is left as it is, because weights were trained with its conversions.
+The fit of 2. sees as many views as it takes to see some that graze, because the pair sets hold these, too: there both
+lobes are brightest and differ most. Weights of networks that convert between the models were trained with its curves.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import least_squares, minimize, minimize_scalar
 from scipy.special import erfc, erfcx, gamma
 
 from mipbake import material
@@ -36,9 +35,9 @@ from mipbake.shading import shade
 
 Array = NDArray[np.float64]
 
-ALPHAS = (0.002, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-VIEWS = {"fitted": 12, "all": 768}
-"""Heights of views, in equal parts of the pair sets: the lowest have cosines of 0.204 and 0.026."""
+ALPHAS = (0.002, 0.01, 0.03, 0.07, 0.1, 0.14, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
+VIEWS = 768
+"""Heights of views, in equal parts of the pair sets: the lowest has a cosine of 0.026."""
 LOG_GAMMAS = np.linspace(-material.MAX_LOG_GAMMA, material.MAX_LOG_GAMMA, 13)
 
 
@@ -126,15 +125,24 @@ def nearest_narrow_ggx(g: float) -> tuple[float, float]:
     return float(found.x), -10 * np.log10(found.fun)
 
 
-def kept_by_rule(alpha: float) -> dict[str, list[float]]:
-    """Decibels that `ggx_to_beckmann` keeps near the mirror direction and over the hemisphere, by the views seen."""
+def kept_by_rule(mirrors: Mirrors, alpha: float) -> Array:
+    """(2,) decibels that `ggx_to_beckmann` keeps near the mirror direction and over the hemisphere."""
     tensor = np.array([2 * np.log(alpha)] * 2 + [0])
     rule = material.ggx_to_beckmann(np.concatenate([np.zeros(8), tensor]))[8:]
-    found = {}
-    for name, views in VIEWS.items():
-        mirrors = Mirrors(alpha, views)
-        found[name] = mirrors.decibels(mirrors.radiance("beckmann", rule), mirrors.radiance("ggx", tensor)).tolist()
-    return found
+    return mirrors.decibels(mirrors.radiance("beckmann", rule), mirrors.radiance("ggx", tensor))
+
+
+def curve(values: Array) -> tuple[Array, float]:
+    """The numbers a, b, n, h of a + b alpha^n / (alpha^n + h^n) that lies nearest to values at ALPHAS, and how far it
+    is from them at most."""
+    alpha = np.array(ALPHAS)
+
+    def off(numbers: Array) -> Array:
+        low, rise, power, half = numbers
+        return np.asarray(low + rise * alpha**power / (alpha**power + half**power) - values)
+
+    found = least_squares(off, [values[0], values[-1] - values[0], 2, 0.3])
+    return found.x, float(np.abs(found.fun).max())
 
 
 def main() -> None:
@@ -146,27 +154,34 @@ def main() -> None:
         powers, error = masking_polynomial(reach, degree)
         print(f"masking, a to {reach}, error of erfc {error:.1e}: " + ", ".join(f"{c:.17g}" for c in powers))
 
-    print("\nalpha: nearest ln(alpha_b / alpha), g (dB near-mirror, hemisphere); what the rule keeps, by views")
-    start = np.array([-0.391, -0.612])
+    print("\nalpha: nearest ln(alpha_b / alpha), g (dB near-mirror, hemisphere); what the rule keeps")
+    twin = np.array([-0.39, -0.61])
     by_rule, nearest = {}, {}
     for alpha in ALPHAS:
-        start, best = nearest_beckmann(Mirrors(alpha, VIEWS["fitted"]), alpha, start)
-        nearest[f"{alpha:g}"], by_rule[f"{alpha:g}"] = [*start.tolist(), *best.tolist()], kept_by_rule(alpha)
-        kept = ", ".join(f"{name} {near:.1f} {over:.1f}" for name, (near, over) in by_rule[f"{alpha:g}"].items())
-        print(f"{alpha}: {start[0]:.3f}, {start[1]:.3f} ({best[0]:.1f}, {best[1]:.1f}); {kept}", flush=True)
+        mirrors = Mirrors(alpha, VIEWS)
+        twin, best = nearest_beckmann(mirrors, alpha, twin)
+        kept = kept_by_rule(mirrors, alpha)
+        nearest[f"{alpha:g}"], by_rule[f"{alpha:g}"] = [*twin.tolist(), *best.tolist()], kept.tolist()
+        print(f"{alpha}: {twin[0]:.3f}, {twin[1]:.3f} ({best[0]:.1f}, {best[1]:.1f}); {kept[0]:.1f}, {kept[1]:.1f}")
+    curves = {}
+    for index, name in enumerate(("shift", "g")):
+        numbers, off = curve(np.array([each[index] for each in nearest.values()]))
+        curves[name] = [*numbers.tolist(), off]
+        print(f"{name}: a, b, n, h = {np.round(numbers, 3).tolist()}, off by {off:.4f} at most", flush=True)
 
     found = [nearest_narrow_ggx(g) for g in LOG_GAMMAS]
     shifts = np.array([shift for shift, _ in found])
     fitted = Polynomial.fit(LOG_GAMMAS, shifts, 5).convert()
     print("\nnarrow lobes, g: ln(alpha_b / alpha) (dB)")
-    print(", ".join(f"{g:.2f}: {shift:.3f} ({kept:.1f})" for g, (shift, kept) in zip(LOG_GAMMAS, found, strict=True)))
+    print(", ".join(f"{g:.2f}: {shift:.3f} ({dB:.1f})" for g, (shift, dB) in zip(LOG_GAMMAS, found, strict=True)))
     off = float(np.abs(fitted(LOG_GAMMAS) - shifts).max())
     print(f"polynomial: {np.round(fitted.coef, 4).tolist()}, off by {off:.4f} at most")
     if options.out:
-        narrow = {f"{g:g}": [shift, kept] for g, (shift, kept) in zip(LOG_GAMMAS, found, strict=True)}
+        narrow = {f"{g:g}": list(each) for g, each in zip(LOG_GAMMAS, found, strict=True)}
         written = {
             "rule": by_rule,
             "nearest": nearest,
+            "curves": curves,
             "narrow": narrow,
             "polynomial": fitted.coef.tolist(),
             "off": off,

@@ -105,7 +105,7 @@ def test_ggx_survives_the_way_through_beckmann(dtype: type, tolerance: float) ->
     assert there.dtype == dtype and there.shape == (2000, 12)
     assert there[:, :8] == pytest.approx(stored[:, :8], abs=0)
     assert there[:, 8] - there[:, 9] == pytest.approx(stored[:, 8] - stored[:, 9], abs=tolerance)  # only scaled
-    assert (there[:, 11] >= -0.612 - 1e-6).all() and (there[:, 11] < -0.11).all()
+    assert (there[:, 11] >= -0.617 - 1e-6).all() and (there[:, 11] < -0.05).all()
     assert material.convert(there, "beckmann", "ggx") == pytest.approx(stored, abs=tolerance)
 
 
@@ -151,24 +151,22 @@ def twins_that_were_fitted() -> dict[str, list[float]]:
 
 @pytest.mark.parametrize("alpha", twins_that_were_fitted())
 def test_the_rule_follows_the_lobes_that_were_fitted(alpha: str) -> None:
-    """Narrow ones, rough ones, and those between, where the rule is a simple curve and is off by more."""
     shift, g, *_ = twins_that_were_fitted()[alpha]
     log_alpha2 = 2 * np.log(float(alpha))
     there = material.ggx_to_beckmann(np.array([0] * 8 + [log_alpha2, log_alpha2, 0.0]))
-    between = alpha == "0.2"
-    assert (there[8] - log_alpha2) / 2 == pytest.approx(shift, abs=0.035 if between else 0.0065)
-    assert there[11] == pytest.approx(g, abs=0.021 if between else 0.0105)
+    assert (there[8] - log_alpha2) / 2 == pytest.approx(shift, abs=0.0035)
+    assert there[11] == pytest.approx(g, abs=0.0065)
 
 
 def test_conversion_is_the_one_that_weights_were_trained_with() -> None:
-    """`paper-cross` learned to shade as this conversion does: its six constants cannot move without a new training."""
+    """`paper-cross` learned to shade as this conversion does: its constants cannot move without a new training."""
     alpha = np.array([0.01, 0.1, 0.2, 0.35, 0.5, 0.8, 1.0])
     zero = np.zeros_like(alpha)
     stored = np.stack([zero] * 8 + [2 * np.log(alpha), 2 * np.log(alpha), zero], -1)
     there = material.ggx_to_beckmann(stored)
-    shift = -0.391 + 0.55 / (1 + (0.35 / alpha) ** 2.5)
+    shift = -0.394 + 0.558 / (1 + (0.285 / alpha) ** 1.9)
     assert there[:, 8] == pytest.approx(2 * (np.log(alpha) + shift), abs=1e-12)
-    assert there[:, 11] == pytest.approx(-0.612 + 0.5 / (1 + (0.5 / alpha) ** 3), abs=1e-12)
+    assert there[:, 11] == pytest.approx(-0.617 + 0.561 / (1 + (0.479 / alpha) ** 1.76), abs=1e-12)
 
 
 def test_conversions_of_beckmann_are_finite_over_its_whole_range() -> None:

@@ -22,12 +22,12 @@ def _ggx_twin(log_alpha: Array) -> tuple[Array, Array, Array, Array]:
     tan(theta) / alpha over cos^4 theta. For rough lobes it has a longer way to go.
     """
     alpha = np.exp(np.minimum(log_alpha, 5))
-    wide, sharp = (np.asarray(alpha**n / (alpha**n + h**n)) for n, h in ((2.5, 0.35), (3, 0.5)))
+    wide, sharp = (np.asarray(alpha**n / (alpha**n + h**n)) for n, h in ((1.9, 0.285), (1.76, 0.479)))
     return (
-        -0.391 + 0.55 * wide,
-        -0.612 + 0.5 * sharp,
-        0.55 * 2.5 * wide * (1 - wide),
-        0.5 * 3 * sharp * (1 - sharp),
+        -0.394 + 0.558 * wide,
+        -0.617 + 0.561 * sharp,
+        0.558 * 1.9 * wide * (1 - wide),
+        0.561 * 1.76 * sharp * (1 - sharp),
     )
 
 
@@ -42,9 +42,8 @@ def ggx_to_beckmann(stored: Array) -> Array:
     The tails of GGX are longer than any exponential's, so the models never agree. `beckmann_to_ggx` is its inverse.
 
     What is kept of an isotropic mirror's reflection, in dB of signal to error near the mirror direction and over the
-    hemisphere, over views from everywhere: for alpha 22 and 22 at 0.01, 20 and 22 at 0.03, 16 and 19 at 0.1, 15 and 15
-    at 0.2, 15 and 9 at 0.5, 16 and 5 at 1. Views that graze decide that: over those that the fit saw, whose cosines are
-    0.2 and more, it is 21 and 20 at 0.1.
+    hemisphere, over views from everywhere: for alpha 22 and 22 at 0.01, 20 and 22 at 0.03, 17 and 19 at 0.1, 15 and 15
+    at 0.2, 15 and 9 at 0.5, 16 and 5 at 1.
     """
     log_alpha = (stored[..., 8:9] + stored[..., 9:10]) / 4
     shift, g, *_ = _ggx_twin(log_alpha)
