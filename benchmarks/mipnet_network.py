@@ -10,7 +10,8 @@ What it is:
 - Every level is the 2 x 2 box average of the level before plus what a perceptron sees in it. A single-scale network
   reads windows of 2 x 2 texels: it makes level 1. A multi-scale network, shared by all coarser levels, reads 4 x 4
   texels of two levels before, 2 x 2 of the level before, and what the single-scale network made of these.
-- Base colour and metallic are box averages. Level 0 is the source: the method does not know of pixel filters.
+- Base colour and metallic, or albedo and F0, are box averages. Level 0 is the source: the method does not know of
+  pixel filters.
 
 What differs from theirs:
 
@@ -20,12 +21,15 @@ What differs from theirs:
 - The authors also read a height map, which glTF materials do not have.
 - The target `gltf` has one roughness a texel: alpha = (alpha_x alpha_y)^(1/2), the geometric mean, which is how
   mipbake.material.convert drops anisotropy. A network for `gltf` is trained through this reduction; the next level
-  still reads the tensor. The target `gltf-anisotropic` holds what the network makes as it is.
+  still reads the tensor. The target `gltf-anisotropic` holds what the network makes as it is. `ggx` and `beckmann` are
+  read and made by networks of their own. The exponent of `beckmann` is averaged like a colour, because the method
+  knows no exponents.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -38,16 +42,15 @@ from torch.nn import functional
 from mipbake import material
 from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
-from mipbake.material import MIN_ROUGHNESS
+from mipbake.material import MAX_LOG_ALPHA2, MIN_ROUGHNESS, Kind, model_named
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network, Stacks
 from mipbake.models.parameters import agreeing, clamp
 from mipbake.pixel_filter import Wrap
 
-TARGETS = ("gltf", "gltf-anisotropic")
+TARGETS = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
 
 _STATE = 5
-_MIN_ALPHA = MIN_ROUGHNESS**2
 _MAX_LENGTH2 = 0.999**2  # of (x, y) of normals: the derivative of sqrt(1 - x^2) has no bound
 _TINY = 1e-6  # of differences of eigenvalues, whose derivative jumps at 0
 _APART = 1e-3  # half of what both axes of isotropic lobes differ by, over alpha
@@ -75,7 +78,7 @@ class MipnetConfig(Architecture):
 
     def __post_init__(self) -> None:
         if self.target not in TARGETS:
-            raise UsageError(f"network.target must be {' or '.join(TARGETS)}, got {self.target!r}")
+            raise UsageError(f"network.target must be one of {', '.join(TARGETS)}, got {self.target!r}")
         for name in ("single_layers", "single_width", "multi_layers", "multi_width"):
             if getattr(self, name) < 1:
                 raise UsageError(f"network.{name} must be at least 1, got {getattr(self, name)}")
@@ -83,7 +86,7 @@ class MipnetConfig(Architecture):
     @property
     def encoders(self) -> tuple[str, ...]:
         """The material model that is read."""
-        return ("gltf",)
+        return ("gltf" if self.target == "gltf-anisotropic" else self.target,)
 
     @property
     def decoders(self) -> tuple[str, ...]:
@@ -93,6 +96,18 @@ class MipnetConfig(Architecture):
     def build(self) -> MipnetNetwork:
         """See Architecture."""
         return MipnetNetwork(self)
+
+
+@dataclass(frozen=True)
+class SingleLightsConfig(MipnetConfig):
+    """The same network, trained with the paper's loss."""
+
+    architecture: ClassVar[str] = "mipnet-single-lights"
+    trained_with: ClassVar[str] = "single-lights"
+
+
+KINDS: Mapping[str, type[MipnetConfig]] = {each.trained_with: each for each in (MipnetConfig, SingleLightsConfig)}
+"""The configuration of a network by the loss that trains it."""
 
 
 class _Perceptron(nn.Module):
@@ -121,6 +136,8 @@ class MipnetNetwork(Network):
     def __init__(self, config: MipnetConfig) -> None:
         super().__init__(config)
         self.target = config.target
+        (self.read,) = config.encoders
+        self.limits = alphas_of(self.read)
         self.single = _Perceptron(2 * 2 * _STATE, config.single_layers, config.single_width)
         self.multi = _Perceptron((4 * 4 + 2 * 2 + 1) * _STATE, config.multi_layers, config.multi_width)
 
@@ -131,11 +148,11 @@ class MipnetNetwork(Network):
         pixel_filter: str = "gaussian",  # noqa: ARG002
         sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> Stacks:
-        """(B, H, W, 8) stored channels of `gltf` to every level of the target, the first the source's.
+        """(B, H, W, C) stored channels of the model that is read to every level of the target, the first the source's.
 
         Args:
             stored: sides that are powers of two, or windows of 2 x 2 leave texels over.
-            source: `gltf`.
+            source: the model that is read.
             pixel_filter, sampler: change nothing.
 
         Raises:
@@ -147,28 +164,25 @@ class MipnetNetwork(Network):
                 f"MIPNet halves textures with windows of 2 x 2 texels: expected sides that are powers of two, got "
                 f"{width} x {height}; resize the maps"
             )
-        levels, colours = [stored], stored[..., :4]
-        made = isotropic_texels if self.target == "gltf" else anisotropic_texels
-        for state in self._states(stored)[1:]:
-            colours = _boxed(_filled(colours, 2))
-            levels.append(made(colours, state))
-        if self.target == "gltf":
-            return {self.target: levels}
-        levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
+        levels, (others, state) = [stored], separated(stored, self.read)
+        for each in self._states(state)[1:]:
+            others = _boxed(_filled(others, 2))
+            levels.append(_TEXELS[self.target](others, each))
+        if self.target == "gltf-anisotropic":
+            levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
         return {self.target: agreeing(levels, self.target, ("wrap", "wrap"))}
 
-    def _states(self, stored: Tensor) -> list[Tensor]:
+    def _states(self, state: Tensor) -> list[Tensor]:
         """(B, H_L, W_L, 5) of every level."""
-        alpha = stored[..., 4:5].clamp(min=MIN_ROUGHNESS).square()
-        states = [valid_state(torch.cat([stored[..., 5:7], alpha, alpha, torch.zeros_like(alpha)], -1))]
+        states = [valid_state(state, self.limits)]
         while max(states[-1].shape[1:3]) > 1:
             before = _filled(states[-1], 2)
             average, near = _boxed(before), _windows(before, 2)
             change = self.single(near)
             if len(states) > 1:
-                far, first = _windows(_filled(states[-2], 4), 4), valid_state(average + change)
+                far, first = _windows(_filled(states[-2], 4), 4), valid_state(average + change, self.limits)
                 change = self.multi(torch.cat([far, near, first], -1))
-            states.append(valid_state(average + change))
+            states.append(valid_state(average + change, self.limits))
         return states
 
     def bake(
@@ -184,9 +198,9 @@ class MipnetNetwork(Network):
         """See Network. Pixel filter and wrap modes change nothing, and sides must be powers of two."""
         if target != self.target:
             raise UsageError(f"this network makes {self.target}, not {target!r}")
-        channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, "gltf"), np.float32))
+        channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, self.read), np.float32))
         with torch.inference_mode():
-            levels = self(channels[None], "gltf", pixel_filter)[target]
+            levels = self(channels[None], self.read, pixel_filter)[target]
         progress(1.0)
         return [material.regularise(level[0].numpy(), target) for level in levels]
 
@@ -217,12 +231,38 @@ def _axes(state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return mean + radius, mean - radius, radius
 
 
-def valid_state(state: Tensor) -> Tensor:
-    """(..., 5) with normals inside the disc and lobes between the narrowest that is shaded and the widest."""
+Limits = tuple[float, float]
+"""The least and the largest alpha."""
+
+
+def alphas_of(read: str) -> Limits:
+    """What a model that is read can say of alpha."""
+    model = model_named(read)
+    return model.least_alpha2**0.5, 1.0 if model.of(Kind.ROUGHNESS) else math.exp(MAX_LOG_ALPHA2 / 2)
+
+
+def separated(stored: Tensor, read: str) -> tuple[Tensor, Tensor]:
+    """What is averaged of (..., C) stored channels, (..., n), and what the networks read, (..., 5)."""
+    model = model_named(read)
+    xy = stored[..., model.normal][..., :2]
+    for tensor in model.of(Kind.LOG_TENSOR):
+        a, b, c = stored[..., tensor].unbind(-1)
+        mean, d, c = (a + b) / 4, (a - b) / 4, c / 2  # of the logarithm of the root
+        q = (d * d + c * c).sqrt()
+        sinhc = torch.where(q > _APART, q.sinh() / q.clamp(min=_APART), torch.ones_like(q))
+        root = mean.exp()[..., None] * torch.stack([q.cosh() + sinhc * d, q.cosh() - sinhc * d, sinhc * c], -1)
+        exponents = [stored[..., g] for g in model.of(Kind.LOG_GAMMA)]
+        return torch.cat([stored[..., :6], *exponents], -1), torch.cat([xy, root], -1)
+    alpha = stored[..., 4:5].clamp(min=MIN_ROUGHNESS).square()
+    return stored[..., :4], torch.cat([xy, alpha, alpha, torch.zeros_like(alpha)], -1)
+
+
+def valid_state(state: Tensor, limits: Limits) -> Tensor:
+    """(..., 5) with normals inside the disc and lobes between the narrowest and the widest that there are."""
     xy = state[..., :2]
     xy = xy * (xy.square().sum(-1, keepdim=True) / _MAX_LENGTH2).clamp(min=1).rsqrt()
     wide, narrow, radius = _axes(state)
-    wide, narrow = clamp(wide, _MIN_ALPHA, 1), clamp(narrow, _MIN_ALPHA, 1)
+    wide, narrow = clamp(wide, *limits), clamp(narrow, *limits)
     mean, shrink = (wide + narrow) / 2, (wide - narrow + _TINY) / (2 * radius + _TINY)  # 1 at isotropy
     d, c = shrink * (state[..., 2] - state[..., 3]) / 2, shrink * state[..., 4]
     return torch.cat([xy, torch.stack([mean + d, mean - d, c], -1)], -1)
@@ -231,7 +271,7 @@ def valid_state(state: Tensor) -> Tensor:
 def isotropic_texels(colours: Tensor, state: Tensor) -> Tensor:
     """(..., 4) and (..., 5) to `gltf`, (..., 8)."""
     a, b, c = state[..., 2:3], state[..., 3:4], state[..., 4:5]
-    roughness = (a * b - c * c).clamp(_MIN_ALPHA**2, 1).sqrt().sqrt()
+    roughness = (a * b - c * c).clamp(MIN_ROUGHNESS**4, 1).sqrt().sqrt()
     return torch.cat([colours, roughness, _lifted(state)], -1)
 
 
@@ -245,13 +285,34 @@ def anisotropic_texels(colours: Tensor, state: Tensor) -> Tensor:
     mean = (a + b) / 2
     d = (a - b) / 2 + _APART * mean
     radius = (d * d + c * c + _TINY**2).sqrt()
-    narrow = clamp(mean - radius, _MIN_ALPHA, 1)
+    narrow = clamp(mean - radius, MIN_ROUGHNESS**2, 1)
     strength = (2 * radius / (1 - narrow).clamp(min=1e-3)).clamp(max=1).sqrt()
     angle = torch.atan2(c, torch.where(d * d + c * c < _TINY**2, _TINY, d)) / 2
     return torch.cat([colours, narrow.sqrt(), _lifted(state), angle.cos(), angle.sin(), strength], -1)
+
+
+def tensor_texels(others: Tensor, state: Tensor) -> Tensor:
+    """(..., 6) and (..., 5) to `ggx`, (..., 11); (..., 7) and (..., 5) to `beckmann`, (..., 12)."""
+    wide, narrow, _ = _axes(state)
+    ratio = (wide - narrow) / narrow
+    even = ratio < _APART  # where the logarithm of the ratio is nearly the ratio less one
+    slope = torch.where(even, 1 - ratio / 2, ratio.clamp(min=_APART).log1p() / ratio.clamp(min=_APART)) / narrow
+    mean = wide.log() + narrow.log()
+    d, c = slope * (state[..., 2] - state[..., 3]), 2 * slope * state[..., 4]
+    tensor = torch.stack([mean + d, mean - d, c], -1)
+    return torch.cat([others[..., :6], state[..., :2], tensor, others[..., 6:]], -1)
 
 
 def _lifted(state: Tensor) -> Tensor:
     """(..., 3) unit normals."""
     xy = state[..., :2]
     return torch.cat([xy, (1 - xy.square().sum(-1, keepdim=True)).sqrt()], -1)
+
+
+_TEXELS: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "gltf": isotropic_texels,
+    "gltf-anisotropic": anisotropic_texels,
+    "ggx": tensor_texels,
+    "beckmann": tensor_texels,
+}
+"""Makes texels of each target, of what was averaged and of what the networks made."""
