@@ -254,7 +254,9 @@ def test_a_training_starts_from_another_ones_weights(tmp_path: Path) -> None:
         loop.start_from(other, tmp_path / "round" / loop.LAST)
 
 
-@pytest.mark.parametrize("name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-ggx", "mipbake-2"])
+@pytest.mark.parametrize(
+    "name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-beckmann", "mipbake-1-ggx", "mipbake-2"]
+)
 def test_the_configuration_lists_every_field(name: str) -> None:
     path = Path(mipbake.training.__file__).parent / "configs" / f"{name}.toml"
     config, text = read_config(path), path.read_text(encoding="utf-8")
