@@ -84,6 +84,24 @@ def test_the_area_follows_an_edge_exactly(turned: bool) -> None:
         assert torch.all((image >= 0) & (image <= 1))
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.125, 0.25, 0.375])
+def test_a_long_diagonal_between_centres_is_off_by_an_eighth_of_a_pixel(shift: float) -> None:
+    """In pixels the edge is x + y = c. Between centres it cuts corners of an eighth off, which is not seen."""
+    size, c = 12, 11.5 + shift  # sums of centres are whole numbers
+    points = torch.tensor([[-99, c + 99], [c + 99, -99], [-99, -99]], dtype=torch.float64) / size * 2 - 1
+    pos = torch.cat([points, torch.tensor([[0.0, 1]] * 3, dtype=torch.float64)], -1)[None]
+    image = coverage(pos, torch.tensor([[0, 1, 2]], dtype=torch.int32), (size, size))[0, 1:-1, 1:-1].numpy()
+    sums = np.add.outer(np.arange(1.0, size - 1), np.arange(1.0, size - 1))  # x + y of each pixel's lower left corner
+    inside = np.clip(c - sums, 0, 2)  # of the pixel's diagonal
+    exact = np.where(inside < 1, inside**2 / 2, 1 - (2 - inside) ** 2 / 2)
+    off = np.abs(image - exact).max()
+    if shift == 0:
+        assert off == pytest.approx(1 / 8)
+        np.testing.assert_allclose(image, np.rint(image), atol=1e-12)  # as without antialiasing
+    else:
+        assert off < 1 / 8
+
+
 @pytest.mark.parametrize("w", [1.0, 0.3, 7.0])
 @pytest.mark.parametrize("boost", [1.0, 2.5])
 def test_gradient_of_the_area_of_a_square(w: float, boost: float) -> None:

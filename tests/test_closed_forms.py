@@ -124,6 +124,18 @@ def test_what_is_averaged_where_roughness_varies() -> None:
         assert alpha2[method] == pytest.approx(0.5**4, rel=1e-5)
 
 
+def test_lean_averages_the_exponent_of_beckmann_as_it_is() -> None:
+    """Though its rule is derived for an exponent of 1, and slopes have nothing to say in it."""
+    rng = np.random.default_rng(5)
+    stored = material.convert(bumpy(0.4), "gltf", "beckmann")
+    stored[..., 11] = rng.uniform(-1, 1, (16, 16))
+    levels = METHODS["lean"](stored, "beckmann", "beckmann", "box", ("wrap", "wrap"), lambda _: None).levels
+    wanted = stored[..., 11].astype(float)
+    for level in levels[1:]:
+        wanted = wanted.reshape(len(wanted) // 2, 2, -1, 2).mean((1, 3))
+        np.testing.assert_allclose(level[..., 11], wanted, atol=1e-5)
+
+
 def test_a_broad_lobe_turns_the_mean_of_vmf_less() -> None:
     normal = run("vmf", two_normals(0.5, (0.1, 0.95)))[1][0, 0, 5:8]
     weights = np.array([mean_lobe(0.1**4), mean_lobe(0.95**4)])

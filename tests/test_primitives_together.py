@@ -115,6 +115,65 @@ def test_vertex_colours_and_positions_of_a_cube() -> None:
     assert float((points - goal).detach().norm()) < start / 2
 
 
+def test_shading_in_texture_space_is_looked_up_like_a_colour() -> None:
+    """A texture of normals is lit texel by texel, shown on a mesh, and learned through both."""
+    pos, tri, uv = textured_quad(0.6)
+    light = torch.tensor([0.48, 0.6, 0.64])
+    rast, rast_db = raster.rasterize(None, pos, tri, (32, 32))
+    coordinates, uv_da = raster.interpolate(uv, rast, tri, rast_db, diff_attrs="all")
+
+    def render(slopes: Tensor) -> Tensor:
+        normals = torch.nn.functional.normalize(torch.cat([slopes, torch.ones_like(slopes[..., :1])], -1), dim=-1)
+        shaded = (normals @ light).clamp(min=0)[..., None]
+        return sampling.texture(shaded, coordinates, uv_da, boundary_mode="clamp")
+
+    wanted = 0.5 * torch.randn(1, 8, 8, 2, generator=torch.Generator().manual_seed(3))
+    seen_images = render(wanted)
+    flat_slopes = torch.zeros_like(wanted)
+    torch.testing.assert_close(render(flat_slopes), torch.full_like(seen_images, 0.64))
+    learned = flat_slopes.requires_grad_()
+    optimizer = torch.optim.Adam([learned], lr=0.05)
+    losses = []
+    for _ in range(60):
+        loss = torch.mean((render(learned) - seen_images) ** 2)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0] / 50
+
+
+def test_more_pixels_give_better_gradients_of_small_triangles() -> None:
+    """d area / d scale of a finely tessellated disc: few pixels miss triangles of the silhouette, and more pixels,
+    averaged, miss fewer."""
+    around = 96
+    angle = np.arange(around) * 2 * np.pi / around
+    rings = [np.stack([np.cos(angle), np.sin(angle)], -1) * r for r in np.linspace(0.8, 1, 3)]
+    points = np.concatenate([[[0.0, 0.0]], *rings])
+    first = [(0, 1 + i, 1 + (i + 1) % around) for i in range(around)]
+    quads = [
+        (a + i, a + (i + 1) % around, b + i, b + (i + 1) % around)
+        for a, b in ((1, 1 + around), (1 + around, 1 + 2 * around))
+        for i in range(around)
+    ]
+    tri = torch.tensor(first + [t for a, b, c, d in quads for t in ((a, b, c), (b, d, c))], dtype=torch.int32)
+    exact = around * np.sin(2 * np.pi / around) * 0.6  # area is around / 2 sin(...) scale^2, in clip space
+
+    def gradient(size: int, shift: tuple[float, float]) -> float:
+        scale = torch.tensor(0.6, dtype=torch.float64, requires_grad=True)
+        at = torch.from_numpy(points) * scale + torch.tensor(shift, dtype=torch.float64)
+        pos = torch.cat([at, torch.zeros_like(at[:, :1]), torch.ones_like(at[:, :1])], -1)[None]
+        rast, _ = raster.rasterize(None, pos.detach(), tri, (size, size))
+        image = raster.antialias((rast[..., 3:] > 0).double(), rast, pos, tri)
+        (found,) = torch.autograd.grad(image.sum() * (2 / size) ** 2, scale)
+        return float(found)
+
+    shifts = [(0.013 * i, -0.007 * i) for i in range(12)]
+    few, more = (np.mean([abs(gradient(n, each) / exact - 1) for each in shifts]) for n in (16, 64))
+    assert few > 0.3
+    assert more < few / 2
+
+
 def test_arrays_render_what_tensors_do() -> None:
     pos, tri, uv = textured_quad(0.9)
     tex = torch.rand(1, 20, 12, 3, generator=torch.Generator().manual_seed(2))
