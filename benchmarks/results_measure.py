@@ -12,7 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from results_methods import Baked, Spec, bakes, named_weights, specs
-from results_sets import Sets, bumps, correlated_sets, directional, folder_sets, in_model, middle
+from results_sets import (
+    CAPTURED,
+    Sets,
+    boosted,
+    bumps,
+    captured,
+    correlated_sets,
+    directional,
+    folder_sets,
+    in_model,
+    middle,
+)
 
 from mipbake import TextureSet
 from mipbake.bake import DEFAULT_FILTER
@@ -31,6 +42,9 @@ FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel i
 FORMS = tuple(label(*each) for each in closed_forms(DEFAULT_FILTER))
 
 
+_PAPERS_SCALES = ("near", "middle", "far")
+
+
 @dataclass(frozen=True)
 class ResultsEffort:
     """How thoroughly.
@@ -39,7 +53,8 @@ class ResultsEffort:
         points, samples: pixels a level of detail, and samples of each in either estimate of the reference.
         side, passes: pixels of the side of a sphere's render, and samples of each at most.
         crop: texels of the side of the middle where the optimum is measured.
-        generated, generated_size: directional sets of the project's generator, and their side in texels.
+        generated, generated_size: sets of the project's generators, directional or of Beckmann lobes, and their side in
+            texels.
         pairs, pairs_size: correlated sets, each with its twin, and their side in texels.
     """
 
@@ -169,20 +184,24 @@ def directed(asked: Asked) -> list[Plan]:
 
 
 def models(asked: Asked) -> list[Plan]:
-    """The paper's two models: sets converted to them, references in them, and the networks that make them."""
+    """The paper's two models: sets converted to them, as they are and boosted, and sets of Beckmann lobes; references
+    in the model, and the networks that make it."""
     plans = []
     for model in ("ggx", "beckmann"):
-        methods = specs(_of_models(asked), model, DEFAULT_FILTER, asked.folders)
+        methods = specs(_of_models(asked), model, DEFAULT_FILTER, asked.folders, model)
+        sources: dict[str, tuple[str, str, Callable[[], TextureSet]]] = {}
         for name, load in asked.sets.items():
-            plans.append(
-                Plan(
-                    f"{model}--{name}",
-                    lambda load=load, model=model: in_model(load(), model),  # type: ignore[misc]
-                    methods,
-                    ("near", "middle", "far"),
-                    extra={"model": model, "set": name},
-                )
-            )
+            sources[f"{model}--{name}"] = name, "plain", lambda load=load, m=model: in_model(load(), m)  # type: ignore[misc]
+            sources[f"{model}--{name}--boosted"] = (
+                name, "boosted", lambda load=load, m=model: boosted(in_model(load(), m)),  # type: ignore[misc]
+            )  # fmt: skip
+        for seed in range(asked.effort.generated if model == CAPTURED else 0):
+            size = asked.effort.generated_size
+            sources[f"captured-{seed}"] = f"captured-{seed}", "captured", lambda s=seed, n=size: captured(s, n)  # type: ignore[misc]
+        plans += [
+            Plan(name, load, methods, _PAPERS_SCALES, ("near",), {"model": model, "set": own, "kind": kind})
+            for name, (own, kind, load) in sources.items()
+        ]
     return plans
 
 
@@ -197,7 +216,8 @@ def correlations(asked: Asked) -> list[Plan]:
 
 def _of_models(asked: Asked) -> tuple[str, ...]:
     """The paper's comparison for `ggx` and `beckmann`; of networks, those that are there."""
-    return (*named_weights("paper-", asked.folders), "neural", *FOUR)
+    named = [name for prefix in ("paper-", "mipnet-") for name in named_weights(prefix, asked.folders)]
+    return (*named, "neural", *FOUR)
 
 
 KINDS: Mapping[str, Callable[[Asked], list[Plan]]] = {

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake import TextureSet, material
+from mipbake.training.augmentation import boost
+from mipbake.training.captured import MODEL as CAPTURED
+from mipbake.training.captured import captured_set
 from mipbake.training.procedural import procedural_set
 from mipbake.training.reliefs import noise
 
@@ -60,6 +63,17 @@ def _source(name: str, stored: Image, model: str, wrap: tuple[str, str] = ("wrap
     digest = hashlib.sha256(model.encode() + stored.tobytes()).hexdigest()
     height, width = stored.shape[:2]
     return InModel(name, {}, width, height, wrap, convention, digest, model=model, stored=stored)
+
+
+def boosted(texture_set: InModel) -> InModel:
+    """The set, a little glossier and bumpier (section 4 of Kemppinen et al. 2023), as trainings of `paper-*` see it."""
+    stored = boost(texture_set.stored[None], texture_set.model)[0]
+    return _source(texture_set.name, stored, texture_set.model, texture_set.wrap)
+
+
+def captured(seed: int, size: int) -> InModel:
+    """A set of the generator of Beckmann lobes, which no training has seen."""
+    return _source(f"captured-{seed}", captured_set(_FIRST_SEED + seed, size).astype(np.float32), CAPTURED)
 
 
 def middle(texture_set: TextureSet, side: int) -> InModel:

@@ -57,6 +57,18 @@ def test_networks_are_taken_by_name_where_they_make_the_target(module: Callable[
     assert not methods.specs(named, "beckmann", DEFAULT_FILTER)
 
 
+def test_boosted_sets_are_glossier_and_steeper(module: Callable[[str], ModuleType]) -> None:
+    sets = module("results_sets")
+    for model in ("ggx", "beckmann"):
+        plain = sets.in_model(bumpy(), model)
+        more = sets.boosted(plain)
+        np.testing.assert_array_equal(more.stored[..., :6], plain.stored[..., :6])
+        np.testing.assert_allclose(more.stored[..., 8:10], plain.stored[..., 8:10] - 0.5, atol=1e-5)
+        slopes = [material.lift_normal(each.stored[..., 6:8]) for each in (plain, more)]
+        first, second = (normal[..., :2] / normal[..., 2:] for normal in slopes)
+        np.testing.assert_allclose(second, first * np.exp(0.1), rtol=1e-3)
+
+
 def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType]) -> None:
     """Bakes in processes of their own give the same stacks, and the same figures."""
     measure, methods = module("results_measure"), module("results_methods")
@@ -208,8 +220,10 @@ def test_every_kind_plans_its_sets(module: Callable[[str], ModuleType]) -> None:
     assert [plan.name for plan in plans["whole"]] == ["bumpy"]
     assert {spec.name for spec in plans["crop"][0].methods} >= {"optimum", "refine 7.5s", *measure.FORMS}
     assert plans["crop"][0].source().height == 128
-    assert [plan.name for plan in plans["models"]] == ["ggx--bumpy", "beckmann--bumpy"]
-    assert [plan.source().source_model for plan in plans["models"]] == ["ggx", "beckmann"]
+    names = ["ggx--bumpy", "ggx--bumpy--boosted", "beckmann--bumpy", "beckmann--bumpy--boosted", "captured-0"]
+    assert [plan.name for plan in plans["models"]] == names
+    assert [plan.source().source_model for plan in plans["models"]] == ["ggx"] * 2 + ["beckmann"] * 3
+    assert [plan.extra["kind"] for plan in plans["models"]] == ["plain", "boosted"] * 2 + ["captured"]
     assert [plan.extra["together"] for plan in plans["correlated"]] == [True, False] * 2
     named = {spec.name for spec in plans["directional"][0].methods}
     assert {"auto as gltf", "auto as gltf-anisotropic", "lean (box) as gltf-anisotropic"} <= named

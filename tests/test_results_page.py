@@ -5,74 +5,18 @@ from __future__ import annotations
 import importlib
 import itertools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
 from mipbake.metrics import MEASURES, PAIR_SETS
 
+from .result_records import file, row, save, write
+
 ROOT = Path(__file__).resolve().parent.parent
 FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")
-LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
-SCALES = ("near", "1:1", "middle", "far")
-
-Level = Callable[[str, str, float], float]
-
-
-def described(name: str, weights: str | None = None) -> dict[str, Any]:
-    method = name.split(" ", maxsplit=1)[0]
-    return {
-        "name": name, "method": method if weights is None else "neural", "kernel": "gaussian", "model": "gltf",
-        "weights": weights, "seconds": 2.0, "processor_seconds": 1.0 + len(name), "peak_mib": 99.4,
-    }  # fmt: skip
-
-
-def file(name: str, methods: Mapping[str, float], extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """A set on which every method has one SNR everywhere, and FLIP and flicker that follow from it."""
-    figures = []
-    for method, snr in methods.items():
-        for scale in SCALES:
-            values = {"snr": snr + 3, "flip": 1 / (10 + snr)}
-            figures += [
-                {"method": method, "measure": m, "view": "sphere", "scale": scale, "value": v}
-                for m, v in values.items()
-            ]
-            for pairs in PAIR_SETS:
-                steady = 2.0 if method == "linear (box)" else 1.0 if snr > 15 else 0.5
-                figures.append({"method": method, "measure": "flicker", "view": pairs, "scale": scale, "value": steady})
-    return {
-        "name": name,
-        "methods": [described(m, "some-weights" if m in ("neural", "paper-ggx") else None) for m in methods],
-        "curve": [
-            {"method": m, "view": pairs, "lod": lod, "value": snr}
-            for m, snr in methods.items()
-            for pairs in PAIR_SETS
-            for lod in LODS
-        ],
-        "figures": figures,
-        "scenes": [{"converged": name == "first"}],
-        "key": {"effort": {"points": 5, "samples": 6, "side": 7, "passes": 8}},
-        "threads": 1,
-        **(extra or {}),
-    }
-
-
-def write(folder: Path, kind: str, *files: dict[str, Any]) -> None:
-    """Writes the files as a record, beside files of the same kind that are there."""
-    record, results = (importlib.import_module(f"records.{name}") for name in ("record", "results"))
-    name = f"results-{kind}"
-    before = record.load(name, folder)
-    save(folder, name, results.pack([*(results.unpack(before.data) if before else []), *files]))
-
-
-def save(folder: Path, name: str, data: dict[str, Any]) -> None:
-    """Writes a record."""
-    record = importlib.import_module("records.record")
-    record.Record(name, record.Measured("today", "a machine", 1.0, ""), {}, data, folder=folder).save()
-
 
 WHOLE = {"neural": 14.0, "auto": 16.0, "lean (box)": 9.0, "lean (gaussian)": 12.0, "linear (box)": 8.0,
          "linear (gaussian)": 10.0, "godot (box)": 11.0, "vmf (gaussian)": 7.0}  # fmt: skip
@@ -89,12 +33,6 @@ def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], str]:
         return str(importlib.import_module("results_page.page").text(tmp_path, made))
 
     return make
-
-
-def row(text: str, start: str, after: str = "") -> str:
-    """The first table row that begins so, below a heading."""
-    part = text[text.index(after) :]
-    return next(line for line in part.splitlines() if line.startswith(f"| {start} |"))
 
 
 def test_every_measure_has_its_digits(page: Callable[[], str]) -> None:
@@ -154,12 +92,6 @@ def test_the_other_kinds_have_their_sections(page: Callable[[], str], tmp_path: 
     both = {"auto as gltf": 15.0, "auto as gltf-anisotropic": 17.0, "lean (box) as gltf": 9.0}
     bumps = {"directionality": 0.75, "slope": 0.5}
     write(tmp_path, "directional", file("first", both, bumps), file("procedural-7", both, bumps))
-    models = {"paper-ggx": 13.0, **{name: WHOLE[name] for name in FOUR}}
-    for model in ("ggx", "beckmann"):
-        used = models if model == "ggx" else {name: WHOLE[name] for name in FOUR}
-        write(tmp_path, "models", file(f"{model}--first", used, {"model": model, "set": "first"}))
-    write(tmp_path, "correlated", file("correlated-0", models, {"together": True}))
-    write(tmp_path, "correlated", file("independent-0", {**models, "paper-ggx": 12.5}, {"together": False}))
     seen = dict.fromkeys((*PAIR_SETS, "seen, facing", "seen, slanted"), 0.5)
     names = ("linear (box)", "neural", "auto, aim 0.5", "optimum")
     aims = {
@@ -177,13 +109,6 @@ def test_the_other_kinds_have_their_sections(page: Callable[[], str], tmp_path: 
     ).endswith("| +2.00 dB | yes |")
     assert "1 of them are real sets or examples. 1 come from" in " ".join(text.split())
     assert row(text, "procedural-7") == "| procedural-7 | 0.75 | 0.50 | +2.0 |"
-    nine, ten = text.index("### Figure 9: `beckmann`"), text.index("### Figure 10: `ggx`")
-    assert "paper-ggx" not in text[nine:ten]  # no network for this model, no column and no excuse
-    scale = "11.0 / 0.056 | 12.0 / 0.053 | **16.0** / **0.043** |"
-    assert row(text[ten:], "first") == f"| first | {scale} {scale}"
-    assert (tmp_path / "docs" / "results-figure-5-ggx-paper-ggx.svg").exists()
-    assert row(text, "paper-ggx", "## Figure 11").startswith("| paper-ggx | 13.0 | 12.5 | +0.5 |")
-    assert "FLIP replaces LPIPS" in " ".join(text.split())
 
 
 def test_the_summary(page: Callable[[], str], tmp_path: Path) -> None:

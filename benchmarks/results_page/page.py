@@ -11,7 +11,7 @@ from pathlib import Path
 from records.wrapping import wrapped_page
 
 from mipbake.metrics import MEASURES, PAIR_SETS
-from results_page import aims, charts, models, standing, tables
+from results_page import aims, charts, directional, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary
 
@@ -70,7 +70,8 @@ def _ahead(whole: Results, page: Path) -> list[str]:
         file = f"results-figure-5-{name.replace(' ', '-')}.svg"
         words = f"{name}: ahead of closed forms by"
         (page.parent / file).write_text(charts.gain_histograms(whole, name, FOUR, words), encoding="utf-8")
-        parts += [f"![Histograms of how far {name} is ahead of closed forms]({file})\n", models.gains_over(whole, name)]
+        parts += [f"![Histograms of how far {name} is ahead of closed forms]({file})\n"]
+        parts += [directional.gains_over(whole, name)]
     return parts
 
 
@@ -129,7 +130,7 @@ def text(folder: Path, page: Path) -> str:
     if whole is None:
         raise SystemExit(f"{folder} holds no results: run python docs/remake.py results-whole first")
     effort, threads = whole.files[0]["key"]["effort"], whole.files[0]["threads"]
-    gain = models.anisotropy_gain(directed) if directed and models.targets(directed) else None
+    gain = directional.anisotropy_gain(directed) if directed and directional.targets(directed) else None
     for old in page.parent.glob("results-figure-5-*.svg"):  # of methods that may not be measured any more
         old.unlink()
     (page.parent / "results-cost.svg").write_text(charts.cost_chart(whole), encoding="utf-8")
@@ -158,9 +159,7 @@ def text(folder: Path, page: Path) -> str:
         _COSTS.format(threads="one processor" if threads == 1 else f"{threads} processors"),
         "![SNR against bake time](results-cost.svg)\n",
         tables.costs(whole),
-        *models.directional(directed),
-        *models.paper(folder, page),
-        *models.correlated(folder),
+        *directional.directional(directed),
         *_limit(crop),
         *aims.section(folder, page),
         *_measures(whole),

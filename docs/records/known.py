@@ -44,9 +44,11 @@ class Known:
     pictures: str = ""
 
 
-def _results(kind: str, about: str, weights: Sequence[str]) -> Known:
+def _results(kind: str, about: str, weights: Sequence[str], baselines: bool = False) -> Known:
     command = ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind)
-    return Known(about, command, Entry(("benchmarks/results_measure.py",), weights), 1)
+    more = ("--weights", "benchmarks/baselines") if baselines else ()
+    files = ("benchmarks/baselines/*.json",) if baselines else ()
+    return Known(about, (*command, *more), Entry(("benchmarks/results_measure.py",), weights, files=files), 1)
 
 
 def _fitting(name: str, about: str) -> Known:
@@ -62,8 +64,8 @@ KNOWN: Mapping[str, Known] = {
     "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
     "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
     "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
-    "results-models": _results("models", "the paper's material models and networks", ALL),
-    "results-correlated": _results("correlated", "channels that go together, and twins", ALL),
+    "results-models": _results("models", "the paper's material models and networks", ALL, True),
+    "results-correlated": _results("correlated", "channels that go together, and twins", ALL, True),
     "films": Known(
         "what people see: films of test sets, every method, two samplers, with accumulation and without",
         ("benchmarks/films.py", MATERIALS, WORK, "--results", OUT),
@@ -96,6 +98,16 @@ KNOWN: Mapping[str, Known] = {
         "one material in every model, with its pictures",
         ("docs/make_figure_7.py", f"{WORK}/figure-7.md", "--figures", OUT),
         Entry(("docs/make_figure_7.py",), ALL),
+        pictures="docs",
+    ),
+    "paper-pictures": Known(
+        "the pictures of the paper's figures, with their figures",
+        ("docs/make_paper_pictures.py", WORK, "--figures", OUT),
+        Entry(
+            ("docs/make_paper_pictures.py", "benchmarks/results_sets.py", "benchmarks/mipnet_network.py"),
+            ALL,
+            files=("benchmarks/baselines/*.json",),
+        ),
         pictures="docs",
     ),
     "beckmann": Known(

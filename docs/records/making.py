@@ -17,7 +17,8 @@ from records.scripts import script
 from records.views import VIEWS
 from records.wrapping import wrapped_page
 
-_RESULTS, _CHARTS = "docs/results.md", "results-figure-5-*.svg"
+_CHARTS = {"docs/results.md": "results-figure-5-*.svg", "docs/paper-figures.md": "paper-figure-5-*.svg"}
+"""Pages to the names of charts beside them, which are there for what was measured."""
 
 
 class Records:
@@ -49,8 +50,9 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
     for page, name in WHOLE.items():
         if load(name, folder) is not None:
             made |= _PAGES[page](records)
-    if load(WHOLE[_RESULTS], folder) is not None:  # charts of methods that are not measured any more
-        made |= {f"docs/{old.name}": None for old in (root / "docs").glob(_CHARTS) if f"docs/{old.name}" not in made}
+    for page, charts in _CHARTS.items():  # of methods that are not measured any more
+        if load(WHOLE[page], folder) is not None:
+            made |= {f"docs/{old.name}": None for old in (root / "docs").glob(charts) if f"docs/{old.name}" not in made}
     there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
     return {root / name: content for name, content in made.items() if content != there[name]}
 
@@ -63,13 +65,17 @@ def block(name: str, records: Records) -> str | None:
         return None
 
 
-def _results(records: Records) -> Mapping[str, bytes]:
-    """docs/results.md with its charts."""
-    page = script("benchmarks", "results_page.page")
-    with tempfile.TemporaryDirectory() as scratch:
-        path = Path(scratch) / "results.md"
-        path.write_text(page.text(records.folder, path), encoding="utf-8")
-        return {f"docs/{each.name}": each.read_bytes() for each in Path(scratch).iterdir()}
+def _charted(module: str, name: str) -> Callable[[Records], Mapping[str, bytes]]:
+    """A page that a module of `benchmarks` makes, with its charts."""
+
+    def made(records: Records) -> Mapping[str, bytes]:
+        page = script("benchmarks", module)
+        with tempfile.TemporaryDirectory() as scratch:
+            path = Path(scratch) / name
+            path.write_text(page.text(records.folder, path), encoding="utf-8")
+            return {f"docs/{each.name}": each.read_bytes() for each in Path(scratch).iterdir()}
+
+    return made
 
 
 def _figure_7(records: Records) -> Mapping[str, bytes]:
@@ -81,7 +87,8 @@ def _from(folder: str, file: str, name: str, page: str) -> Callable[[Records], M
 
 
 _PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
-    _RESULTS: _results,
+    "docs/results.md": _charted("results_page.page", "results.md"),
+    "docs/paper-figures.md": _charted("paper_page.page", "paper-figures.md"),
     "docs/figure-7.md": _figure_7,
     "benchmarks/RESULTS-commands.md": _from("benchmarks", "commands", "commands", "benchmarks/RESULTS-commands.md"),
     "benchmarks/RESULTS-uastc.md": _from("benchmarks", "uastc", "uastc", "benchmarks/RESULTS-uastc.md"),

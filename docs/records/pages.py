@@ -19,6 +19,7 @@ from records.record import FOLDER
 
 WHOLE: Mapping[str, str] = {
     "docs/results.md": "results-whole",
+    "docs/paper-figures.md": "results-models",
     "docs/figure-7.md": "figure-7",
     "benchmarks/RESULTS-commands.md": "commands",
     "benchmarks/RESULTS-uastc.md": "uastc",

@@ -15,7 +15,7 @@ File = Mapping[str, Any]
 
 COSTS = ("seconds", "processor_seconds", "peak_mib")
 _SPEC = ("name", "method", "kernel", "model", "weights", "sha256", "budget")
-_EXTRA = ("crop", "model", "set", "together", "directionality", "slope")
+_EXTRA = ("crop", "model", "kind", "set", "together", "directionality", "slope")
 _SCENE = ("name", "passes", "standard_error", "candidate_error", "converged")
 
 

@@ -1,0 +1,239 @@
+"""Makes the pictures of docs/paper-figures.md, and the figures below them: figures 3, 4, 6, 8, 9, 10 and 11 of
+Kemppinen et al. 2023, with materials of this project.
+
+    python docs/make_paper_pictures.py FOLDER --figures FILE [--side 128] [--passes 256]
+
+`python docs/remake.py paper-pictures` runs it. The materials are the examples, converted to the paper's material models
+and boosted (a little glossier and bumpier, section 4 of the paper), and generated ones. Columns are the methods that
+the paper compares: naive averaging, LEAN mapping, MIPNet, the paper's network, and the reference.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pictures
+from numpy.typing import NDArray
+from PIL import Image
+from records.code import ROOT
+from records.scripts import script
+
+import mipbake
+from mipbake.bake import DEFAULT_FILTER
+from mipbake.compare import plots
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.pictures import RenderSettings, render_view
+from mipbake.compare.result import Method, Plot
+from mipbake.compare.scenes import View, standard_views
+from mipbake.metrics.images import displayed
+from mipbake.models.architectures import ARCHITECTURES
+from mipbake.models.registry import WEIGHTS_FOLDER, find_weights, list_weights, load_network
+from mipbake.pixel_filter import level_sizes
+from mipbake.prefilter import METHODS
+from mipbake.reference.source import FilteredSource
+from mipbake.render import environment
+from mipbake.shading import shade
+from mipbake.training.augmentation import augment, mix
+
+mipnet_network, results_sets, cases = (
+    script("benchmarks", name) for name in ("mipnet_network", "results_sets", "paper_page.cases")
+)
+ARCHITECTURES.update({kind.architecture: kind for kind in mipnet_network.KINDS.values()})
+
+BASELINES = ROOT / "benchmarks" / "baselines"
+EXAMPLES = ("lacquered_leather", "hammered_copper", "brushed_steel")
+MANY_LOBES = "knurled_plate"
+SCALES = ("middle", "far")
+GAP, HEAD, LINE, LEFT = 6, 24, 18, 118  # pixels
+
+Array = NDArray[np.float32]
+
+
+def methods(model: str) -> list[str]:
+    """What the paper compares, as far as there are weights."""
+    names = {info.name for folder in (WEIGHTS_FOLDER, BASELINES) for info in list_weights(folder)}
+    return [cases.LINEAR, cases.LEAN, *(name for name in (f"mipnet-{model}", f"paper-{model}") if name in names)]
+
+
+def stacks(source: Any) -> list[Candidate]:
+    """The stacks of a set in its own model."""
+    found = []
+    for name in methods(source.model):
+        method, _, kernel = name.partition(" (")
+        if kernel:
+            kernel = kernel.rstrip(")")
+            levels = METHODS[method](
+                source.stored, source.model, source.model, kernel, source.wrap, lambda _share: None
+            ).levels
+        else:
+            folder = BASELINES if name.startswith("mipnet-") else WEIGHTS_FOLDER
+            kernel = DEFAULT_FILTER
+            arguments = (source.stored, source.model, source.model, kernel, source.wrap, lambda _share: None)
+            levels = load_network(find_weights(name, folder)).bake(*arguments)
+        found.append(Candidate(Method(name, method, kernel, source.model), levels))
+    return found
+
+
+def example(name: str, model: str) -> Any:
+    """An example in a material model, boosted."""
+    return results_sets.boosted(results_sets.in_model(mipbake.load(ROOT / "examples" / name), model))
+
+
+def filtered(source: Any) -> FilteredSource:
+    return FilteredSource(source.stored, source.model, source.wrap, DEFAULT_FILTER)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A row of a picture: its name, and pictures (H, W, 3) sRGB of every column, with the words below each."""
+
+    name: str
+    cells: Sequence[tuple[pictures.Picture, str]]
+
+
+def composed(heads: Sequence[str], rows: Sequence[Row]) -> Image.Image:
+    """Rows of pictures under the names of their columns."""
+    wide = [max(row.cells[column][0].shape[1] for row in rows) for column in range(len(heads))]
+    high = [max(cell.shape[0] for cell, _ in row.cells) + (LINE if any(words for _, words in row.cells) else GAP)
+            for row in rows]  # fmt: skip
+    left = LEFT if any(row.name for row in rows) else GAP
+    image, pen = pictures.panel(left + sum(wide) + GAP * len(wide), HEAD + sum(high) + GAP)
+    top = HEAD
+    for row, height in zip(rows, high, strict=True):
+        for line, words in enumerate(row.name.split(", ")):
+            pen.text((GAP, top + height // 2 + 16 * line - 8), words, pictures.BRIGHT, pictures.font(12), "lm")
+        at = left
+        for head, width, (cell, words) in zip(heads, wide, row.cells, strict=True):
+            if top == HEAD:
+                pen.text((at + width // 2, HEAD - 8), head, pictures.BRIGHT, pictures.font(13), "ms")
+            image.paste(Image.fromarray(cell), (at, top))
+            pen.text((at + width // 2, top + cell.shape[0] + 13), words, pictures.DIM, pictures.font(11), "ms")
+            at += width + GAP
+        top += height
+    return image
+
+
+def bytes_of(radiance: Array) -> pictures.Picture:
+    return np.round(displayed(radiance.astype(np.float64)) * 255).astype(np.uint8)
+
+
+def augmentations(model: str = "ggx", side: int = 64, count: int = 8) -> Image.Image:
+    """Figure 3: a patch and random augmentations of it, lit from the upper right and from the mirror direction."""
+    (name, *_) = EXAMPLES
+    patch = example(name, model).stored[None, :side, :side]
+    rng = np.random.default_rng(3)
+    several = np.repeat(patch, count - 1, 0)
+    changed = mix(*(augment(several, model, rng, False, True) for _ in range(2)), rng, True)
+
+    def lit(texels: Array) -> pictures.Picture:
+        light = np.array([[0.5, 0.5, 0.7], [-0.05, 0.02, 1]], np.float32)
+        view = np.array([[0, 0, 1], [0.1, -0.05, 1]], np.float32)
+        light, view = (each / np.linalg.norm(each, axis=-1, keepdims=True) for each in (light, view))
+        radiance = np.asarray(shade(model, texels.reshape(-1, texels.shape[-1]), light, view))
+        image = bytes_of(np.array([3.0, 0.3]) @ radiance.reshape(2, -1)).reshape(side, side, 3)
+        return image.repeat(2, 0).repeat(2, 1)
+
+    cells = [(lit(each), "") for each in (patch[0], *changed)]
+    half = count // 2
+    heads = [shown_name(name), *[""] * (half - 1)]
+    return composed(heads, [Row("", cells[:half]), Row("", cells[half:])])
+
+
+def shown_name(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def of_plot(plot: Plot, words: Mapping[str, str]) -> tuple[list[str], list[tuple[pictures.Picture, str]]]:
+    """Heads and cells of a plot, the reference last."""
+    heads = [*(cases.shown(name) for name in plot.images), "reference"]
+    cells = [(bytes_of(image), words.get(name, "")) for name, image in plot.images.items()]
+    return heads, [*cells, (bytes_of(plot.reference), "")]
+
+
+def temporal(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, float]]:
+    """Figure 4, and flicker."""
+    made = plots.temporal_slice(
+        filtered(source), stacks(source), environment.studio(), size=(side, side * 4 // 3), passes=passes
+    )
+    flicker = {figure.method: figure.value for figure in made.figures if figure.measure == "flicker"}
+    heads, cells = of_plot(made.plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
+    return composed(heads, [Row("", cells)]), flicker
+
+
+def moved(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, float]]:
+    """Figure 6: how much a sphere near the viewer changes when the picture moves by half a pixel."""
+    view = next(each for each in views(source, side) if (each.view, each.scale) == ("sphere", "near"))
+    made = render_view(view, filtered(source), stacks(source), RenderSettings(max_passes=passes), flicker=True)
+    assert made.change is not None
+    flicker = {figure.method: figure.value for figure in made.figures if figure.measure == "flicker"}
+    plot = plots.half_pixel_shift(made.change)
+    heads, cells = of_plot(plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
+    return composed(heads, [Row("", cells)]), flicker
+
+
+def apparent(source: Any, side: int) -> Image.Image:
+    """Figure 8."""
+    heads, cells = of_plot(plots.apparent_brdf(filtered(source), stacks(source), 0, size=side), {})
+    return composed(heads, [Row("", cells)])
+
+
+def views(source: Any, side: int) -> Sequence[View]:
+    size = (source.height, source.width)
+    return standard_views(size, environment.studio(), len(level_sizes(*size)) - 1, (side, side), (side, side * 7 // 4))
+
+
+def overview(sources: Mapping[str, Any], side: int, passes: int) -> tuple[Image.Image, dict[str, dict[str, float]]]:
+    """Figures 9, 10 and 11: spheres of materials from two distances, and their SNR."""
+    rows: list[Row] = []
+    heads: list[str] = []
+    found: dict[str, dict[str, float]] = {}
+    for name, source in sources.items():
+        candidates = stacks(source)
+        for view in (each for each in views(source, side) if each.view == "sphere" and each.scale in SCALES):
+            made = render_view(view, filtered(source), candidates, RenderSettings(max_passes=passes), flicker=False)
+            snr = {figure.method: figure.value for figure in made.figures if figure.measure == "snr"}
+            cells = [(pictures.shown(frame.image), f"{snr[each]:.1f} dB") for each, frame in made.frames.items()]
+            rows.append(Row(f"{shown_name(name)}, {view.scale}", [*cells, (pictures.shown(made.reference.image), "")]))
+            heads = [*(cases.shown(each) for each in made.frames), "reference"]
+            found[f"{name}, {view.scale}"] = snr
+    return composed(heads, rows), found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="the pictures of the paper's figures")
+    parser.add_argument("folder", type=Path, help="for the pictures")
+    parser.add_argument("--figures", type=Path, required=True, help="a .json file of what was measured")
+    parser.add_argument("--side", type=int, default=128, help="pixels of the side of a picture")
+    parser.add_argument("--passes", type=int, default=256, help="samples a pixel of a reference, at most")
+    options = parser.parse_args()
+    side, passes = options.side, options.passes
+    leather = example(EXAMPLES[0], "ggx")
+    lobes = {f"generated lobes {seed}": results_sets.captured(seed, 256) for seed in range(2)}
+    beckmann = {name: example(name, "beckmann") for name in EXAMPLES[:1]} | lobes
+    makers: Mapping[int, Callable[[], tuple[Image.Image, object]]] = {
+        3: lambda: (augmentations(), None),
+        4: lambda: temporal(leather, side, passes),
+        6: lambda: moved(leather, side, passes),
+        8: lambda: (apparent(example(MANY_LOBES, "ggx"), side), None),
+        9: lambda: overview(beckmann, side, passes),
+        10: lambda: overview({name: example(name, "ggx") for name in EXAMPLES}, side, passes),
+        11: lambda: overview({"together": results_sets.correlated(0, 256, True)}, side, passes),
+    }
+    found = {}
+    for figure, make in makers.items():
+        image, figures = make()
+        image.save(options.folder / f"paper-figure-{figure}.webp", quality=90, method=6)
+        if figures is not None:
+            found[str(figure)] = figures
+        print(f"figure {figure}", flush=True)
+    options.figures.write_text(json.dumps(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

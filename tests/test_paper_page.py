@@ -1,0 +1,85 @@
+"""benchmarks/paper_page: the page of the paper's figures says what the records hold."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from .result_records import file, row, save, write
+
+ROOT = Path(__file__).resolve().parent.parent
+GGX = {"linear (box)": 8.0, "lean (box)": 12.0, "mipnet-ggx": 12.5, "paper-ggx": 13.0, "neural": 15.0}
+BECKMANN = {"linear (box)": 8.0, "lean (box)": 12.0, "mipnet-beckmann": 9.0, "paper-beckmann": 10.0}
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], str]:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    made = tmp_path / "docs" / "page.md"
+    made.parent.mkdir()
+
+    def make() -> str:
+        return str(importlib.import_module("paper_page.page").text(tmp_path, made))
+
+    return make
+
+
+def measured(folder: Path, model: str, methods: Mapping[str, float], kind: str = "plain") -> None:
+    for name in ("first", "second"):
+        write(folder, "models", file(f"{model}--{name}--{kind}", methods, {"model": model, "set": name, "kind": kind}))
+
+
+def paragraph(text: str, heading: str) -> str:
+    """What a section says at its end, in one line."""
+    section = text.split(f"## {heading}", 1)[1].split("\n## ", 1)[0]
+    return " ".join(section[section.index("**The paper:**") :].split())
+
+
+def test_claims_that_hold_and_that_do_not(page: Callable[[], str], tmp_path: Path) -> None:
+    measured(tmp_path, "ggx", GGX)
+    measured(tmp_path, "ggx", GGX | {"mipnet-ggx": 14.5}, "boosted")
+    measured(tmp_path, "beckmann", BECKMANN)
+    measured(tmp_path, "beckmann", BECKMANN | {"lean (box)": 10.5}, "captured")
+    text = page()
+    # MIPNet is ahead of the network on the boosted sets of ggx.
+    five = paragraph(text, "Figure 5")
+    assert "**Here:** not reproduced." in five
+    assert "`ggx`, as they are, over MIPNet: SNR +0.5 dB / +0.5 dB / +0.5 dB, ahead in 100% of 6 cases" in five
+    assert "`ggx`, boosted, over MIPNet: SNR -1.5 dB / -1.5 dB / -1.5 dB, ahead in 0% of 6 cases" in five
+    gains = row(text, "`beckmann`, as they are, LEAN")
+    assert gains.startswith("| `beckmann`, as they are, LEAN | -2.0, 0 of 2 | -2.0, 0 of 2 |")
+    for name in ("ggx-plain", "ggx-boosted", "beckmann-plain"):
+        assert (tmp_path / "docs" / f"paper-figure-5-{name}.svg").exists()
+    # LEAN is 2 dB ahead of the network for beckmann: more than "about alike".
+    assert "**Here:** not reproduced." in paragraph(text, "Figure 9")
+    ten = paragraph(text, "Figure 10")
+    assert "**Here:** not reproduced." in ten  # MIPNet is 1.5 dB ahead on boosted sets
+    assert "On sets boosted, middle: +5.0 dB over naive averaging, -1.5 dB over MIPNet" in ten
+    means = text.split("## Figure 10", 1)[1]
+    assert row(means, "default network").startswith("| default network | **18.0 dB** / **0.040** |")
+    assert row(means, "paper's network").startswith("| paper's network | 16.0 dB / 0.043 |")
+
+
+def test_ahead_everywhere_is_reproduced(page: Callable[[], str], tmp_path: Path) -> None:
+    measured(tmp_path, "ggx", GGX)
+    write(tmp_path, "correlated", file("correlated-0", GGX, {"together": True}))
+    write(tmp_path, "correlated", file("independent-0", GGX | {"paper-ggx": 12.5}, {"together": False}))
+    save(
+        tmp_path,
+        "paper-pictures",
+        {"4": {"linear (box)": 3.0, "paper-ggx": 1.1}, "6": {"linear (box)": 1.2, "paper-ggx": 0.5}},
+    )
+    text = page()
+    assert "**Here:** reproduced." in paragraph(text, "Figure 5")
+    assert "**Here:** reproduced." in paragraph(text, "Figure 10")
+    eleven = paragraph(text, "Figure 11")
+    assert "**Here:** reproduced." in eleven and "paper's network +0.5 dB" in eleven
+    # The network's flicker of 1.1 is nearest to 1; its 0.5 is farther from it than 1.2 is.
+    assert "**Here:** reproduced. Flicker: naive averaging 3.00, paper's network 1.10." in paragraph(text, "Figure 4")
+    assert "**Here:** not reproduced." in paragraph(text, "Figure 6")
+    assert row(text, "[4](#figure-4-a-slow-rotation)").endswith("| reproduced |")
+    assert "not measured with this version" in text.split("## Figure 9", 1)[1].split("## Figure 10", 1)[0]
