@@ -5,11 +5,12 @@
 `python docs/remake.py results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record;
 docs/results.md and other pages are made from the record.
 
-Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, each in a folder of its own:
+Every sub-folder of SETS_FOLDER is one texture set. Six kinds of measurements, each in a folder of its own:
 
     whole        all methods, isotropic glTF target: SNR, flicker, renders of spheres, time and memory of every bake
     crop         the middle of every set, where the per-material optimum can be had
     directional  the anisotropic target beside the isotropic one, on sets with directional bumps, generated ones too
+    filters      the default networks of all targets under all pixel filters, on the middle of some sets
     models       the material models ggx and beckmann with the networks that were trained for them
     correlated   generated materials whose channels depend on each other, and twins where they do not
 

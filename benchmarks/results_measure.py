@@ -32,6 +32,8 @@ from mipbake.compare.candidates import closed_forms, label
 from mipbake.compare.pictures import RenderSettings, render_view
 from mipbake.compare.result import SCALES
 from mipbake.compare.scenes import standard_views
+from mipbake.material import GLTF_MODELS, MODELS
+from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter.search.methods import REFINE_SECONDS
 from mipbake.reference.source import FilteredSource
 from mipbake.render import environment
@@ -79,6 +81,7 @@ class Plan:
         methods: that are measured.
         scales: of spheres that are rendered. in_texture_space: of what else than the SNR is measured there.
         extra: what else the file says of the set.
+        pixel_filter: of the reference.
     """
 
     name: str
@@ -87,6 +90,7 @@ class Plan:
     scales: Sequence[str] = ()
     in_texture_space: Sequence[str] = ()
     extra: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    pixel_filter: str = DEFAULT_FILTER
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,10 @@ def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     with bakes(source, plan.methods) as baked:
         candidates = [each.candidate for each in baked]
         found = texture_space.measure(
-            source, candidates, DEFAULT_FILTER, DEFAULT_LODS, plan.in_texture_space,
+            source, candidates, plan.pixel_filter, DEFAULT_LODS, plan.in_texture_space,
             texture_space.MeasureEffort(points=effort.points, samples=effort.samples),
         )  # fmt: skip
-        figures, scenes = _spheres(source, baked, plan.scales, effort)
+        figures, scenes = _spheres(source, baked, plan, effort)
     return {
         "name": plan.name,
         "methods": [each.to_dict() for each in baked],
@@ -122,19 +126,19 @@ def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
 
 
 def _spheres(
-    source: TextureSet, baked: Sequence[Baked], scales: Sequence[str], effort: ResultsEffort
+    source: TextureSet, baked: Sequence[Baked], plan: Plan, effort: ResultsEffort
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Every measure of renders but flicker, which texture space measures without a camera's noise."""
-    if not scales:
+    if not plan.scales:
         return [], []
     last = int(texture_space.last_lod(source))
     square = (effort.side, effort.side)
     views = standard_views((source.height, source.width), environment.studio(), last, square)
     model = source.source_model
-    filtered = FilteredSource(source.material(model), model, source.wrap, DEFAULT_FILTER)
+    filtered = FilteredSource(source.material(model), model, source.wrap, plan.pixel_filter)
     figures, scenes = [], []
     for view in views:
-        if view.view != "sphere" or view.scale not in scales:
+        if view.view != "sphere" or view.scale not in plan.scales:
             continue
         made = render_view(
             view, filtered, [each.candidate for each in baked], RenderSettings(max_passes=effort.passes), flicker=False,
@@ -214,6 +218,30 @@ def correlations(asked: Asked) -> list[Plan]:
     ]
 
 
+_EVERY = 3
+"""Of so many sets the first is measured under every pixel filter."""
+
+
+def filters(asked: Asked) -> list[Plan]:
+    """The middle of some sets under every pixel filter, for every target: the default networks and closed forms."""
+    plans = []
+    for target in MODELS:
+        source = "gltf" if target in GLTF_MODELS else target
+        for pixel_filter in FILTERS:
+            forms = [label(method, kernel) for method in ("linear", "lean") for kernel in ("box", pixel_filter)]
+            methods = specs(("neural", *dict.fromkeys(forms)), target, pixel_filter, asked.folders, source)
+            for name in list(asked.sets)[::_EVERY]:
+
+                def load(name: str = name, source: str = source) -> TextureSet:
+                    part = middle(asked.sets[name](), asked.effort.crop)
+                    return in_model(part, source) if source != part.source_model else part
+
+                extra = {"model": target, "set": name, "kind": pixel_filter, "crop": asked.effort.crop}
+                plan = Plan(f"{target}--{pixel_filter}--{name}", load, methods, extra=extra, pixel_filter=pixel_filter)
+                plans.append(plan)
+    return plans
+
+
 def _of_models(asked: Asked) -> tuple[str, ...]:
     """The paper's comparison for `ggx` and `beckmann`; of networks, those that are there."""
     named = [name for prefix in ("paper-", "mipnet-") for name in named_weights(prefix, asked.folders)]
@@ -224,6 +252,7 @@ KINDS: Mapping[str, Callable[[Asked], list[Plan]]] = {
     "whole": whole,
     "crop": crop,
     "directional": directed,
+    "filters": filters,
     "models": models,
     "correlated": correlations,
 }

@@ -45,7 +45,8 @@ def test_a_record_that_nobody_has_measured(name: str) -> None:
 
 def test_blocks_have_views_and_views_have_blocks(module: Callable[[str], ModuleType]) -> None:
     pages, views = module("records.pages"), module("records.views")
-    used = {name for page in pages.pages() for name in pages.blocks((ROOT / page).read_text(encoding="utf-8"))}
+    every = (*pages.pages(), *pages.cards())
+    used = {name for page in every for name in pages.blocks((ROOT / page).read_text(encoding="utf-8"))}
     assert used == set(views.VIEWS)
 
 
@@ -72,7 +73,7 @@ def test_every_record_is_printed(module: Callable[[str], ModuleType]) -> None:
             asked.add(str(missing.args[0]) if len(missing.args) == 1 else Path(str(missing.filename)).stem)
     fitting = {name for name in known.KNOWN if name.startswith("fitting-")}  # several in one block
     results = {name for name in known.KNOWN if name.startswith("results-")}
-    sections = {"aims"}  # of docs/results.md, which is made from several records
+    sections = {"aims", "paper-pictures"}  # of pages that are made from several records
     assert asked | set(pages.WHOLE.values()) | fitting | results | sections == set(known.KNOWN)
 
 

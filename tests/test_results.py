@@ -17,6 +17,8 @@ from mipbake.bake import DEFAULT_FILTER
 from mipbake.compare import texture_space
 from mipbake.compare.candidates import bake_all
 from mipbake.errors import UsageError
+from mipbake.material import MODELS
+from mipbake.pixel_filter import FILTERS
 from mipbake.validate import DEFAULT_LODS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -220,6 +222,10 @@ def test_every_kind_plans_its_sets(module: Callable[[str], ModuleType]) -> None:
     assert [plan.name for plan in plans["whole"]] == ["bumpy"]
     assert {spec.name for spec in plans["crop"][0].methods} >= {"optimum", "refine 7.5s", *measure.FORMS}
     assert plans["crop"][0].source().height == 128
+    filters = plans["filters"]
+    assert [plan.name for plan in filters[:2]] == ["gltf--gaussian--bumpy", "gltf--box--bumpy"]
+    assert {(plan.extra["model"], plan.pixel_filter) for plan in filters} == {(m, f) for m in MODELS for f in FILTERS}
+    assert {plan.source().source_model for plan in filters} == {"gltf", "ggx", "beckmann"}
     names = ["ggx--bumpy", "ggx--bumpy--boosted", "beckmann--bumpy", "beckmann--bumpy--boosted", "captured-0"]
     assert [plan.name for plan in plans["models"]] == names
     assert [plan.source().source_model for plan in plans["models"]] == ["ggx"] * 2 + ["beckmann"] * 3

@@ -152,6 +152,22 @@ def test_blocks_of_the_readme(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert making.block("engines-three/summary", records) is None  # not measured: the page keeps what it has
 
 
+def test_cards_say_what_was_measured_under_each_filter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    by_filter = importlib.import_module("records.views_cards").by_filter
+    making = importlib.import_module("records.making")
+    for name, network in (("gaussian", 14.0), ("box", 9.0)):
+        forms = {"linear (box)": 8.0, f"lean ({name})": 12.0}
+        extra = {"model": "gltf", "kind": name, "crop": 64}
+        for each in ("first", "second"):
+            made = file(f"gltf--{name}--{each}", {"neural": network, **forms}, extra | {"set": each})
+            write(tmp_path, "filters", made)
+    text = by_filter("some-weights")(making.Records(tmp_path))
+    assert "The middle 64 x 64 texels of 2 test sets" in " ".join(text.split())
+    assert row(text, "gaussian") == "| gaussian | 14.0 | 12.0 | 14.0 | 12.0 |"
+    assert row(text, "box") == "| box | 9.0 | 12.0 | 9.0 | 12.0 |"
+
+
 def test_no_results_is_a_sentence(page: Callable[[], str]) -> None:
     with pytest.raises(SystemExit, match="holds no results"):
         page()

@@ -64,6 +64,7 @@ KNOWN: Mapping[str, Known] = {
     "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
     "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
     "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
+    "results-filters": _results("filters", "default networks of all targets under all pixel filters", ALL),
     "results-models": _results("models", "the paper's material models and networks", ALL, True),
     "results-correlated": _results("correlated", "channels that go together, and twins", ALL, True),
     "films": Known(

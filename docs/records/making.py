@@ -11,7 +11,7 @@ from rooms.picture import picture
 
 from records.code import ROOT
 from records.missing import Missing
-from records.pages import WHOLE, filled, pages
+from records.pages import WHOLE, cards, filled, pages
 from records.record import FOLDER, Record, load
 from records.scripts import script
 from records.views import VIEWS
@@ -44,7 +44,7 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
     """
     records = Records(folder)
     made: dict[str, bytes | None] = {"docs/rooms.svg": picture().encode()}
-    for page in pages(root):
+    for page in (*pages(root), *cards(root)):
         text = (root / page).read_text(encoding="utf-8")
         made[page] = filled(text, lambda name: block(name, records)).encode()
     for page, name in WHOLE.items():

@@ -52,6 +52,11 @@ def pages(root: Path = ROOT) -> list[str]:
     return sorted(name for name in names if not name.startswith("docs/engines/"))
 
 
+def cards(root: Path = ROOT) -> list[str]:
+    """Cards of released weights, relative to the root: what an export wrote, and blocks below it."""
+    return sorted(path.relative_to(root).as_posix() for path in (root / "models" / "weights").glob("*.md"))
+
+
 def blocks(text: str) -> list[str]:
     """Names of the blocks of a page."""
     return [found[2] for found in _BLOCK.finditer(text)]

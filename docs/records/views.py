@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
+from records.views_cards import CARD_VIEWS
 from records.views_films import FILM_VIEWS
 from records.views_fit import FIT_VIEWS
 from records.views_results import in_three, results_table, results_words
@@ -169,6 +170,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "engines-three/summary": lambda records: wrapped(in_three(records)),
     **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
     **FIT_VIEWS,
+    **CARD_VIEWS,
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }
 """Name of a block to what makes its text. The part before the slash is the record that it is about."""
