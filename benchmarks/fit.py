@@ -31,7 +31,7 @@ from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, View, standard_views
 from mipbake.fitting.gl import GlRenderer, shipped_shader
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.renderer import new_stamp
+from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.three import ThreeRenderer
 from mipbake.fitting.views import scale_of
@@ -110,7 +110,7 @@ def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Le
     """Stored channels of levels, as a renderer gets them."""
     height, width = stored[0].shape[:2]
     parameters = Parameters.of(model, height, width, len(stored))
-    return parameters.levels(parameters.values(list(stored)), wrap, tuple(new_stamp() for _ in stored))
+    return parameters.levels(parameters.values(list(stored)), wrap, new_stamps(parameters.sizes))
 
 
 def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort: Effort, seed: int) -> Image3:

@@ -3,9 +3,9 @@
     python benchmarks/fit_cost.py [--renderers trivial torch gl]
 
 The renderer `trivial` looks one texel up for each pixel, so that what the fit itself costs is told apart. `perturb`,
-`credit` and `descend` call the doors of `mipbake.stochastic` as a step does. `render` is one of the two renders of a
-step, with levels that are new, and `others` is all that `mipbake.fitting.fit` does between the renders of two steps.
-`check` is what it does around the renders of a check, which comes once a round over the views. All are medians.
+`credit` and `descend` call the doors of `mipbake.stochastic` as a step does. `render` is half of the two renders of a
+step, with texels that are new in them, and `others` is all that `mipbake.fitting.fit` does between the renders of two
+steps. `check` is what it does around the renders of a check, which comes once a round over the views. All are medians.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from mipbake.fitting import Frame, Levels, View, fit
 from mipbake.fitting.gl import GlRenderer, shipped_shader
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.renderer import new_stamps
 from mipbake.pixel_filter import level_sizes
 from mipbake.render.camera import Camera
 from mipbake.render.environment import directional
@@ -102,12 +103,13 @@ def stack_of(side: int) -> MipStack:
     return MipStack("random", "gltf", levels, {}, ("wrap", "wrap"), Provenance("linear", "gaussian"))
 
 
-def view_of(pixels: int, stack: int) -> View:
-    """A view from above, of as many texels of level 0 as it has pixels."""
+def view_of(pixels: int, stack: int, place: tuple[float, float] = (0.5, 0.5)) -> View:
+    """A view from above, of as many texels of level 0 as it has pixels; `place` is where, from 0 to 1 along u and v."""
     shown = 4.0  # units of the world
     side = shown * stack / pixels
+    x, z = ((side - shown) * (each - 0.5) for each in place)
     # The camera is 2 above the plane, and sees 45 degrees to each side.
-    camera = Camera((0.0, shown / 2, 0.0), up=(0.0, 0.0, -1.0), field_of_view=90.0)
+    camera = Camera((x, shown / 2, z), (x, 0.0, z), up=(0.0, 0.0, -1.0), field_of_view=90.0)
     light = directional("lights", [[0.3, 1.0, 0.2], [-0.4, 0.8, -0.3]], [[2.0, 2.0, 2.0], [1.0, 1.0, 1.0]])
     return View(f"{pixels} pixels", "near", plane(side, side), camera, light, (pixels, pixels))
 
@@ -128,7 +130,9 @@ def cost(renderer: Any, pixels: int, stack_side: int) -> Cost:
     """What a step costs with a view of `pixels` a side of a stack of `stack_side` texels a side."""
     stack, view = stack_of(stack_side), view_of(pixels, stack_side)
     clocked = Clocked(renderer)
-    views = [replace(view) for _ in range(STEPS)]  # one round of as many steps
+    # One round of as many steps, each at a place of its own: a renderer also gets back what the step before has moved.
+    places = np.random.default_rng(0).random((STEPS, 2)).tolist()
+    views = [view_of(pixels, stack_side, (u, v)) for u, v in places]
     checked = view_of(CHECKED, stack_side)
     fit(
         stack, clocked, views, reference=lambda each: np.full((*each.size, 3), 0.5, np.float32), held_out=[checked],
@@ -140,12 +144,15 @@ def cost(renderer: Any, pixels: int, stack_side: int) -> Cost:
 
 
 def _between(log: Sequence[tuple[View, float, float]], checked: View) -> tuple[float, float, float]:
-    """Seconds of a render, of what lies between the renders of two steps, and of what lies around a check's renders."""
+    """Seconds of a render, of what lies between the renders of two steps, and of what lies around a check's renders.
+
+    A render is the mean of both of a step, because the first one also uploads what the step before has changed.
+    """
     # Preparing renders every view once, and a probe four times; a check follows, then the steps, then a check.
     first = next(i for i, (view, *_) in enumerate(log) if view is checked and i > STEPS + 1) + 1
     steps = log[first : first + 2 * STEPS]
     assert len(steps) == 2 * STEPS and not any(view is checked for view, *_ in steps)
-    renders = [end - begin for _, begin, end in steps[2:]]
+    renders = [(b[2] - b[1] + a[2] - a[1]) / 2 for a, b in zip(steps[2::2], steps[3::2], strict=True)]
     others = [steps[i + 1][1] - steps[i][2] for i in range(1, len(steps) - 1, 2)]
     around = log[first + 2 * STEPS][1] - steps[-1][2] + log[first + 2 * STEPS + 1][1] - log[first + 2 * STEPS][2]
     return statistics.median(renders), statistics.median(others), around
@@ -155,7 +162,7 @@ def _doors(renderer: Any, stack: MipStack, view: View) -> dict[str, float]:
     """Seconds of the doors that a step calls."""
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
     values, channels = parameters.values(list(stack.levels)), parameters.channels
-    frame = renderer.render(parameters.levels(values, stack.wrap, tuple(range(-len(stack.levels), 0))), view)
+    frame = renderer.render(parameters.levels(values, stack.wrap, new_stamps(parameters.sizes)), view)
     count = view.size[0] * view.size[1]
     uv, lod = (np.asarray(each, np.float32).reshape(count, -1) for each in (frame.uv, frame.lod))
     found = stochastic.contributions(stochastic.touched_texels(parameters.sizes, uv, lod.reshape(count)))

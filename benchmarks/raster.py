@@ -5,7 +5,7 @@
 The first table renders a bumpy sphere that fills a square image, every triangle in the frustum and half of them facing
 away, and brings gradients back to its positions and attributes. 4 attributes are interpolated, 2 of them with their
 image-space derivatives; 3 channels are antialiased. Every op is timed with its backward pass, and the whole chain by
-itself.
+itself. A peeler takes as many layers as the table says.
 
 The second is figure 9 of Laine et al. 2020: an 8 x 8 grid (128 triangles) repeated 1 to 1024 times, side by side (all
 visible, together they cover the image) or stacked in depth (one visible, which covers the image alone), farthest first,
@@ -101,6 +101,10 @@ class Chain:
             torch.autograd.grad([rast, rast_db], pos, [self.grad_pixels, self.grad_derivatives]) if backward else rast
         )
 
+    def peel(self, layers: int) -> object:
+        with raster.DepthPeeler(self.context, self.mesh.pos, self.mesh.tri, self.resolution) as peeler:
+            return [peeler.rasterize_next_layer() for _ in range(layers)]
+
     def interpolate(self, backward: bool = True) -> object:
         leaves = [t.detach().requires_grad_(backward) for t in (self.mesh.attr, self.rast, self.rast_db)]
         attr, rast, rast_db = leaves
@@ -135,6 +139,8 @@ def ops_table(chain: Chain, timed: Callable[[dict[str, Callable[[], object]]], d
     for name, call in calls.items():
         candidates[f"{name}, forward"] = lambda call=call: call(backward=False)
         candidates[f"{name}, forward + backward"] = call
+    for layers in (1, 2, 4):
+        candidates[f"layers of a peeler, forward: {layers}"] = lambda layers=layers: chain.peel(layers)  # type: ignore[misc]
     candidates["topology of the triangles"] = lambda: raster.antialias_construct_topology_hash(chain.mesh.tri)
     return [f"| {n} | {t.median * 1e3:.1f} ms | {t.spread:.0%} |" for n, t in timed(candidates).items()]
 

@@ -23,7 +23,6 @@ from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.output import GLB, GLB_TEXELS
 from mipbake.packing import PACKINGS, SOURCE
-from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.search.time_budget import BEST
 from mipbake.presets import PRESETS
@@ -39,12 +38,7 @@ def bake(
     session: Session,
     load: LoadOptions,
     sources: Sources,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
-        ),
-    ],
+    out: Annotated[Path, options.stacks_folder()],
     method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
     target: Annotated[
         Optional[str],  # noqa: UP045
@@ -57,7 +51,7 @@ def bake(
     ] = None,
     pixel_filter: Annotated[
         str,
-        typer.Option("--filter", metavar=one_of(FILTERS), help="Pixel filter of the renderer that shows the stack."),
+        options.pixel_filter("Pixel filter of the renderer that shows the stack."),
     ] = DEFAULT_FILTER,
     preset: Annotated[
         Optional[str],  # noqa: UP045
@@ -70,13 +64,12 @@ def bake(
     ] = None,
     format: Annotated[
         Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="FORMAT[:TEXELS],...",
-            help=f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows "
+        options.formats(
+            f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows "
             f"the material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures that lose too much as blocks have 8 "
             "bits; the glTF standard does not allow these, but three.js and Babylon.js load them). The first texels "
             f"named are the default. Without texels, ktx2 and dds take the smallest that cost at most {LIMIT:g} dB.",
-            show_default=f"{GLB} for glTF sources, {DEFAULT_FORMAT} for others",
+            f"{GLB} for glTF sources, {DEFAULT_FORMAT} for others",
         ),
     ] = None,
     packing: Annotated[

@@ -15,7 +15,7 @@ from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.methods import some_of
-from mipbake.cli.options import one_of
+from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
@@ -33,7 +33,6 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Job
 from mipbake.metrics import MEASURES, PAIR_SETS
-from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
 from mipbake.render.cache import default_folder
 from mipbake.render.environment import ENVIRONMENTS, lighting_named
@@ -71,7 +70,7 @@ def compare(
         ),
     ],
     baked: Annotated[
-        Optional[Path],  # noqa: UP045
+        OptionalPath,
         typer.Option(
             metavar="STACK",
             help="A stack that was baked from the set, OUT/<set>. Its name in the report is `baked`, and the verdict "
@@ -95,11 +94,7 @@ def compare(
     ] = AUTO_TARGET,
     pixel_filter: Annotated[
         str,
-        typer.Option(
-            "--filter",
-            metavar=one_of(FILTERS),
-            help="Pixel filter of the reference; with --baked, the filter of that stack.",
-        ),
+        options.pixel_filter("Pixel filter of the reference; with --baked, the filter of that stack."),
     ] = DEFAULT_FILTER,
     aim: Annotated[
         Optional[float],  # noqa: UP045
@@ -128,7 +123,7 @@ def compare(
         ),
     ] = next(iter(ENVIRONMENTS)),
     mesh: Annotated[
-        Optional[Path],  # noqa: UP045
+        OptionalPath,
         typer.Option(metavar="FILE", help="Render and film this mesh (.obj, .gltf, .glb) and nothing else."),
     ] = None,
     sampler: Annotated[

@@ -13,7 +13,7 @@ import typer
 import mipbake
 from mipbake.bake import DEFAULT_FILTER, DEFAULT_METHOD
 from mipbake.cli import options
-from mipbake.cli.options import one_of
+from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import description
@@ -26,7 +26,6 @@ from mipbake.fitting.prepared import ERRORS, TEXELS
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.manifest import check_output
-from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.search.time_budget import BEST, seconds_of
 from mipbake.stack import MipStack, open_stack
@@ -46,12 +45,7 @@ def fit(
     session: Session,
     load: LoadOptions,
     sources: Sources,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
-        ),
-    ],
+    out: Annotated[Path, options.stacks_folder()],
     renderer: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
@@ -91,7 +85,7 @@ def fit(
         ),
     ] = None,
     three: Annotated[
-        Optional[Path],  # noqa: UP045
+        OptionalPath,
         typer.Option(
             metavar="FOLDER",
             help="The folder of three.js that holds three.module.js.",
@@ -107,15 +101,13 @@ def fit(
     ] = DEFAULT_METHOD,
     pixel_filter: Annotated[
         str,
-        typer.Option(
-            "--filter", metavar=one_of(FILTERS), help="Pixel filter of the references; with a stack, the stack's."
-        ),
+        options.pixel_filter("Pixel filter of the references; with a stack, the stack's."),
     ] = DEFAULT_FILTER,
     views: Annotated[
         int, typer.Option(metavar="NUMBER", help="Views of a plane at each level of detail, in steps of one half.")
     ] = DEFAULT_VIEWS,
     views_file: Annotated[
-        Optional[Path],  # noqa: UP045
+        OptionalPath,
         typer.Option(
             metavar="FILE",
             help="A JSON list of views for a program or a module, in place of these.",
@@ -149,11 +141,7 @@ def fit(
     seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = 0,
     format: Annotated[
         Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="FORMAT[:TEXELS],...",
-            help="Files that are written, as in `mipbake bake --format`.",
-            show_default="exr",
-        ),
+        options.formats("Files that are written, as in `mipbake bake --format`.", "exr"),
     ] = None,
     preset: Annotated[
         Optional[str],  # noqa: UP045

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Container, Iterable
-from typing import Annotated, Any, Optional, get_type_hints
+from pathlib import Path
+from typing import Annotated, Any, Optional, TypeAlias, get_type_hints
 
 import typer
 
@@ -15,6 +16,7 @@ from mipbake.device import PROCESSOR
 from mipbake.errors import UsageError
 from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
 from mipbake.memory import default, limited, parsed
+from mipbake.pixel_filter import FILTERS
 
 DEFAULTS = LoadOptions()
 
@@ -25,6 +27,10 @@ def one_of(names: Iterable[str]) -> str:
 
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
+OptionalPath: TypeAlias = Optional[Path]  # noqa: UP045
+"""The type of options for a path that may be left out."""
+
+
 def _reading(
     maps: Annotated[
         Optional[list[str]],  # noqa: UP045
@@ -146,6 +152,32 @@ def _role_and_source(text: str) -> tuple[str, str | float | None]:
         return role, float(source)
     except ValueError:
         return role, source
+
+
+def stacks_folder() -> Any:
+    """The option --out of commands that write stacks."""
+    return typer.Option(
+        "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
+    )
+
+
+def pixel_filter(meaning: str) -> Any:
+    """The option --filter.
+
+    Args:
+        meaning: whose filter it is, as a sentence.
+    """
+    return typer.Option("--filter", metavar=one_of(FILTERS), help=meaning)
+
+
+def formats(meaning: str, otherwise: str) -> Any:
+    """The option --format of commands that write stacks.
+
+    Args:
+        meaning: which formats there are, as a sentence.
+        otherwise: what is written where it is left out.
+    """
+    return typer.Option("--format", metavar="FORMAT[:TEXELS],...", help=meaning, show_default=otherwise)
 
 
 def device(users: str) -> Any:

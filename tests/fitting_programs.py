@@ -21,6 +21,8 @@ from mipbake.io.leftovers import unfinished
 from mipbake.render import environment, shapes
 from mipbake.render.camera import Camera
 
+from .fitting_levels import stamps_of
+
 ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes and files as Linux shows them")
 
 EXCHANGES = ("memory", "exr")
@@ -89,8 +91,9 @@ def give(request, size=(2, 3), cut=0, answered=None):
 def levels_of(seed: int = 0, stamps: tuple[int, ...] = (1, 2, 3), size: int = 4) -> Levels:
     rng = np.random.default_rng(seed)
     widths = {"base_color": 3, "roughness": 1, "normal": 3}
-    maps = {n: [rng.random((size >> i, 2 * size >> i, w), np.float32) for i in range(3)] for n, w in widths.items()}
-    return Levels("gltf", maps, ("wrap", "clamp"), stamps)
+    sizes = [(size >> i, 2 * size >> i) for i in range(3)]
+    maps = {n: [rng.random((*each, w), np.float32) for each in sizes] for n, w in widths.items()}
+    return Levels("gltf", maps, ("wrap", "clamp"), stamps_of(sizes, stamps))
 
 
 def view_of(size: tuple[int, int] = (5, 7), name: str = "a view") -> View:

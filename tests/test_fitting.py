@@ -5,132 +5,39 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mipbake import MipStack, TextureSet, stochastic
+from mipbake import stochastic
 from mipbake.content import Provenance
 from mipbake.errors import UsageError
-from mipbake.fitting import Frame, Levels, Progress, fit, standard_views
+from mipbake.fitting import Frame, Progress, fit, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.renderer import new_stamp
+from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
-from mipbake.pixel_filter import filter_named
 
-from .independent_scenes import bilinear
+from .fitting_small import (
+    KERNEL,
+    REPEATS,
+    SIDE,
+    Plain,
+    Spot,
+    error,
+    fitted,
+    levels_of,
+    same,
+    source_levels,
+    spots,
+    start,
+    texture_set,
+)
 from .viewer_scenes import material, stack_of
-
-SIDE = 8
-REPEATS = ("wrap", "wrap")
-KERNEL = filter_named("gaussian")
-
-# ---- a renderer in a few lines, and what it shows
-
-
-@dataclass(frozen=True, eq=False)
-class Spot:
-    """A view of `Plain`: so many pixels, each as large as a texel of a level."""
-
-    name: str
-    level: int
-    side: int = SIDE
-    offset: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def scale(self) -> str:
-        return f"level {self.level}"
-
-    def moved(self, right: float, up: float) -> Spot:
-        return replace(self, offset=(self.offset[0] + right, self.offset[1] + up))
-
-
-@dataclass(eq=False)
-class Plain:
-    """Looks one level up bilinearly, and multiplies maps, so that means of maps do not show means of pictures.
-
-    Args:
-        damaged: makes another frame of each frame, from it and how many there were before.
-        log: the names of views, as they were rendered.
-    """
-
-    damaged: Callable[[Frame, int], Any] = lambda frame, _count: frame
-    log: list[str] = field(default_factory=list)
-
-    def render(self, levels: Levels, view: Spot) -> Any:
-        height, width = levels.sizes[0]
-        right, up = view.offset
-        rows, columns = np.meshgrid(np.arange(view.side) + 0.5 - up, np.arange(view.side) + 0.5 + right, indexing="ij")
-        uv = np.stack([columns / width, rows / height], -1) * 2**view.level
-        level = min(view.level, len(levels.sizes) - 1)
-        colour, metallic, roughness, normal = (
-            bilinear(levels.maps[name][level].astype(np.float64), uv)
-            for name in ("base_color", "metallic", "roughness", "normal")
-        )
-        image = np.square(colour) * (0.2 + roughness) * (0.3 + normal[..., :1]) + 0.1 * metallic * normal[..., 1:2]
-        frame = Frame(image, uv.astype(np.float32), lod=np.full(uv.shape[:2], level, np.float32))
-        self.log.append(view.name)
-        return self.damaged(frame, len(self.log) - 1)
-
-
-def texture_set(side: int = SIDE) -> TextureSet:
-    stored = material("gltf", side, side)
-    return TextureSet.from_arrays(
-        "small", base_color=stored[..., :3], metallic=stored[..., 3], roughness=stored[..., 4], normal=stored[..., 5:]
-    )
-
-
-def spots(each: int = 5, levels: Sequence[int] = (0, 1, 2, 3)) -> list[Spot]:
-    """Views whose pixels are as large as texels of a level, at places of their own. One in five is held out."""
-    rng = np.random.default_rng(1)
-    return [
-        Spot(f"spot {number} of level {level}", level, offset=(float(rng.uniform(0, 8)), float(rng.uniform(0, 8))))
-        for level in levels
-        for number in range(each)
-    ]
-
-
-def start(side: int = SIDE) -> MipStack:
-    """Averaged levels of the small set."""
-    return stack_of(material("gltf", side, side), "gltf")
-
-
-def fitted(renderer: Any = None, views: Sequence[Any] | None = None, stack: MipStack | None = None, **more: Any) -> Any:
-    """A fit of the small set in a few steps."""
-    settings = {"steps": 96, "passes": 16} | more
-    if "reference" not in settings:
-        settings["source"] = texture_set()
-    found = spots() if views is None else views
-    return fit(stack or start(), Plain() if renderer is None else renderer, found, **settings)
-
-
-def same(first: MipStack, second: MipStack) -> bool:
-    """Bit for bit."""
-    return all(a.tobytes() == b.tobytes() for a, b in zip(first.levels, second.levels, strict=True))
-
-
-def levels_of(stack: MipStack) -> Levels:
-    parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
-    stamps = tuple(new_stamp() for _ in stack.levels)
-    return parameters.levels(parameters.values(list(stack.levels)), stack.wrap, stamps)
-
-
-def source_levels(texture: TextureSet) -> Levels:
-    parameters = Parameters.of("gltf", texture.height, texture.width, 1)
-    return parameters.levels(parameters.values([texture.material("gltf")]), texture.wrap, (new_stamp(),))
-
-
-def error(stack: MipStack, renderer: Any, view: Any, wanted: np.ndarray) -> float:
-    """Squared error of a view, as a share of the reference's sum of squares."""
-    image = renderer.render(levels_of(stack), view).image
-    return float(np.square(image - wanted).sum() / np.square(wanted).sum())
-
 
 # ---- what a fit gains
 
@@ -363,7 +270,7 @@ def test_the_mean_of_many_estimates_is_the_exact_gradient() -> None:
     moved = np.clip(values + np.random.default_rng(0).uniform(-0.1, 0.1, values.shape).astype(np.float32), 0.05, 0.95)
 
     def shown(texels: np.ndarray) -> Frame:
-        return renderer.render(parameters.levels(texels, REPEATS, tuple(new_stamp() for _ in stack.levels)), view)
+        return renderer.render(parameters.levels(texels, REPEATS, new_stamps(parameters.sizes)), view)
 
     frame, wanted = shown(values), np.asarray(shown(moved).image, np.float32)
     count, seen = wanted.shape[0] * wanted.shape[1], np.asarray(frame.id).reshape(-1).astype(np.uint8)

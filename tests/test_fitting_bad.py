@@ -15,7 +15,7 @@ import pytest
 from mipbake.errors import InputError, OutputError, RendererError, UsageError
 from mipbake.fitting import Frame, Progress, fit
 
-from .test_fitting import SIDE, Plain, Spot, fitted, same, spots, start
+from .fitting_small import SIDE, Plain, Spot, fitted, same, spots, start
 
 Damaged = Callable[[Frame, int], Any]
 

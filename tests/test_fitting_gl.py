@@ -21,6 +21,7 @@ from mipbake.render.camera import Camera
 from mipbake.render.environment import directional
 
 from . import independent_scenes as scenes
+from .fitting_levels import by_tiles, noisy, stamps_of
 from .mesh_renders import candidate
 from .viewer_scenes import material, stack_of
 
@@ -75,14 +76,15 @@ def levels_of(
         ]
         for each in MODELS[model].stored
     }
-    return Levels(model, maps, wrap, tuple(stamp + index for index in range(len(stack))))
+    sizes = [(level.shape[0], level.shape[1]) for level in stack]
+    return Levels(model, maps, wrap, stamps_of(sizes, range(stamp, stamp + len(stack))))
 
 
 def flat(texel: Sequence[float], size: int = 16, stamp: int = 0) -> Levels:
     """One level of `gltf`, the same everywhere, from encoded values."""
     values = np.broadcast_to(np.asarray(texel, np.float32), (size, size, 8))
     maps = {name: [values[..., part]] for name, part in MODELS["gltf"].maps.items()}
-    return Levels("gltf", maps, ("wrap", "wrap"), (stamp,))
+    return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size)], [stamp]))
 
 
 @pytest.fixture(scope="module")
@@ -179,13 +181,26 @@ def test_levels_are_uploaded_one_by_one(made: Made) -> None:
     def of(values: Sequence[float], stamps: Sequence[int]) -> Levels:
         parts = [flat([value] * 8, size) for value, size in zip(values, sizes, strict=True)]
         maps = {name: [part.maps[name][0] for part in parts] for name in parts[0].maps}
-        return Levels("gltf", maps, ("wrap", "wrap"), tuple(stamps))
+        return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size) for size in sizes], stamps))
 
     assert np.allclose(renderer.render(of([0.1, 0.2, 0.3], [1, 2, 3]), far).lod, 1, atol=1e-4)
     assert np.allclose(renderer.image(of([0.1, 0.2, 0.3], [1, 2, 3]), far), 0.2, atol=1e-4)
     assert np.allclose(renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), far), 0.8, atol=1e-4)
     near = renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), replace(FLAT, mesh=shapes.plane(2.0, 2.0, (0.5, 0.5))))
     assert np.allclose(near, 0.1, atol=1e-4)
+
+
+@pytest.mark.parametrize("texels", ["rgba8", "rgba32f"])
+@pytest.mark.parametrize("size", [(100, 75), (75, 100), (130, 300)])
+def test_tiles_are_uploaded_one_by_one(made: Made, size: tuple[int, int], texels: str) -> None:
+    renderer = made(shipped_shader("clearcoat"), texels)
+    views = [replace(FLAT, size=(32, 32), mesh=shapes.plane(2.0, 2.0, (n, n))) for n in (0.25, 1.0, 4.0, 16.0)]
+    first = noisy(size, 1, 1_000)
+    before = [renderer.image(first, view) for view in views]
+    told, whole = by_tiles(first, noisy(size, 2, 0), 3)
+    seen = [renderer.image(told, view) for view in views]
+    for view, image, old in zip(views, seen, before, strict=True):
+        assert np.array_equal(image, renderer.image(whole, view)) and not np.array_equal(image, old)
 
 
 def test_a_source_of_one_level_and_its_stack_do_not_mix(made: Made) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,20 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, UsageError
+from mipbake.errors import UsageError
+from mipbake.fitting import program
+from mipbake.fitting.exchange import MemoryExchange
 from mipbake.fitting.process import ProcessRenderer
-from mipbake.fitting.protocol import JsonView, read_views
+from mipbake.fitting.protocol import JsonView
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
-from mipbake.render import environment, shapes
-from mipbake.render.camera import Camera
 from mipbake.render.mesh_gltf import read_gltf
 
 from . import fitting_programs as programs
+from .fitting_levels import by_tiles, noisy, stamped
 from .fitting_programs import (
     EXCHANGES,
     GOOD,
-    PROGRAM,
+    RENDER,
     SERVING,
     TALK,
     Write,
@@ -86,7 +86,7 @@ def test_what_has_not_changed_is_not_handed_over_again(
         first = image(levels)
         levels.maps["roughness"][1][:] = 0.5  # as a stamp says that it has not changed, nothing comes of it
         np.testing.assert_array_equal(image(levels), first)
-        levels = Levels(levels.model, levels.maps, levels.wrap, (1, 9, 3))
+        levels = stamped(levels, (1, 9, 3))
         now = image(levels)
         assert (now != first).any()
         np.testing.assert_array_equal(now, by_hand(levels, {"size": (5, 7)})[0].astype(np.float32))
@@ -97,6 +97,67 @@ def test_what_has_not_changed_is_not_handed_over_again(
     every = "(True, True, True)"
     changed = [every, "(False, False, False)", "(False, True, False)", every, every]
     assert told.read_text(encoding="utf-8").splitlines() == [f"changed {each}" for each in changed]
+
+
+FOLLOWING = f"""{SERVING}{RENDER}
+copies = {{}}
+
+def rendered(levels, view):
+    for level, parts in enumerate(levels.changed_texels):
+        assert bool(parts) == levels.changed[level]
+        for row, column, height, width in parts:
+            rows, columns = slice(row, row + height), slice(column, column + width)
+            for name, maps in levels.maps.items():
+                kept = copies.setdefault((name, level), np.zeros_like(maps[level]))
+                kept[rows, columns] = maps[level][rows, columns]
+    for (name, level), kept in copies.items():
+        levels.maps[name][level] = kept
+    image, uv, lod, number = render(levels, view)
+    return program.Rendered(image, uv, lod, None, number)
+
+program.serve(rendered)
+"""
+"""A program that keeps textures, and takes over only the texels that it is told of."""
+
+
+@pytest.mark.parametrize("exchange", EXCHANGES)
+def test_a_program_that_takes_only_the_tiles_that_changed(exchange: str, script: Write, before: None) -> None:
+    first = noisy((100, 75), 1, 1)
+    view = {"size": [60, 50]}
+    with ProcessRenderer(script(FOLLOWING), exchange=exchange) as renderer:
+        old = renderer.render(first, view).image
+        told, whole = by_tiles(first, noisy((100, 75), 2, 1), 3)
+        seen = renderer.render(told, view).image
+        again = renderer.render(told, view).image
+    wanted = by_hand(whole, view)[0].astype(np.float32)
+    np.testing.assert_array_equal(seen, wanted)
+    np.testing.assert_array_equal(again, wanted)
+    assert not np.array_equal(seen, old)
+
+
+def test_only_tiles_that_changed_are_written_into_memory(tmp_path: Path) -> None:
+    first, exchange = noisy((100, 75), 1, 1), MemoryExchange(tmp_path)
+    told = exchange.give(first)
+    exchanged, whole = by_tiles(first, noisy((100, 75), 2, 1), 3)
+    again = exchange.give(exchanged)
+    numbers = np.fromfile(again["file"], "<f4")
+    for index, level in enumerate(again["stack"]):
+        for name, about in level["maps"].items():
+            texels = numbers[about["offset"] // 4 :][: np.prod(about["shape"])].reshape(about["shape"])
+            np.testing.assert_array_equal(texels, whole.maps[name][index])
+        parts = [list(part) for part in exchanged.changed(first.stamps)[index]]
+        assert level["changed_texels"] == parts and level["changed"] == bool(parts)
+        assert (level["stamp"] > told["stack"][index]["stamp"]) == bool(parts)
+        assert told["stack"][index]["changed_texels"] == [[0, 0, *level["size"]]]
+    assert again["file"] == told["file"]
+    exchange.close()
+
+
+def test_a_program_of_an_older_mipbake_is_told_of_whole_levels() -> None:
+    stack = [{"size": [4, 6], "stamp": 1, "changed": True}, {"size": [2, 3], "stamp": 1, "changed": False}]
+    told = {"model": "gltf", "wrap": ["wrap", "wrap"], "stack": stack}
+    shared = program._shared(told, [{"roughness": np.zeros((4, 6, 1))}, {"roughness": np.zeros((2, 3, 1))}])
+    assert shared.changed_texels == (((0, 0, 4, 6),), ())
 
 
 def test_a_program_is_started_once_and_asked_to_end(script: Write, tmp_path: Path, before: None) -> None:
@@ -271,63 +332,6 @@ program.serve(lambda levels, view: program.Rendered(np.ones((2, 2, 3)), np.ones(
     fails(script(text), "has an id that is no integer", exchange=exchange)
 
 
-SHELL = """
-while IFS= read -r line; do
-    case "$line" in
-    *'"request": "hello"'*) echo '{"mipbake": 1, "answer": "hello", "renderer": "shell"}' ;;
-    *'"request": "render"'*)
-        id=$(printf '%s' "$line" | sed 's/.*"request": "render", "id": \\([0-9]*\\),.*/\\1/')
-        maps=$(printf '%s' "$line" | sed 's/.*"file": "\\([^"]*\\)".*/\\1/')
-        frame=$(printf '%s' "$line" | sed 's/.*"frame": "\\([^"]*\\)".*/\\1/')
-        head -c 12 "$maps" > "$frame"
-        head -c 12 /dev/zero >> "$frame"
-        printf '{"mipbake": 1, "answer": "frame", "id": %s, "arrays": ' "$id"
-        printf '{"image": {"offset": 0, "shape": [1, 1, 3]}, '
-        echo '"uv": {"offset": 12, "shape": [1, 1, 2]}, "lod": {"offset": 20, "shape": [1, 1]}}}' ;;
-    *) exit 0 ;;
-    esac
-done
-"""
-"""A renderer of one pixel, the first texel, for the shell: it reads the lines as the example of the page has them."""
-
-
-def test_a_program_of_the_page_alone(tmp_path: Path, before: None) -> None:
-    path, levels = tmp_path / "renderer.sh", levels_of()
-    path.write_text(SHELL, encoding="utf-8")
-    with ProcessRenderer(f"sh {shlex.quote(str(path))}") as renderer:
-        frame = renderer.render(levels, view_of())
-        np.testing.assert_array_equal(frame.image[0, 0], levels.maps["base_color"][0][0, 0])
-        assert frame.lod.shape == (1, 1)
-        renderer.render(levels, view_of())
-
-
-def test_the_programs_side_needs_numpy_alone() -> None:
-    lines = PROGRAM.read_text(encoding="utf-8").splitlines()
-    imports = {line.split()[1].partition(".")[0] for line in lines if line.startswith(("import ", "from "))}
-    assert imports <= {*sys.stdlib_module_names, "numpy"}
-
-
-def test_views_of_a_users_own(tmp_path: Path) -> None:
-    path = tmp_path / "views.json"
-    path.write_text('[{"name": "door", "scale": "far", "camera": 3}, {"offset": [1, 2]}]', encoding="utf-8")
-    door, other = read_views(path)
-    assert (door.name, door.scale, door.as_json()) == ("door", "far", {"name": "door", "scale": "far", "camera": 3})
-    moved = door.moved(0.5, 1).moved(0.25, 0)
-    assert (moved.name, moved.offset, moved.as_json()["offset"]) == ("door", (0.75, 1), [0.75, 1.0])
-    assert (other.name, other.scale) == ("view", "other")
-    assert other.moved(-1, 0.5).as_json() == {"offset": [0.0, 2.5]}
-
-
-@pytest.mark.parametrize(
-    "text", ["{}", "[]", "[1]", "[{]", '[{"a": NaN}]', '[{"offset": 3}]', '[{"offset": [1, "2"]}]']
-)
-def test_files_that_hold_no_views(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "views.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"views\.json"):
-        read_views(path)
-
-
 @pytest.mark.parametrize("view", [3, {"x": float("nan")}, {"x": SimpleNamespace()}, JsonView({"offset": 1}, (1, 0))])
 def test_views_that_cannot_be_told(view: Any, script: Write, before: None) -> None:
     with ProcessRenderer(script(GOOD)) as renderer, pytest.raises(UsageError, match="expected"):
@@ -348,64 +352,3 @@ def test_views_that_cannot_be_told(view: Any, script: Write, before: None) -> No
 def test_what_makes_no_renderer(command: Any, options: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match="expected"):
         ProcessRenderer(command, **options)
-
-
-def conversation() -> list[tuple[str, str]]:
-    """The example of the page: who speaks, and the line."""
-    page = Path(__file__).parents[1] / "docs" / "fit-protocol.md"
-    block = page.read_text(encoding="utf-8").partition("## An example")[2].split("```")[1]
-    said: list[tuple[str, str]] = []
-    for line in block.splitlines():
-        if line.startswith(("> ", "< ")):
-            said.append((line[0], line[2:]))
-        elif line:
-            said[-1] = (said[-1][0], said[-1][1] + line)
-    return said
-
-
-def near(found: Any, expected: Any) -> bool:
-    """Whether two JSON values are equal but for the rounding of numbers."""
-    if isinstance(expected, dict):
-        return list(found) == list(expected) and all(near(found[key], expected[key]) for key in expected)
-    if isinstance(expected, list):
-        return len(found) == len(expected) and all(map(near, found, expected))
-    if isinstance(expected, float):
-        return bool(np.isclose(found, expected, atol=1e-9))
-    return type(found) is type(expected) and found == expected
-
-
-def test_the_example_of_the_page_is_what_is_said(script: Write, tmp_path: Path, before: None) -> None:
-    """A program says what the page's program says, and is told what the page tells it."""
-    said = conversation()
-    answers = [line for who, line in said if who == "<"]
-    text = f"""
-import json, sys
-answers = {answers!r}
-with open({str(tmp_path / "told")!r}, "w") as told:
-    for line in sys.stdin:
-        told.write(line)
-        request = json.loads(line)
-        if request["request"] == "render":
-            open(request["frame"], "wb").write(bytes(224))
-        while request["request"] != "end":
-            answer = answers.pop(0)
-            print(answer, flush=True)
-            if answer.startswith("{{"):
-                break
-"""
-    maps = {"base_color": [np.zeros((n, n, 3), np.float32) for n in (2, 1)]}
-    maps["roughness"] = [np.zeros((n, n, 1), np.float32) for n in (2, 1)]
-    camera = Camera((0, 0, 2), field_of_view=90, near=1, far=3)
-    light = environment.directional("one", [[0, 0.6, 0.8]], [[3, 3, 3]])
-    view = View("front", "near", shapes.plane(), camera, light, (2, 4))
-    with ProcessRenderer(script(text)) as renderer:
-        for stamp, seen in ((2, view), (3, view.moved(0.25, -0.25))):
-            frame = renderer.render(Levels("gltf", maps, ("wrap", "clamp"), (1, stamp)), seen)
-            assert frame.image.shape == (2, 4, 3) and frame.id.shape == (2, 4)
-    lines = (tmp_path / "told").read_text(encoding="utf-8").splitlines()
-    folder = json.loads(lines[0])["folder"]
-    told = [json.loads(line.replace(folder, "/x")) for line in lines]
-    expected = [json.loads(line) for who, line in said if who == ">"]
-    assert len(told) == len(expected) == 4
-    for one, other in zip(told, expected, strict=True):
-        assert near(one, other), (one, other)

@@ -204,9 +204,10 @@ for line in sys.stdin:
     killed = f"""
 import numpy as np, os, signal
 from mipbake.fitting.process import ProcessRenderer
-from mipbake.fitting.renderer import Levels
+from mipbake.fitting.renderer import Levels, new_stamps
 renderer = ProcessRenderer({command!r})
-renderer.render(Levels("gltf", {{"roughness": [np.ones((2, 2, 1), np.float32)]}}, ("wrap", "wrap"), (1,)), {{}})
+maps = {{"roughness": [np.ones((2, 2, 1), np.float32)]}}
+renderer.render(Levels("gltf", maps, ("wrap", "wrap"), new_stamps([(2, 2)])), {{}})
 os.kill(os.getpid(), signal.SIGKILL)
 """
     assert subprocess.run([sys.executable, "-c", killed], check=False).returncode == -signal.SIGKILL

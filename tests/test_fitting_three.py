@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mipbake._srgb import srgb_to_linear
 from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.renderer import Levels
+from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.three import MATERIALS, ThreeRenderer, three_folder
 from mipbake.fitting.views import View
-from mipbake.pixel_filter import level_sizes
+from mipbake.pixel_filter import filter_named, level_sizes
 from mipbake.render.camera import orbit
 from mipbake.render.environment import directional
 from mipbake.render.shapes import material_ball, plane, sphere
 
+from .fitting_levels import by_tiles, noisy, stamped, stamps_of
 from .mesh_renders import candidate
 
 pytestmark = pytest.mark.independent
@@ -57,16 +61,7 @@ def constant(
 
     base = [np.full((*each, 3), colour, np.float32) for each, colour in zip(sizes, colours, strict=True)]
     all_maps = {"base_color": base, "metallic": maps(0), "roughness": maps(roughness), "normal": maps(0.5, 0.5, 1)}
-    return Levels("gltf", all_maps, ("wrap", "wrap"), tuple(range(stamp, stamp + len(sizes))))
-
-
-def noisy(size: tuple[int, int], seed: int, stamp: int, wrap: tuple[str, str] = ("wrap", "wrap")) -> Levels:
-    """Levels with another number in every texel."""
-    rng = np.random.default_rng(seed)
-    sizes = level_sizes(*size)
-    channels = {"base_color": 3, "metallic": 1, "roughness": 1, "normal": 3}
-    maps = {n: [rng.uniform(0.3, 1, (*each, c)).astype(np.float32) for each in sizes] for n, c in channels.items()}
-    return Levels("gltf", maps, wrap, tuple(range(stamp, stamp + len(sizes))))
+    return Levels("gltf", all_maps, ("wrap", "wrap"), stamps_of(sizes, range(stamp, stamp + len(sizes))))
 
 
 def stored(levels: Levels) -> list[NDArray[np.float32]]:
@@ -187,12 +182,54 @@ def test_levels_are_uploaded_when_their_stamps_are_new(standard: ThreeRenderer) 
     # The coarsest levels alone, and then level 0.
     for changed in ({3, 4, 5}, {0}):
         stamps = tuple(stamp + 50 * (level in changed) for level, stamp in enumerate(levels.stamps))
-        levels = Levels(levels.model, levels.maps, levels.wrap, stamps)
+        levels = replace(levels, stamps=stamps)
         after = standard.image(levels, BALL)
         assert not np.array_equal(after, before)
         before = after
-    whole = Levels(levels.model, levels.maps, levels.wrap, tuple(range(790, 796)))
-    assert not np.array_equal(standard.image(whole, BALL), before)
+    assert not np.array_equal(standard.image(stamped(levels, range(790, 796)), BALL), before)
+
+
+@pytest.mark.parametrize("size", [(100, 75), (130, 300)])
+def test_tiles_are_uploaded_one_by_one(standard: ThreeRenderer, size: tuple[int, int]) -> None:
+    views = [SLANTED, BALL, View("near", "near", plane(8, 8), orbit(4, 0, 60), LIGHT, (40, 56))]
+    first = noisy(size, 1, 1_000)
+    before = [standard.image(first, view) for view in views]
+    told, whole = by_tiles(first, noisy(size, 2, 0), 3)
+    seen = [standard.image(told, view) for view in views]
+    for view, image, old in zip(views, seen, before, strict=True):
+        assert np.array_equal(image, standard.image(whole, view)) and not np.array_equal(image, old)
+
+
+def test_colours_are_decoded_as_srgb_has_it(standard: ThreeRenderer) -> None:
+    """A surface of one colour is in proportion to what its bytes decode to, less what it reflects as a mirror does."""
+    steps = np.array([10, 60, 128, 200, 255]) / 255
+    images = [
+        standard.image(constant([(step, step, step)] * 7, stamp=1_100 + 10 * index), BALL)
+        for index, step in enumerate([0.0, *steps])
+    ]
+    lit = images[-1].max(-1) > 0.3
+    assert lit.sum() > 100
+    shares = [((image - images[0]) / np.maximum(images[-1] - images[0], 1e-6))[lit] for image in images[1:]]
+    for share, step in zip(shares, steps, strict=True):
+        np.testing.assert_allclose(share, srgb_to_linear(step), atol=2e-3)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("name", ["gaussian", "mitchell"])
+@pytest.mark.parametrize("view", [SLANTED, BALL], ids=lambda view: view.name)
+def test_sums_are_what_renders_add_up_to(standard: ThreeRenderer, view: View, name: str, whole: bool) -> None:
+    """70 renders are more than one request has; weights of mitchell have both signs."""
+
+    class Plain:
+        """The same renderer, which adds nothing up itself."""
+
+        render, image = standard.render, standard.image
+
+    levels = noisy((64, 64), 6, 1_200)
+    wanted = supersampled(Plain(), levels, view, filter_named(name), 70, 0, whole)
+    found = supersampled(standard, levels, view, filter_named(name), 70, 0, whole)
+    assert (wanted == 0).any() and wanted.max() > 0.1
+    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5 * wanted.max())
 
 
 def test_stacks_of_other_shapes_do_not_disturb_each_other(standard: ThreeRenderer) -> None:
@@ -278,7 +315,7 @@ def test_levels_that_it_cannot_draw_are_named(standard: ThreeRenderer) -> None:
         standard.render(Levels("ggx", levels.maps, levels.wrap, levels.stamps), SLANTED)
     twice = {name: [stack[0], stack[0]] for name, stack in levels.maps.items()}
     with pytest.raises(UsageError, match="half"):
-        standard.render(Levels("gltf", twice, levels.wrap, (1, 2)), SLANTED)
+        standard.render(Levels("gltf", twice, levels.wrap, stamps_of([levels.sizes[0]] * 2, (1, 2))), SLANTED)
     assert standard.image(levels, SLANTED).any()
 
 

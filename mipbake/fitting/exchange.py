@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import OutputError, RendererError
-from mipbake.fitting.renderer import Array, Frame, Levels
+from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
 from mipbake.io.messages import told_by
 from mipbake.io.oiio_levels import finish, put, writer
 from mipbake.io.publish import reason
@@ -58,23 +58,20 @@ class Exchange(Protocol):
 
 
 class _Given:
-    """Which levels a program has got."""
+    """Which texels a program has got."""
 
     def __init__(self) -> None:
         self.number = 0
         self._layout: object = None
-        self._stamps: tuple[int, ...] = ()
+        self._stamps: tuple[NDArray[np.int64], ...] | None = None
 
-    def changed(self, levels: Levels) -> list[bool]:
-        """Whether each level is another than before. `number` grows where the maps or their sizes are others."""
+    def changed(self, levels: Levels) -> list[list[Rectangle]]:
+        """Texels of each level that are others than before. `number` grows where the maps or their sizes are others."""
         shapes = {name: [level.shape for level in each] for name, each in levels.maps.items()}
         layout = (levels.model, tuple(levels.wrap), shapes)
         if layout != self._layout:
-            self._layout, self.number = layout, self.number + 1
-            changed = [True] * len(levels.stamps)
-        else:
-            changed = [new != old for new, old in zip(levels.stamps, self._stamps, strict=True)]
-        self._stamps = tuple(levels.stamps)
+            self._layout, self._stamps, self.number = layout, None, self.number + 1
+        changed, self._stamps = levels.changed(self._stamps), levels.stamps
         return changed
 
 
@@ -101,11 +98,12 @@ class MemoryExchange:
             self._file = self._folder / f"maps-{self._given.number}.f32"
             self._map = _mapped(self._file, size)
         assert self._file is not None and self._map is not None
-        for index, is_new in enumerate(changed):
-            for name, maps in levels.maps.items() if is_new else ():
+        for index, parts in enumerate(changed):
+            for name, maps in levels.maps.items() if parts else ():
                 values = maps[index]
                 out = np.frombuffer(self._map, "<f4", values.size, places[index][name]).reshape(values.shape)
-                np.copyto(out, values, casting="same_kind")
+                for part in parts:
+                    np.copyto(part.of(out), part.of(values), casting="same_kind")
                 del out  # else the file could not be let go of
         told = [
             {name: {"offset": at, "shape": list(levels.maps[name][index].shape)} for name, at in each.items()}
@@ -166,9 +164,9 @@ class ExrExchange:
         names = {name: [f"{name}.{_LETTERS[i]}" for i in range(maps[0].shape[2])] for name, maps in levels.maps.items()}
         channels = [channel for each in names.values() for channel in each]
         about = []
-        for index, is_new in enumerate(changed):
+        for index, parts in enumerate(changed):
             file = self._folder / f"level-{index}.exr"
-            if is_new:
+            if parts:
                 texels = np.concatenate([maps[index] for maps in levels.maps.values()], -1, dtype=np.float32)
                 _write_exr(file, texels, channels)
             about.append({"file": str(file), "maps": names})
@@ -212,11 +210,17 @@ def _places(levels: Levels) -> tuple[list[dict[str, int]], int]:
     return places, at
 
 
-def _told(levels: Levels, changed: list[bool], about: list[dict[str, Any]]) -> dict[str, Any]:
+def _told(levels: Levels, changed: list[list[Rectangle]], about: list[dict[str, Any]]) -> dict[str, Any]:
     """What both exchanges tell of levels, with what one of them tells of each level."""
     stack = [
-        {"size": [int(height), int(width)], "stamp": int(stamp), "changed": is_new, **each}
-        for (height, width), stamp, is_new, each in zip(levels.sizes, levels.stamps, changed, about, strict=True)
+        {
+            "size": [int(height), int(width)],
+            "stamp": int(stamps.max()),  # stamps only grow, so the largest one is another where any one is
+            "changed": bool(parts),
+            "changed_texels": [list(part) for part in parts],
+            **each,
+        }
+        for (height, width), stamps, parts, each in zip(levels.sizes, levels.stamps, changed, about, strict=True)
     ]
     return {"model": levels.model, "wrap": list(levels.wrap), "stack": stack}
 

@@ -16,7 +16,7 @@ from mipbake.errors import UsageError
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, References, scores, scores_of_levels
-from mipbake.fitting.renderer import Levels, Renderer, new_stamp
+from mipbake.fitting.renderer import Levels, Renderer, new_stamps
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
@@ -171,4 +171,4 @@ def _source_levels(source: TextureSet) -> Levels:
     """Level 0 of a texture set alone, as a renderer gets it."""
     stored = source.material(source.source_model)
     parameters = Parameters.of(source.source_model, stored.shape[0], stored.shape[1], 1)
-    return parameters.levels(parameters.values([stored]), source.wrap, (new_stamp(),))
+    return parameters.levels(parameters.values([stored]), source.wrap, new_stamps(parameters.sizes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +46,26 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
     image = getattr(renderer, "image", None)
     made = renderer.render(levels, view) if image is None else image(levels, view)
     return _picture(made if image is not None else _image(made, who), who, size)
+
+
+def summed(
+    renderer: Any, levels: Levels, views: Sequence[Any], weights: Sequence[float], who: str
+) -> tuple[Array, Array]:
+    """What the method `summed` of a renderer gives: (H, W, 3) and (H, W) float32.
+
+    Raises:
+        RendererError: not two arrays, other shapes, or values that are not finite.
+    """
+    made = renderer.summed(levels, views, weights)
+    if not isinstance(made, tuple) or len(made) != 2:
+        raise RendererError(
+            f"{who}: `summed` gave a {type(made).__name__}: expected a sum of images and one of weights"
+        )
+    image, counted = _picture(made[0], who, None), _numbers(made[1], "the sum of weights", who)
+    if counted.shape != image.shape[:2]:
+        raise RendererError(f"{who}: the sum of weights has shape {counted.shape}: expected {image.shape[:2]}")
+    _check_finite(counted[..., None], "the sum of weights", who)
+    return image, counted
 
 
 def image_of(frame: Any, who: str) -> Array:

@@ -43,20 +43,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._extras import extra
-from mipbake._srgb import srgb_to_linear
 from mipbake.errors import UsageError
+from mipbake.fitting.gl_textures import TEXELS, GlTextures, loaded_moderngl
 from mipbake.fitting.renderer import Array, Frame, Levels
 from mipbake.fitting.views import View
-from mipbake.material import COLOUR, GLTF_MODELS, MODELS
-from mipbake.pixel_filter import level_sizes
+from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.render.mesh import Mesh
 
 MAX_LIGHTS = 64
 """Most lights of a view: as many as an environment becomes. OpenGL 3.3 promises room for fewer than 128."""
-
-TEXELS = ("rgba8", "rgba32f")
-"""How textures hold texels: rounded to 8 bits, or not at all."""
 
 SHADERS = ("gltf", "clearcoat", "ramp")
 """Shaders that come with mipbake: the metallic-roughness model as mipbake shades it, the same under a clear coat, and a
@@ -64,8 +59,6 @@ stylised one whose light falls in steps."""
 
 _KEPT = 4
 """Stacks of other sizes whose textures are kept: a stack and its source, twice. A guess."""
-
-_SRGB8_ALPHA8 = 0x8C43
 
 _VERTICES = """
 #version 330
@@ -165,7 +158,7 @@ class GlRenderer:
             raise UsageError(f"no texels are called {texels!r}: expected one of {', '.join(TEXELS)}")
         self._texels, self._name = texels, name
         self._context = _context()
-        self._textures: dict[Any, _Textures] = {}
+        self._textures: dict[Any, GlTextures] = {}
         self._meshes: dict[Mesh, dict[str, Any]] = {}
         self._framebuffers: dict[tuple[int, int], Any] = {}
         self._looked: WeakKeyDictionary[View, dict[Any, tuple[NDArray[Any], ...]]] = WeakKeyDictionary()
@@ -223,7 +216,7 @@ class GlRenderer:
 
     def _drawn(self, what: str, levels: Levels, view: View) -> NDArray[np.float32]:
         """(H, W, 4) what a program makes of a view, 0 where nothing is, rows from the top."""
-        moderngl = _moderngl()
+        moderngl = loaded_moderngl()
         (height, width), program = view.size, self._programs[what]
         if view.size not in self._framebuffers:
             colour = self._context.renderbuffer((width, height), 4, dtype="f4")
@@ -259,7 +252,7 @@ class GlRenderer:
     def _uploaded(self, levels: Levels) -> Mapping[str, Any]:
         """Name of each map to its texture, which holds these levels."""
         key = (levels.model, tuple(levels.sizes))
-        textures = self._textures.pop(key, None) or _Textures(self._context, levels, self._texels)
+        textures = self._textures.pop(key, None) or GlTextures(self._context, levels, self._texels)
         self._textures[key] = textures  # the last one in the order
         if len(self._textures) > _KEPT:
             self._textures.pop(next(iter(self._textures))).release()
@@ -284,7 +277,7 @@ class GlRenderer:
             )
 
     def _compiled(self, shader: str) -> Any:
-        moderngl = _moderngl()
+        moderngl = loaded_moderngl()
 
         code = re.sub(r"//[^\n]*|/\*.*?\*/", " ", shader, flags=re.DOTALL)
         if re.search(r"^[ \t]*#[ \t]*version\b", code, re.MULTILINE):
@@ -301,84 +294,9 @@ class GlRenderer:
             ) from None
 
 
-class _Textures:
-    """One texture for each map of a stack.
-
-    Texels that are rounded to 8 bits lie in normalised numbers of 16 bits, q / 255 as 257 q / 65535, which are the very
-    same numbers. llvmpipe filters textures of 8 bits in 8 bits: between 10/255 and 20/255 it finds nothing but whole
-    255ths, where GPUs and its other textures do. Colours are exempt, as sRGB is decoded before it is filtered.
-
-    Args:
-        context: of moderngl, and current in all calls.
-        levels: whose sizes and model they are made for; nothing is uploaded yet.
-        texels: one of `TEXELS`.
-
-    Raises:
-        UsageError: levels that do not halve from one to the next.
-    """
-
-    def __init__(self, context: Any, levels: Levels, texels: str) -> None:
-        moderngl = _moderngl()
-
-        sizes = levels.sizes
-        if sizes != level_sizes(*sizes[0])[: len(sizes)]:
-            raise UsageError(f"levels measure {sizes} (height, width): expected each half as large as the one before")
-        height, width = sizes[0]
-        self._stamps: list[int | None] = [None] * len(sizes)
-        self._colours = {each.name for each in MODELS[levels.model].stored if each.facts.encoding == COLOUR}
-        self._rounded = texels == "rgba8"
-        self.maps: dict[str, Any] = {}  # one or two channels, or four for three
-        for name, arrays in levels.maps.items():
-            channels = arrays[0].shape[2]
-            components = 4 if channels == 3 else channels
-            dtype, internal = "f4", None
-            if self._rounded:
-                dtype, internal = ("f1", _SRGB8_ALPHA8) if name in self._colours else ("nu2", None)
-            texture = context.texture((width, height), components, alignment=1, dtype=dtype, internal_format=internal)
-            texture.build_mipmaps(0, len(sizes) - 1)  # makes room, and sets the last level
-            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-            self.maps[name] = texture
-
-    def update(self, levels: Levels) -> None:
-        """Uploads the levels whose stamps are others than before, and sets how lookups wrap."""
-        known, self._stamps = self._stamps, [None] * len(self._stamps)
-        for name, texture in self.maps.items():
-            texture.repeat_x, texture.repeat_y = (each == "wrap" for each in levels.wrap)
-            for index, (level, stamp) in enumerate(zip(levels.maps[name], levels.stamps, strict=True)):
-                if stamp != known[index]:
-                    texture.write(self._encoded(level, name in self._colours, texture.components), level=index)
-        self._stamps = list(levels.stamps)
-
-    def release(self) -> None:
-        """Gives the memory of the driver back."""
-        for texture in self.maps.values():
-            texture.release()
-
-    def _encoded(self, level: Array, colour: bool, components: int) -> NDArray[Any]:
-        """(H, W, components): texels as the texture holds them."""
-        level = np.asarray(level, np.float32)
-        height, width, channels = level.shape
-        if not self._rounded:
-            whole = np.ones((height, width, components), np.float32)
-            whole[..., :channels] = srgb_to_linear(level) if colour else level
-            return whole
-        # A channel at a time, which NumPy is three times as quick at as at vectors of three.
-        texels = np.full((height, width, components), 255, np.uint8)
-        for channel in range(channels):
-            scaled = level[..., channel] * np.float32(255) + np.float32(0.5)
-            texels[..., channel] = np.clip(scaled, 0, 255, out=scaled)  # the integer below
-        return texels if colour else texels.astype(np.uint16) * np.uint16(257)
-
-
-def _moderngl() -> Any:
-    with extra("fit", "the renderer gl"):
-        import moderngl
-    return moderngl
-
-
 def _context() -> Any:
     """A context of OpenGL without a window."""
-    moderngl = _moderngl()
+    moderngl = loaded_moderngl()
     # Only EGL needs no display. moderngl has it for Linux alone; what it takes elsewhere was never tried.
     backend: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
     try:

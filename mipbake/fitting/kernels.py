@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Frame, Levels
 from mipbake.fitting.views import View
+from mipbake.material import model_named
 from mipbake.render.mesh_render import Shot, candidate
 from mipbake.render.visible import Points, Surface
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+_KEPT = (
+    2  # stacks of other sizes that are kept decoded: the one that is fitted, and level 0 that references are made of
+)
 
 
 @dataclass(eq=False)
@@ -26,7 +31,7 @@ class TorchRenderer:
     Levels of any material model will do. It has what renderers need not have: `exact_gradient`.
     """
 
-    _decoded: dict[int, tuple[int, Array]] = field(default_factory=dict)
+    _kept: dict[Any, tuple[tuple[NDArray[np.int64], ...], list[Array]]] = field(default_factory=dict)
 
     def render(self, levels: Levels, view: View) -> Frame:
         """The frame of a view: linear radiance."""
@@ -35,17 +40,20 @@ class TorchRenderer:
         return Frame(seen.image, seen.uv, lod=seen.lod, id=seen.coverage)
 
     def _stored(self, levels: Levels) -> list[Array]:
-        """Stored channels of each level; levels that have not changed are not decoded again."""
-        found = []
-        for index, (height, width) in enumerate(levels.sizes):
-            stamp, known = self._decoded.get(index, (None, None))
-            if known is None or stamp != levels.stamps[index]:
-                one = Parameters(Parameters.of(levels.model, height, width, 1).model, ((height, width),))
-                joined = np.concatenate([level[index] for level in levels.maps.values()], -1)
-                known = one.stored(np.ascontiguousarray(joined.reshape(height * width, -1)))[0]
-                self._decoded[index] = (levels.stamps[index], known)
-            found.append(known)
-        return found
+        """Stored channels of each level. Tiles that have not changed are not decoded again."""
+        model, key = model_named(levels.model), (levels.model, tuple(levels.sizes))
+        known, decoded = self._kept.pop(key, (None, None))
+        if decoded is None:
+            decoded = [np.empty((*size, model.channels), np.float32) for size in levels.sizes]
+        for index, parts in enumerate(levels.changed(known)):
+            for part in parts:
+                texels = np.concatenate([part.of(each[index]) for each in levels.maps.values()], -1, dtype=np.float32)
+                alone = Parameters(model, ((part.height, part.width),))
+                part.of(decoded[index])[...] = alone.stored(texels.reshape(-1, model.channels))[0]
+        self._kept[key] = levels.stamps, decoded  # the last one in the order
+        if len(self._kept) > _KEPT:
+            del self._kept[next(iter(self._kept))]
+        return decoded
 
     def exact_gradient(
         self, parameters: Parameters, values: Array, wrap: tuple[str, str], view: View, reference: Array

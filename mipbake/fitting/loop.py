@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mipbake import stochastic
 from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import ERRORS, TEXELS, Prepared, render_pixels, scores, scores_of_levels
-from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamp
+from mipbake.fitting.renderer import Array, Levels, Renderer
+from mipbake.fitting.stamps import Stamps
 from mipbake.fitting.state import Checkpoint, FitState
 
 DEFAULT_STEPS = 2000  # a guess
@@ -23,6 +25,8 @@ DEFAULT_STEPS = 2000  # a guess
 _PATIENCE = 3  # checks without a gain of a level, after which its rate is halved; a guess
 _LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is; a guess
 _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget; a guess
+
+_NO_TILES = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True)
@@ -97,19 +101,31 @@ class Loop:
     ) -> None:
         self._renderer, self._parameters, self._wrap, self._settings = renderer, parameters, wrap, settings
         self._channels = parameters.channels
-        self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude))
-        self._stamps = [0] * len(parameters.sizes)
+        # No step, and normals as they are: what is perturbed by this is a copy.
+        self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude), lifted=None)
+        self._stamps = Stamps(parameters.sizes)
 
-    def levels_of(self, values: Array, changed: Sequence[int] | None = None) -> Levels:
-        """What the renderer gets, with new stamps for the levels that changed; None: for all."""
-        stamp = new_stamp()
-        for level in range(len(self._stamps)) if changed is None else changed:
-            self._stamps[level] = stamp
-        return self._parameters.levels(values, self._wrap, tuple(self._stamps))
+    def levels_of(self, values: Array) -> Levels:
+        """What the renderer gets of any values: all stamps are new."""
+        self._stamps.touch_all()
+        levels = self._parameters.levels(values, self._wrap, self._stamps.handed_out())
+        self._stamps.touch_all()  # nobody knows what the renderer gets next
+        return levels
+
+    def _levels_near(self, values: Array, tiles: NDArray[np.intp]) -> Levels:
+        """What the renderer gets of values that differ from the state's in these tiles alone, with new stamps for tiles
+        that are others than what it got before."""
+        self._stamps.touch(tiles)
+        levels = self._parameters.levels(values, self._wrap, self._stamps.handed_out())
+        # What comes next has other signs here, or the state's own values, which may have moved.
+        self._stamps.touch(tiles)
+        return levels
 
     def errors(self, values: Array, views: Sequence[Prepared]) -> list[float]:
         """The error of each view."""
-        levels = self.levels_of(values)
+        return self._errors(self.levels_of(values), views)
+
+    def _errors(self, levels: Levels, views: Sequence[Prepared]) -> list[float]:
         return [view.error(render_pixels(self._renderer, levels, view)) for view in views]
 
     def probe(self, values: Array, view: Prepared) -> None:
@@ -207,7 +223,7 @@ class Loop:
             for index in range(self._settings.renders):
                 number = state.step * self._settings.renders + index + 1
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
-                images = [render_pixels(self._renderer, self.levels_of(side, view.levels), view) for side in sides]
+                images = [render_pixels(self._renderer, self._levels_near(side, view.tiles), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)
                 differences *= np.float32(view.weight / view.started)
                 stochastic.add_gradient(
@@ -228,7 +244,7 @@ class Loop:
 
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
-        found = self.errors(state.values, checking)
+        found = self._errors(self._levels_near(state.values, _NO_TILES), checking)
         starts = self._parameters.starts
         for level, snr in enumerate(scores_of_levels(checking, found)):
             own = slice(starts[level], starts[level + 1])
@@ -241,4 +257,5 @@ class Loop:
                 state.rates[level], state.waited[level] = halved if halved >= _LEAST_RATE else 0.0, 0
                 for array in (state.values, *sides):
                     array[own] = state.best[own]
+                self._stamps.touch_all(level)
         return scores(checking, found)

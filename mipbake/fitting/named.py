@@ -104,7 +104,8 @@ class RendererChoice:
 
 def _shader(name: str | None) -> tuple[str, str, str]:
     """Source, texels and name of a shader."""
-    from mipbake.fitting.gl import SHADERS, TEXELS, shipped_shader
+    from mipbake.fitting.gl import SHADERS, shipped_shader
+    from mipbake.fitting.gl_textures import TEXELS
 
     if name is None:
         name = SHADERS[0]

@@ -94,7 +94,7 @@ class Parameters:
                 own[...] = np.where(length > 1e-6, own / np.maximum(length, 1e-6), np.eye(2, dtype=np.float32)[0])
         return [level.copy() for level in self._cut(decoded)]
 
-    def levels(self, values: Array, wrap: tuple[str, str], stamps: tuple[int, ...]) -> Levels:
+    def levels(self, values: Array, wrap: tuple[str, str], stamps: tuple[NDArray[np.int64], ...]) -> Levels:
         """What a renderer gets: views of the values."""
         maps = {name: [level[..., own] for level in self._cut(values)] for name, own in self.model.maps.items()}
         return Levels(self.model.name, maps, wrap, stamps)

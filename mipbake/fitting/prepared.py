@@ -14,6 +14,7 @@ from mipbake.errors import RendererError, UsageError
 from mipbake.fitting.frames import Looked, image_of, looked, rendered
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Levels, Renderer
+from mipbake.fitting.stamps import tiles_of
 from mipbake.fitting.supersampled import named, supersampled
 from mipbake.metrics.images import film_exposure, tonemapped
 from mipbake.pixel_filter import PixelFilter
@@ -41,6 +42,7 @@ class Prepared:
         started: the error of the stack that the fit started from. Steps divide by it, so that what a view has left
             counts as much in every view, as a share.
         visible: the texels that show, (K,) int32, increasing.
+        tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.stamps` numbers them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
         credited: which pixels each texel is credited for; empty for a view that is held out.
     """
@@ -55,6 +57,7 @@ class Prepared:
     weight: float
     started: float
     visible: NDArray[np.int32]
+    tiles: NDArray[np.intp]
     shares: NDArray[np.float64]
     credited: Contributions
 
@@ -137,6 +140,7 @@ class Preparation:
             1 / energy,
             1.0,
             visible,
+            tiles_of(visible, self.parameters.sizes),
             self.parameters.shares(every),
             credited,
         )

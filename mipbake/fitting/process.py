@@ -87,7 +87,7 @@ class ProcessRenderer:
         """The frame that the program renders.
 
         Args:
-            levels: those with a stamp that the program has not got are handed to it, and must not change meanwhile.
+            levels: tiles with a stamp that the program has not got are handed to it, and must not change meanwhile.
             view: a `View`, a `JsonView`, or a mapping of what JSON knows, which is handed through.
 
         Returns:

@@ -5,9 +5,11 @@ A program with Python in it, as Blender or Unreal, renders for `mipbake fit` by 
     from mipbake.fitting.program import Rendered, serve
 
     def render(maps, view):
-        for level, changed in enumerate(maps.changed):
-            if changed:
-                upload(level, maps.maps["base_color"][level], maps.maps["normal"][level])
+        for level, parts in enumerate(maps.changed_texels):
+            for row, column, height, width in parts:
+                rows, columns = slice(row, row + height), slice(column, column + width)
+                for name, levels in maps.maps.items():
+                    upload(name, level, row, column, levels[level][rows, columns])
         image, uv, lod = draw(view)
         return Rendered(image, uv, lod)
 
@@ -53,6 +55,8 @@ class SharedMaps:
         wrap: addressing along u and v, each "wrap" or "clamp".
         stamps: a number for each level, which is another one whenever the texels of that level are others.
         changed: whether the texels of each level are others than at the call before; all are at the first call.
+        changed_texels: which texels of each level these are: rectangles (row, column, height, width). All others are as
+            they were at the call before.
     """
 
     model: str
@@ -60,6 +64,7 @@ class SharedMaps:
     wrap: tuple[str, str]
     stamps: tuple[int, ...]
     changed: tuple[bool, ...]
+    changed_texels: tuple[tuple[tuple[int, int, int, int], ...], ...]
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -187,7 +192,14 @@ def _shared(told: dict[str, Any], stack: list[dict[str, Any]]) -> SharedMaps:
     maps = {name: [each[name] for each in stack] for name in stack[0]}
     stamps = tuple(each["stamp"] for each in told["stack"])
     changed = tuple(each["changed"] for each in told["stack"])
-    return SharedMaps(told["model"], maps, (told["wrap"][0], told["wrap"][1]), stamps, changed)
+    changed_texels = tuple(tuple(map(tuple, _changed_texels(each))) for each in told["stack"])
+    return SharedMaps(told["model"], maps, (told["wrap"][0], told["wrap"][1]), stamps, changed, changed_texels)
+
+
+def _changed_texels(about: dict[str, Any]) -> Any:
+    """Rectangles of a level; the whole level where an older mipbake does not tell them."""
+    whole = [[0, 0, *about["size"]]] if about["changed"] else []
+    return about.get("changed_texels", whole)
 
 
 def _arrays(frame: Any) -> dict[str, Any]:

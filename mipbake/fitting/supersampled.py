@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.fitting.frames import rendered, with_cover
+from mipbake.fitting.frames import rendered, summed, with_cover
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.pixel_filter import PixelFilter
 from mipbake.reference.sequences import SEQUENCE
@@ -24,7 +23,6 @@ def supersampled(
     passes: int,
     seed: int = 0,
     whole: bool = True,
-    heard: Callable[[float], None] = lambda _share: None,
 ) -> Array:
     """The mean of renders of a view whose sampling points are moved: the integral of section 3 of docs/conventions.md.
 
@@ -36,7 +34,6 @@ def supersampled(
         passes: how many renders.
         whole: whether every pixel shows the maps and nothing else. Where not, only samples that show the maps count, so
             that what lies behind them leaves no trace at their edges.
-        heard: told the share that is done.
 
     Returns:
         (H, W, 3) float32; 0 where no sample shows the maps.
@@ -53,24 +50,37 @@ def supersampled(
         )
     who = f"the reference of {named(view)}"
     shift = np.random.default_rng([seed, _number(named(view))]).random(2)
-    total: NDArray[np.float64] | None = None
-    weights: Any = 0.0
-    for index in range(passes):
-        offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
-        place = moved(float(offset[0]), float(offset[1]))
-        size = None if total is None else (total.shape[0], total.shape[1])
+    drawn = [kernel.offsets((shift + index * SEQUENCE) % 1.0) for index in range(passes)]
+    places = [moved(float(offset[0]), float(offset[1])) for offset, _ in drawn]
+    weights = [float(np.prod(sign)) for _, sign in drawn]
+    total: Any
+    if hasattr(renderer, "summed"):
+        total, counted = summed(renderer, source, places, weights, who)
+    else:
+        total, counted = _one_by_one(renderer, source, places, weights, who, whole)
+    weight: Any = sum(weights) if whole else counted[..., None]
+    # The weights of a signed filter may cancel where few samples show the maps.
+    return np.asarray(total / np.where(np.abs(weight) > _LEAST_WEIGHT, weight, np.inf), np.float32)
+
+
+def _one_by_one(
+    renderer: Renderer[Any], source: Levels, places: Sequence[Any], weights: Sequence[float], who: str, whole: bool
+) -> tuple[Any, Any]:
+    """(H, W, 3) sum of weights times renders; and (H, W) the sum of the weights that count in it."""
+    total: Any = 0.0
+    counted: Any = 0.0
+    size: tuple[int, int] | None = None
+    for place, weight in zip(places, weights, strict=True):
         if whole:
             image = rendered(renderer, source, place, who, size)
-            weight: Any = float(np.prod(sign))
+            counting: Any = np.full(image.shape[:2], weight)
         else:
             image, seen = with_cover(renderer.render(source, place), who, size)
-            weight = float(np.prod(sign)) * seen[..., None]
-        total = weight * image.astype(np.float64) + (0 if total is None else total)
-        weights = weights + weight
-        heard((index + 1) / passes)
-    assert total is not None
-    # The weights of a signed filter may cancel where few samples show the maps.
-    return np.asarray(total / np.where(np.abs(weights) > _LEAST_WEIGHT, weights, np.inf), np.float32)
+            counting = weight * seen
+        size = image.shape[0], image.shape[1]
+        total = total + counting[..., None] * image.astype(np.float64)
+        counted = counted + counting
+    return total, counted
 
 
 _LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count; a guess

@@ -9,7 +9,7 @@ import math
 import shutil
 import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.fitting.renderer import Array, Frame, Levels
+from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
 from mipbake.fitting.three_page import Page
 from mipbake.fitting.views import View
 from mipbake.material import GLTF_MODELS
@@ -50,14 +50,16 @@ _ROLES: Mapping[str, Mapping[str, int]] = {
 
 _KEPT = 2  # stacks whose textures the page keeps: the one that is fitted, and level 0 that references are made of
 
+_TOGETHER = 64  # renders that one request sums; what else a request costs is then little beside them. A guess
+
 
 @dataclass(eq=False)
 class _Set:
-    """Textures that the page keeps. stamps: of the levels that it has, by their place."""
+    """Textures that the page keeps. stamps: of the tiles that it has; None where it has none."""
 
     number: int
     roles: list[str]
-    stamps: dict[int, int] = field(default_factory=dict)
+    stamps: tuple[NDArray[np.int64], ...] | None = None
 
 
 class ThreeRenderer:
@@ -141,6 +143,25 @@ class ThreeRenderer:
         """
         return _rgb(self._drawn(levels, view, False), view)
 
+    def summed(self, levels: Levels, views: Sequence[View], weights: Sequence[float]) -> tuple[Array, Array]:
+        """A weighted sum of images: see `Renderer`. The page adds them up, in float32.
+
+        One request draws many of them, and one picture is read back for all.
+
+        Raises:
+            UsageError, RendererError: as `render`; it may take as long as so many renders.
+        """
+        total = np.zeros((*views[0].size, 4), np.float64)
+        for first in range(0, len(views), _TOGETHER):
+            some = views[first : first + _TOGETHER]
+            what = {
+                "projections": [_camera(view)["projection"] for view in some],
+                "weights": list(weights[first : first + _TOGETHER]),
+            }
+            total += _image(self._asked(levels, some[0], what, self._seconds * len(some))["sum"], some[0])
+        found = total.astype(np.float32)
+        return found[..., :3], found[..., 3]
+
     def close(self) -> None:
         """Ends Chromium. May be called again."""
         self._page.close()
@@ -152,11 +173,16 @@ class ThreeRenderer:
         self.close()
 
     def _drawn(self, levels: Levels, view: View, where: bool) -> Mapping[str, NDArray[Any]]:
-        """What the page draws; it gets what it does not have yet."""
+        return self._asked(levels, view, {"where": where}, self._seconds)
+
+    def _asked(self, levels: Levels, view: View, what: Mapping[str, Any], seconds: float) -> Mapping[str, NDArray[Any]]:
+        """What the page makes of a view, in so many seconds at most; it gets what it does not have yet."""
         kept = self._set(levels)
-        changed = [level for level, stamp in enumerate(levels.stamps) if kept.stamps.get(level) != stamp]
+        changed = [(level, part) for level, parts in enumerate(levels.changed(kept.stamps)) for part in parts]
         arrays: dict[str, NDArray[Any]] = {
-            f"{role} {level}": _texels(levels, level, role) for level in changed for role in kept.roles
+            f"{role} {index}": _texels(levels, level, part, role)
+            for index, (level, part) in enumerate(changed)
+            for role in kept.roles
         }
         if view.mesh not in self._meshes:
             arrays |= _geometry(view.mesh)
@@ -164,7 +190,6 @@ class ThreeRenderer:
         header = {
             "size": view.size,
             "camera": _camera(view),
-            "where": where,
             "lights": np.concatenate([view.lighting.direction, view.lighting.radiance], -1).tolist(),
             "mesh": self._meshes[view.mesh],
             "meshes": list(self._meshes.values()),
@@ -173,12 +198,13 @@ class ThreeRenderer:
             "sizes": levels.sizes,
             "wrap": levels.wrap,
             "roles": kept.roles,
-            "changed": changed,
+            "changed": [[level, *part] for level, part in changed],
             "material": self._material,
             "anisotropy": self._anisotropy,
+            **what,
         }
-        found = self._page.asked(header, arrays, self._seconds)
-        kept.stamps.update(enumerate(levels.stamps))
+        found = self._page.asked(header, arrays, seconds)
+        kept.stamps = levels.stamps
         return found
 
     def _set(self, levels: Levels) -> _Set:
@@ -250,13 +276,14 @@ def _camera(view: View) -> dict[str, list[float]]:
     return {"view": eye.T.ravel().tolist(), "projection": projection.T.ravel().tolist()}
 
 
-def _texels(levels: Levels, level: int, role: str) -> NDArray[np.uint8]:
-    """(H, W, 4) bytes of a texture: what files of 8 bits hold."""
-    height, width = levels.sizes[level]
-    texels = np.full((height, width, 4), 255, np.uint8)
+def _texels(levels: Levels, level: int, part: Rectangle, role: str) -> NDArray[np.uint8]:
+    """(H, W, 4) bytes of a part of a level of a texture: what files of 8 bits hold."""
+    texels = np.full((part.height, part.width, 4), 255, np.uint8)
     for name, first in _ROLES[role].items():
-        values = np.asarray(levels.maps[name][level], np.float32)
-        texels[..., first : first + values.shape[-1]] = np.clip(values, 0, 1) * 255 + np.float32(0.5)
+        values = np.asarray(part.of(levels.maps[name][level]), np.float32)
+        for channel in range(values.shape[-1]):  # at a time, which NumPy is quicker at than at short vectors
+            scaled = values[..., channel] * np.float32(255) + np.float32(0.5)
+            texels[..., first + channel] = np.clip(scaled, 0, 255, out=scaled)  # the integer below
     return texels
 
 

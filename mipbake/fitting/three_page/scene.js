@@ -30,7 +30,9 @@ const bare = new THREE.Scene(); // without lights
 const geometries = new Map(); // by their numbers
 const sets = new Map(); // textures with a material, by their numbers
 const lights = [];
+const at = new THREE.Vector2();
 let target = null;
+let totals = [null, null]; // a sum, and what it was before
 
 const where = new THREE.ShaderMaterial({
   glslVersion: THREE.GLSL3,
@@ -53,6 +55,29 @@ const where = new THREE.ShaderMaterial({
     }`,
 });
 
+// Adds a picture to a sum, from one target to another: not every GPU can blend floats.
+const adding = new THREE.ShaderMaterial({
+  glslVersion: THREE.GLSL3,
+  depthTest: false,
+  depthWrite: false,
+  blending: THREE.NoBlending,
+  uniforms: { before: { value: null }, picture: { value: null }, weight: { value: 0 } },
+  vertexShader: 'void main() { gl_Position = vec4(position, 1.0); }',
+  fragmentShader: `
+    uniform highp sampler2D before, picture;
+    uniform float weight;
+    out vec4 sum;
+    void main() {
+      ivec2 at = ivec2(gl_FragCoord.xy);
+      sum = texelFetch(before, at, 0) + weight * texelFetch(picture, at, 0);
+    }`,
+});
+const screen = new THREE.Scene();
+const corners = new THREE.BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3);
+const covering = new THREE.Mesh(new THREE.BufferGeometry().setAttribute('position', corners), adding);
+covering.frustumCulled = false;
+screen.add(covering);
+
 export function describe() {
   const info = gl.getExtension('WEBGL_debug_renderer_info');
   return { three: THREE.REVISION, gpu: gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) };
@@ -69,6 +94,24 @@ export function frame(header, arrays) {
   return found;
 }
 
+// `sum`: RGB the sum of weights times pictures, A the sum of weights where the mesh is. Bottom row first.
+export function sum(header, arrays) {
+  const set = arranged(header, arrays);
+  totals = totals.map((each) => sized(each, header.size));
+  renderer.setRenderTarget(totals[0]);
+  renderer.clear();
+  header.projections.forEach((projection, index) => {
+    draw(lit, set.material, { view: header.camera.view, projection }, header.size);
+    adding.uniforms.before.value = totals[0].texture;
+    adding.uniforms.picture.value = target.texture;
+    adding.uniforms.weight.value = header.weights[index];
+    totals.reverse();
+    renderer.setRenderTarget(totals[0]);
+    renderer.render(screen, camera);
+  });
+  return { sum: pixels(totals[0]) };
+}
+
 // Lays out what a job names: mesh, lights, textures. What comes with the job is kept; what it does not name is dropped.
 function arranged(header, arrays) {
   forget(geometries, header.meshes, (geometry) => geometry.dispose());
@@ -77,10 +120,13 @@ function arranged(header, arrays) {
   mesh.geometry = geometries.get(header.mesh);
   if (!sets.has(header.set)) sets.set(header.set, setOf(header));
   const set = sets.get(header.set);
-  for (const level of header.changed) {
-    for (const role of header.roles) levelsOf(set.textures[role])[level].data.set(arrays[`${role} ${level}`]);
-  }
-  if (header.changed.length > 0) Object.values(set.textures).forEach((texture) => { texture.needsUpdate = true; });
+  header.changed.forEach(([level, row, column, height, width], index) => {
+    at.set(column, row);
+    for (const role of header.roles) {
+      const part = new THREE.DataTexture(arrays[`${role} ${index}`], width, height);
+      renderer.copyTextureToTexture(part, set.textures[role], null, at, 0, level);
+    }
+  });
   shine(header.lights);
   return set;
 }
@@ -117,12 +163,16 @@ function shine(wanted) {
 }
 
 function setOf({ roles, sizes, wrap, anisotropy, material }) {
-  const four = { of: Uint8Array, channels: 4, format: THREE.RGBAFormat, type: THREE.UnsignedByteType };
-  const one = { of: Uint16Array, channels: 1, format: THREE.RedFormat, type: THREE.HalfFloatType };
+  const four = { format: THREE.RGBAFormat, type: THREE.UnsignedByteType };
+  const one = { format: THREE.RedFormat, type: THREE.HalfFloatType };
   const textures = Object.fromEntries(roles.map((role) => [role, textureOf(sizes, wrap, anisotropy, four)]));
+  // Their texels come in parts, straight to the GPU: there is room for them, and nothing here.
+  Object.values(textures).forEach((texture) => { texture.source.dataReady = false; });
   const numbers = textureOf(sizes, wrap, anisotropy, one);
-  levelsOf(numbers).forEach(({ data }, level) => data.fill(THREE.DataUtils.toHalfFloat(level)));
-  numbers.needsUpdate = true;
+  levelsOf(numbers).forEach((level, number) => {
+    level.data = new Uint16Array(level.width * level.height).fill(THREE.DataUtils.toHalfFloat(number));
+  });
+  Object.values(textures).concat(numbers).forEach((texture) => { texture.needsUpdate = true; });
   textures.base_color.colorSpace = THREE.SRGBColorSpace;
   const made = new THREE.MeshPhysicalMaterial({
     ...MATERIALS[material], map: textures.base_color, normalMap: textures.normal,
@@ -136,10 +186,11 @@ function disposeSet({ textures, numbers, material }) {
   [...Object.values(textures), numbers, material].forEach((each) => each.dispose());
 }
 
-function textureOf(sizes, wrap, anisotropy, { of, channels, format, type }) {
-  const levels = sizes.map(([height, width]) => ({ data: new of(channels * width * height), width, height }));
-  const [{ data, width, height }] = levels;
-  const texture = new THREE.DataTexture(data, width, height, format, type);
+// Without texels.
+function textureOf(sizes, wrap, anisotropy, { format, type }) {
+  const levels = sizes.map(([height, width]) => ({ data: null, width, height }));
+  const [{ width, height }] = levels;
+  const texture = new THREE.DataTexture(null, width, height, format, type);
   if (levels.length > 1) texture.mipmaps = levels;
   texture.wrapS = WRAPS[wrap[0]];
   texture.wrapT = WRAPS[wrap[1]];
@@ -155,11 +206,14 @@ function levelsOf(texture) {
 }
 
 // Float32Array of RGBA, bottom row first.
-function drawn(scene, material, { view, projection }, [height, width]) {
-  if (!target || target.width !== width || target.height !== height) {
-    target?.dispose();
-    target = new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType });
-  }
+function drawn(scene, material, eye, size) {
+  draw(scene, material, eye, size);
+  return pixels(target);
+}
+
+// Draws into `target`.
+function draw(scene, material, { view, projection }, size) {
+  target = sized(target, size);
   camera.matrix.fromArray(view).invert();
   camera.projectionMatrix.fromArray(projection);
   camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
@@ -169,10 +223,21 @@ function drawn(scene, material, { view, projection }, [height, width]) {
   renderer.setRenderTarget(target);
   renderer.clear();
   renderer.render(scene, camera);
-  const pixels = new Float32Array(4 * width * height);
-  renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
+}
+
+// A float target of a size: the one that is given, where it has that size. What another one holds goes.
+function sized(old, [height, width]) {
+  if (old && old.width === width && old.height === height) return old;
+  old?.dispose();
+  const nearest = { minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter };
+  return new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType, ...nearest });
+}
+
+function pixels(of) {
+  const found = new Float32Array(4 * of.width * of.height);
+  renderer.readRenderTargetPixels(of, 0, 0, of.width, of.height, found);
   if (gl.isContextLost()) throw new Error('the WebGL context was lost');
   const wrong = gl.getError();
   if (wrong !== gl.NO_ERROR) throw new Error(`WebGL says error ${wrong}`);
-  return pixels;
+  return found;
 }
