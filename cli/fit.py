@@ -20,9 +20,10 @@ from mipbake.cli.tables import description
 from mipbake.errors import UsageError
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
+from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.exchange import EXCHANGES
 from mipbake.fitting.named import RENDERERS, RendererChoice
-from mipbake.fitting.prepared import ERRORS, TEXELS
+from mipbake.fitting.prepared import TEXELS
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.manifest import check_output
@@ -135,7 +136,7 @@ def fit(
         str,
         typer.Option(
             metavar=one_of(ERRORS),
-            help="What is compared: linear radiance as a display shows it, or the numbers of images as they are.",
+            help="What is compared: radiance as a display shows it, linear radiance too, or numbers as they are.",
         ),
     ] = ERRORS[0],
     seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = 0,

@@ -93,7 +93,7 @@ def test_other_material_models(model: str) -> None:
         progress=told.append,
     )  # fmt: skip
     assert result.model == model and not same(result, stack)
-    gains = np.subtract(told[-1].snr[:4], told[0].snr[:4])
+    gains = np.subtract(told[-1].gains[:4], told[0].gains[:4])
     assert (gains >= 0).all() and (gains > 0).any()
     described = MODELS[model]
     for each in described.stored:
@@ -198,10 +198,11 @@ def test_progress_is_told_after_every_check() -> None:
     fitted(steps=48, progress=told.append, preparing=shares.append)
     assert [now.step for now in told] == [16, 32, 48]
     assert [now.share for now in told] == pytest.approx([1 / 3, 2 / 3, 1])
-    assert all(set(now.scores) == {f"level {n}" for n in range(4)} and len(now.snr) == 4 for now in told)
+    names = {f"level {n}{part}" for n in range(4) for part in ("", " (linear)")}
+    assert all(set(now.scores) == names and len(now.gains) == 4 for now in told)
     assert shares == [(n + 1) / 20 for n in range(20)]
     for before, after in itertools.pairwise(told):
-        assert all(a >= b for a, b in zip(after.snr, before.snr, strict=True))
+        assert all(a >= b for a, b in zip(after.gains, before.gains, strict=True))
         assert after.seconds >= before.seconds
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from mipbake.errors import UsageError
+from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import ERRORS, TEXELS, Preparation, References, scores, scores_of_levels
+from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
@@ -73,8 +73,9 @@ def fit(
             times as many for views that are held out.
         seed: of all that is random.
         error: what is compared. "displayed": images are linear radiance, and are compared as a display shows them, as
-            sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4). "plain": the
-            numbers of images are compared as they are, which suits renderers that show what a display gets.
+            sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4). "both": also
+            as linear radiance; a level is kept where both gain. "plain": the numbers of images are compared as they
+            are, which suits renderers that show what a display gets.
         checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
             the fit goes on from it.
         progress: told how far the fit is, after every check. preparing: told the share of views that are prepared.
@@ -116,7 +117,7 @@ def fit(
         state = FitState.first(values, scores_of_levels(checking, errors), scores(checking, errors))
         if file is not None:
             file.save(state)
-    still = [str(level) for level, snr in enumerate(state.snr) if not math.isfinite(snr)]
+    still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
     if still:
         warnings.warn(
             f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "

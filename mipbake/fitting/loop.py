@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from mipbake import stochastic
 from mipbake.errors import RendererError, UsageError
+from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import ERRORS, TEXELS, Prepared, render_pixels, scores, scores_of_levels
+from mipbake.fitting.prepared import TEXELS, Prepared, render_pixels, scores, scores_of_levels
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import Stamps
 from mipbake.fitting.state import Checkpoint, FitState
@@ -81,8 +82,10 @@ class Progress:
         share: of the budget or of the steps that is done, from 0 to 1.
         step, seconds: so far.
         moving: how many levels still gain.
-        scores: mean SNR in dB over the views that are held out, by scale, now. What is kept may be better.
-        snr: of each level the highest mean SNR in dB so far, over the views that show it.
+        scores: mean SNR in dB over the views that are held out, by scale, now, as `mipbake.fitting.prepared.scores` has
+            it. What is kept may be better.
+        gains: of each level how many dB it has gained so far, over the views that show it, in the part that gained
+            least.
     """
 
     share: float
@@ -90,7 +93,7 @@ class Progress:
     seconds: float
     moving: int
     scores: Mapping[str, float]
-    snr: Sequence[float]
+    gains: Sequence[float]
 
 
 class Loop:
@@ -121,12 +124,15 @@ class Loop:
         self._stamps.touch(tiles)
         return levels
 
-    def errors(self, values: Array, views: Sequence[Prepared]) -> list[float]:
-        """The error of each view."""
+    def errors(self, values: Array, views: Sequence[Prepared]) -> NDArray[np.float64]:
+        """(views, parts) the errors of each view."""
         return self._errors(self.levels_of(values), views)
 
-    def _errors(self, levels: Levels, views: Sequence[Prepared]) -> list[float]:
-        return [view.error(render_pixels(self._renderer, levels, view)) for view in views]
+    def _errors(self, levels: Levels, views: Sequence[Prepared]) -> NDArray[np.float64]:
+        return np.stack([view.errors(render_pixels(self._renderer, levels, view)) for view in views])
+
+    def _compared(self, levels: Levels, view: Prepared) -> Array:
+        return view.compared(render_pixels(self._renderer, levels, view))
 
     def probe(self, values: Array, view: Prepared) -> None:
         """Checks that pictures follow the maps: by far more than they differ where the maps are the same.
@@ -134,13 +140,9 @@ class Loop:
         Raises:
             RendererError: they do not.
         """
-        first, second = (
-            render_pixels(self._renderer, self.levels_of(values), view) * view.shown[:, None] for _ in range(2)
-        )
+        first, second = (self._compared(self.levels_of(values), view) * view.shown[:, None] for _ in range(2))
         plus, minus = stochastic.perturb(values, self._channels, 0, self._settings.seed)
-        sides = [
-            render_pixels(self._renderer, self.levels_of(side), view) * view.shown[:, None] for side in (plus, minus)
-        ]
+        sides = [self._compared(self.levels_of(side), view) * view.shown[:, None] for side in (plus, minus)]
         change = float(np.sum(np.square(sides[0] - sides[1], dtype=np.float64)))
         noise = float(np.sum(np.square(first - second, dtype=np.float64)))
         if change == 0:
@@ -156,25 +158,32 @@ class Loop:
             )
 
     def settled(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
-        """The best values, less the levels without which the views that are held out have a higher mean SNR.
+        """The best values, less the levels without which the views that are held out gain more.
 
         Levels were kept one by one, each beside others than it has in the end.
         """
         kept: Array = best.copy()
-        value = self._mean_score(kept, checking)
+        value = self._gain(kept, checking)
         for first, last in itertools.pairwise(self._parameters.starts):
             if np.array_equal(best[first:last], start[first:last]):
                 continue
             without = kept.copy()
             without[first:last] = start[first:last]
-            other = self._mean_score(without, checking)
+            other = self._gain(without, checking)
             if other > value:
                 kept, value = without, other
         return kept
 
-    def _mean_score(self, values: Array, checking: Sequence[Prepared]) -> float:
-        found = scores(checking, self.errors(values, checking))
-        return sum(found.values()) / len(found)
+    def _gain(self, values: Array, checking: Sequence[Prepared]) -> float:
+        """How many dB are gained since the start, in the mean over scales, in the part that gains least."""
+        begun = np.array([[part.started for part in view.parts] for view in checking])
+        old, new = scores(checking, begun), scores(checking, self.errors(values, checking))
+        names = [part.name for part in checking[0].parts]
+        gains: list[list[float]] = [[] for _ in names]
+        for scale, score in new.items():
+            own = [index for index, name in enumerate(names) if index and scale.endswith(f" ({name})")]
+            gains[own[0] if own else 0].append(score - old[scale])
+        return min(sum(each) / len(each) for each in gains)
 
     def run(
         self,
@@ -215,7 +224,7 @@ class Loop:
             done, moving = share(), int(np.count_nonzero(state.rates))
             if file is not None:
                 file.save(state)
-            progress(Progress(done, state.step, state.seconds, moving, now, state.snr.tolist()))
+            progress(Progress(done, state.step, state.seconds, moving, now, state.gains.tolist()))
 
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
@@ -223,9 +232,8 @@ class Loop:
             for index in range(self._settings.renders):
                 number = state.step * self._settings.renders + index + 1
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
-                images = [render_pixels(self._renderer, self._levels_near(side, view.tiles), view) for side in sides]
+                images = [self._compared(self._levels_near(side, view.tiles), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)
-                differences *= np.float32(view.weight / view.started)
                 stochastic.add_gradient(
                     gradient, differences, view.credited, self._channels, number, self._settings.seed
                 )
@@ -246,10 +254,11 @@ class Loop:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self._errors(self._levels_near(state.values, _NO_TILES), checking)
         starts = self._parameters.starts
-        for level, snr in enumerate(scores_of_levels(checking, found)):
+        # In the part that gains least: what one part gains is not to be paid by another one.
+        for level, gain in enumerate((scores_of_levels(checking, found) - state.begun).min(-1)):
             own = slice(starts[level], starts[level + 1])
-            if snr > state.snr[level]:
-                state.best[own], state.snr[level], state.waited[level] = state.values[own], snr, 0
+            if gain > state.gains[level]:
+                state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0
                 continue
             state.waited[level] += 1
             if state.waited[level] >= _PATIENCE:

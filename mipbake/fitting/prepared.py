@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._srgb import linear_to_srgb
 from mipbake.errors import RendererError, UsageError
+from mipbake.fitting.comparisons import Comparison, comparisons, decibels, joined
 from mipbake.fitting.frames import Looked, image_of, looked, rendered
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import tiles_of
 from mipbake.fitting.supersampled import named, supersampled
-from mipbake.metrics.images import film_exposure, tonemapped
 from mipbake.pixel_filter import PixelFilter
 from mipbake.stochastic import Contributions, contributions, touched_texels
 
 TEXELS = ("all", "nearest")
-ERRORS = ("displayed", "plain")
 
 References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
 """An image (H, W, 3) for each view, in order; or a function from a view to its image."""
@@ -35,12 +34,8 @@ class Prepared:
         view: what the renderer gets.
         name, scale: of the view.
         size: (height, width) in pixels.
-        reference: (P, 3), the pixels in a row, as they are compared.
-        exposure: what images are multiplied by before they are displayed; None where they are compared as they are.
+        parts: the ways in which images are compared with the reference, the first of all counts in reports.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
-        weight: one over the reference's sum of squares over these pixels: the errors of all views count as shares.
-        started: the error of the stack that the fit started from. Steps divide by it, so that what a view has left
-            counts as much in every view, as a share.
         visible: the texels that show, (K,) int32, increasing.
         tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.stamps` numbers them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
@@ -51,11 +46,8 @@ class Prepared:
     name: str
     scale: str
     size: tuple[int, int]
-    reference: Array
-    exposure: float | None
+    parts: tuple[Comparison, ...]
     shown: Array
-    weight: float
-    started: float
     visible: NDArray[np.int32]
     tiles: NDArray[np.intp]
     shares: NDArray[np.float64]
@@ -66,13 +58,22 @@ class Prepared:
         """The levels that show."""
         return [level for level, share in enumerate(self.shares) if share > 0]
 
-    def compared(self, image: Array) -> Array:
-        """A (P, 3) image as it is compared with the reference."""
-        return image if self.exposure is None else displayed(image, self.exposure)
+    @cached_property
+    def reference(self) -> Array:
+        """(P, 3 parts) the reference, as `compared` has images."""
+        return joined(self.parts, [part.reference for part in self.parts])
 
-    def error(self, image: Array) -> float:
-        """Sum of squared differences of a (P, 3) image as compared, as a share of the reference's sum of squares."""
-        return float(np.sum(np.square(image - self.reference, dtype=np.float64) * self.shown[:, None]) * self.weight)
+    def compared(self, pixels: Array) -> Array:
+        """(P, 3 parts) pixels (P, 3) of an image as all parts compare them.
+
+        The sum of squared differences is the sum of the errors of the parts, each as a share of its error at the start
+        of the fit: what a view has left counts as much in every view and in every part.
+        """
+        return joined(self.parts, [part.compared(pixels) for part in self.parts])
+
+    def errors(self, pixels: Array) -> NDArray[np.float64]:
+        """(parts,) errors of the pixels (P, 3) of an image, as shares of the reference's sums of squares."""
+        return np.array([part.error(pixels) for part in self.parts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ class Preparation:
         source: level 0 of the source, for supersampled references; None without.
         kernel: the pixel filter. passes: renders of a reference; None for as many as the level of detail asks for.
         seed: of the offsets.
-        error: what is compared, a name in ERRORS.
+        error: what is compared, a name in `mipbake.fitting.comparisons.ERRORS`.
     """
 
     renderer: Renderer[Any]
@@ -123,29 +124,21 @@ class Preparation:
         pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
         if not (pixels[found.seen > 0] > 0).any():
             raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
-        exposure = None
-        if self.error == "displayed":
-            exposure = film_exposure(pixels[found.seen > 0])
-            pixels = displayed(pixels, exposure)
-        energy = float(np.sum(np.square(pixels, dtype=np.float64) * shown[:, None]))
+        own = image_of(frame, who).reshape(-1, 3)
+        parts = tuple(part.begun(own) for part in comparisons(self.error, pixels, shown))
         visible = np.asarray(every.elements)
-        prepared = Prepared(
+        return Prepared(
             view,
             who,
             str(getattr(view, "scale", "") or "all"),
             found.size,
-            pixels,
-            exposure,
+            parts,
             shown,
-            1 / energy,
-            1.0,
             visible,
             tiles_of(visible, self.parameters.sizes),
             self.parameters.shares(every),
             credited,
         )
-        started = prepared.error(prepared.compared(image_of(frame, who)))
-        return replace(prepared, started=max(started, _LEAST_ERROR))
 
     def _touched(self, found: Looked, texels: str) -> NDArray[np.int32]:
         sizes, uv_da = self.parameters.sizes, found.uv_da
@@ -194,41 +187,38 @@ def _given(value: Any, who: str, size: tuple[int, int]) -> Array:
     return np.ascontiguousarray(image[..., :3])
 
 
-def displayed(image: Array, exposure: float) -> Array:
-    """`mipbake.metrics.displayed` of exposed radiance, in float32, which takes a quarter of the time."""
-    light: Any = tonemapped(image * np.float32(exposure))
-    return np.asarray(linear_to_srgb(light), np.float32)
-
-
 def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Array:
-    """(P, 3) image of a prepared view, as it is compared.
+    """(P, 3) pixels of a prepared view, as the renderer shows them.
 
     Raises:
         RendererError: no image, or one of another size.
     """
-    return view.compared(rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3))
+    return rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3)
 
 
-_LEAST_ERROR = 1e-9
-"""A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before. A guess."""
+def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, float]:
+    """Mean SNR in dB of each scale and part, in the order in which the views name them.
 
+    Args:
+        errors: (views, parts).
 
-def decibels(errors: Sequence[float]) -> NDArray[np.float64]:
-    """SNR in dB of errors that are shares of 1."""
-    return np.asarray(-10 * np.log10(np.maximum(np.asarray(errors, np.float64), _LEAST_ERROR)))
-
-
-def scores(views: Sequence[Prepared], errors: Sequence[float]) -> dict[str, float]:
-    """Mean SNR in dB of each scale, in the order in which the views name them, from the error of each view."""
+    Returns:
+        By the name of the scale; from the second part on, with the part's name behind it, as in `near (linear)`.
+    """
     found: dict[str, list[float]] = {}
-    for view, snr in zip(views, decibels(errors), strict=True):
-        found.setdefault(view.scale, []).append(float(snr))
+    for view, row in zip(views, decibels(errors), strict=True):
+        for index, (part, snr) in enumerate(zip(view.parts, row, strict=True)):
+            found.setdefault(f"{view.scale} ({part.name})" if index else view.scale, []).append(float(snr))
     return {scale: sum(each) / len(each) for scale, each in found.items()}
 
 
-def scores_of_levels(views: Sequence[Prepared], errors: Sequence[float]) -> NDArray[np.float64]:
-    """(levels,) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does."""
+def scores_of_levels(views: Sequence[Prepared], errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(levels, parts) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does.
+
+    Args:
+        errors: (views, parts).
+    """
     shares = np.stack([view.shares for view in views])
-    shown = np.sum(shares, axis=0)
-    total = decibels(errors) @ shares
+    shown = np.sum(shares, axis=0)[:, None]
+    total = shares.T @ decibels(errors)
     return np.asarray(np.where(shown > 0, total / np.where(shown > 0, shown, 1), np.nan))

@@ -17,8 +17,8 @@ from mipbake.errors import InputError, OutputError
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 1
-_ARRAYS = ("about", "values", "best", "first", "second", "steps", "snr", "rates", "waited")
+_FORMAT = 2
+_ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited")
 
 
 @dataclass(eq=False)
@@ -29,16 +29,18 @@ class FitState:
         values: (texels, channels) now.
         moments: of Adam.
         best: of each level the values that were best on the views that are held out.
-        snr: (levels,) float64, their mean SNR in dB then; NaN for a level that no such view shows.
+        begun: (levels, parts) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
+        gains: (levels,) float64, how many dB more `best` has, in the part that gains least.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
-        started: mean SNR in dB over the views that are held out, by scale, of the stack that the fit started from.
+        started: scores over the views that are held out, of the stack that the fit started from.
         step: steps that were made. seconds: that were spent on them, with the checks.
     """
 
     values: Array
     moments: Moments
     best: Array
-    snr: NDArray[np.float64]
+    begun: NDArray[np.float64]
+    gains: NDArray[np.float64]
     rates: NDArray[np.float64]
     waited: NDArray[np.int64]
     started: dict[str, float]
@@ -46,11 +48,12 @@ class FitState:
     seconds: float = 0.0
 
     @staticmethod
-    def first(values: Array, snr: NDArray[np.float64], started: dict[str, float]) -> FitState:
+    def first(values: Array, begun: NDArray[np.float64], started: dict[str, float]) -> FitState:
         """The state before the first step. A level that no view shows which is held out does not move."""
-        rates = np.where(np.isfinite(snr), 1.0, 0.0)
-        waited = np.zeros(len(snr), np.int64)
-        return FitState(values.copy(), Moments.of(values), values.copy(), snr, rates, waited, started)
+        rates = np.where(np.isfinite(begun).all(-1), 1.0, 0.0)
+        waited = np.zeros(len(begun), np.int64)
+        moments, gains = Moments.of(values), np.zeros(len(begun))
+        return FitState(values.copy(), moments, values.copy(), begun, gains, rates, waited, started)
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,8 @@ class Checkpoint:
                     first=state.moments.first,
                     second=state.moments.second,
                     steps=state.moments.steps,
-                    snr=state.snr,
+                    begun=state.begun,
+                    gains=state.gains,
                     rates=state.rates,
                     waited=state.waited,
                 )
@@ -125,7 +129,8 @@ class Checkpoint:
             arrays["values"],
             Moments(arrays["first"], arrays["second"], arrays["steps"]),
             arrays["best"],
-            arrays["snr"],
+            arrays["begun"],
+            arrays["gains"],
             arrays["rates"],
             arrays["waited"],
             about["started"],
