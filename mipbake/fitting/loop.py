@@ -233,7 +233,7 @@ class Loop:
                 number = state.step * self._settings.renders + index + 1
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
                 images = [self._compared(self._levels_near(side, view.tiles), view) for side in sides]
-                differences = stochastic.pixel_differences(images[0], images[1], view.reference, view.shown)
+                differences = stochastic.pixel_differences(images[0], images[1], view.wanted, view.shown)
                 stochastic.add_gradient(
                     gradient, differences, view.credited, self._channels, number, self._settings.seed
                 )

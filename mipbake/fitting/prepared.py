@@ -59,7 +59,7 @@ class Prepared:
         return [level for level, share in enumerate(self.shares) if share > 0]
 
     @cached_property
-    def reference(self) -> Array:
+    def wanted(self) -> Array:
         """(P, 3 parts) the reference, as `compared` has images."""
         return joined(self.parts, [part.reference for part in self.parts])
 
