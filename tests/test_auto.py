@@ -46,6 +46,7 @@ from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
 
+from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
@@ -342,7 +343,8 @@ def test_results_hang_on_the_seed_alone() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
 
 
-def test_models_without_weights_blend_closed_forms_alone() -> None:
+def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    hide_defaults(monkeypatch)
     stored = material_of_two(8)
     result = QUICK["auto"](stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
     assert result.weights is None

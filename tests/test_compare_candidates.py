@@ -26,6 +26,8 @@ from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.prefilter import METHODS
 from mipbake.render.samplers import sampler_named
 
+from .no_default_weights import hide_defaults
+
 
 def noisy(height: int = 32, width: int = 32, seed: int = 0) -> TextureSet:
     rng = np.random.default_rng(seed)
@@ -60,11 +62,12 @@ def test_unknown_names_are_refused_with_those_there_are(name: str) -> None:
         chosen(["linear", name], "gaussian")
 
 
-def test_neural_is_left_out_where_it_has_no_weights() -> None:
+def test_neural_is_left_out_where_it_has_no_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     names, notes = default_names("gltf", "gltf", "gaussian")
     assert names[:2] == ("auto", "neural")
     assert default_names("gltf", "gltf", "gaussian", opened=True)[0] == names[1:]
     assert notes == ()
+    hide_defaults(monkeypatch)
     names, notes = default_names("gltf", "beckmann", "mitchell")
     assert "neural" not in names
     assert "linear (mitchell)" in names

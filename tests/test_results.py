@@ -52,11 +52,13 @@ def test_names_of_methods(module: Callable[[str], ModuleType], tmp_path: Path) -
 def test_networks_are_taken_by_name_where_they_make_the_target(module: Callable[[str], ModuleType]) -> None:
     methods = module("results_methods")
     named = methods.named_weights("mipbake-1")
-    assert sorted(named) == [f"neural:mipbake-1{each}" for each in ("", "-anisotropic", "-ggx")]  # one makes gltf
+    assert sorted(named) == [
+        f"neural:mipbake-1{each}" for each in ("", "-anisotropic", "-beckmann", "-ggx")
+    ]  # one makes gltf
     (spec,) = methods.specs(named, "gltf", DEFAULT_FILTER)
     (default,) = methods.specs(("neural",), "gltf", DEFAULT_FILTER)
     assert (spec.name, default.name) == ("mipbake-1", "neural") and len(spec.sha256) == 64
-    assert not methods.specs(named, "beckmann", DEFAULT_FILTER)
+    assert [spec.weights for spec in methods.specs(named, "beckmann", DEFAULT_FILTER)] == ["mipbake-1-beckmann"]
 
 
 def test_boosted_sets_are_glossier_and_steeper(module: Callable[[str], ModuleType]) -> None:

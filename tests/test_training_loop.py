@@ -145,6 +145,9 @@ def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
 def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
     state = train(tiny(), tmp_path / "run", resume=False)
     info = export_weights(tmp_path / "run" / "last.pt", "tiny-1", tmp_path / "weights", default=True)
+    last = (tmp_path / "run" / "validation.csv").read_text(encoding="utf-8").splitlines()[-1].split(",")
+    validated = re.search(r"mean SNR (\S+) dB", (tmp_path / "weights" / "tiny-1.md").read_text(encoding="utf-8"))
+    assert validated and float(validated[1]) == pytest.approx((float(last[1]) + float(last[2])) / 2, abs=0.01)
     assert default_weights("gltf", folder=tmp_path / "weights") == info
     assert info.steps == 6
     stored = procedural_set(7, 32)

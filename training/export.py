@@ -91,7 +91,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         folder.mkdir(parents=True, exist_ok=True)
         # The description last: without it nobody finds half-written weights.
         _write(info.tensors, content)
-        _write(folder / f"{name}.md", card(info, described, config, parameters, state.best).encode())
+        _write(folder / f"{name}.md", card(info, described, config, parameters, state.score).encode())
         _write(folder / f"{name}.json", info.to_json().encode())
     except OSError as error:
         raise OutputError(f"{folder}: the weights cannot be written ({error.strerror})") from error
@@ -109,7 +109,7 @@ def _write(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
-def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, best: float) -> str:
+def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, score: float) -> str:
     """The model card.
 
     Args:
@@ -117,7 +117,7 @@ def card(info: WeightsInfo, described: Description, config: TrainingConfig, para
         described: what is said of the architecture.
         config: of the training.
         parameters: how many numbers the network has.
-        best: mean SNR in dB of the validation; not finite where there was none.
+        score: mean SNR in dB of the last validation before; not finite where there was none.
     """
     network, loss = info.network, config.loss
     return _CARD.format(
@@ -134,7 +134,7 @@ def card(info: WeightsInfo, described: Description, config: TrainingConfig, para
         crop_size=loss.crop_size,
         pairs=loss.pairs,
         drawn=loss.drawn,
-        validation=f"mean SNR {best:.2f} dB on held-out patches" if math.isfinite(best) else "none",
+        validation=f"mean SNR {score:.2f} dB on held-out patches" if math.isfinite(score) else "none",
         commit=info.commit,
         licence=info.licence,
         sha256=info.sha256,

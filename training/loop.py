@@ -45,7 +45,7 @@ class TrainingState:
 
     Args:
         network: being optimised. average: moving average of its weights, or the network itself without one.
-        step: steps done. best: highest validation score so far.
+        step: steps done. score: of the last validation. best: highest one so far.
     """
 
     config: TrainingConfig
@@ -53,6 +53,7 @@ class TrainingState:
     average: Network
     optimiser: FlatAdam
     step: int = 0
+    score: float = float("-inf")
     best: float = float("-inf")
     commit: str = "unknown"
 
@@ -78,6 +79,7 @@ class TrainingState:
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
+            "score": self.score,
             "best": self.best,
             "commit": self.commit,
         }
@@ -131,6 +133,7 @@ def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
         state.average.load_state_dict(content["average"])
         state.optimiser.load_state_dict(content["optimiser"])
         state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
+        state.score = content["score"]
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such checkpoint") from error
     except Exception as error:
@@ -239,6 +242,7 @@ def train(
         logs.write("validation", state.step, score.columns())
         say("            " + "  ".join(f"{name} {value:.2f}" for name, value in score.columns().items()) + " dB")
         validator.picture(state.average, out / f"validation-{state.step:07d}.png")
+        state.score = score.total
         if score.total > state.best:
             state.best = score.total
             state.save(out / BEST)

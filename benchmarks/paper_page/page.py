@@ -38,7 +38,7 @@ and bumpier, as the paper's are: alpha is multiplied by 0.78, and slopes by 1.1.
 on. Their seeds were not trained on.
 
 **The methods.** *Naive averaging* is `linear (box)`, and *LEAN* is `lean (box)`. *MIPNet* is made from its description
-and trained with the data and the loss of mipbake's default network, for as many steps
+and trained with the data and the loss of mipbake's default network, to the end of a schedule
 ([benchmarks](../benchmarks/README.md), `mipnet.py`). *Paper's network* is `paper-ggx` or `paper-beckmann`. The *default
 network* is mipbake's own for the same model.
 
