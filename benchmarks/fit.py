@@ -6,7 +6,7 @@ MATERIALS is a folder of texture sets, and SET names some of them. Each set is b
 fitted from `auto` in each renderer. That renderer then shows all four stacks in views that the fit has not seen, and
 its own supersampled pictures of the source are the references. RESULTS is a JSON file. It takes the figures of a set
 in a renderer as soon as they are there, and a run that was stopped goes on from it. New code is not noticed: it wants a
-new file. The budget of a fit is time, so that figures depend on the machine a little.
+new file.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Effort:
     Args:
         size: texels a side of the middle of each set, which is shown once; 0: the whole set, with its own wrap.
         repeat: 1: the middle repeats without end, seams included, in place of that.
-        budget: seconds of each fit; preparing its views comes on top.
+        steps: of each fit at most, so that figures do not depend on how busy the machine is.
         each: views at each level of detail to fit to.
         witnesses: views at each scale to measure in.
         passes: renders of each of both estimates of a reference at level of detail 0; twice as many at each level
@@ -91,7 +91,7 @@ class Effort:
 
     size: int = 512
     repeat: int = 0
-    budget: float = 120.0
+    steps: int = 8000
     each: int = 16
     witnesses: int = 16
     passes: int = 128
@@ -198,7 +198,7 @@ def one(
     views = standard_views((texture_set.height, texture_set.width), texture_set.wrap, effort.each, LEARNED)
     told: list[mipbake.fitting.Progress] = []
     stacks[FITTED] = mipbake.fitting.fit(
-        stacks[START], renderer, views, source=texture_set, budget=effort.budget, progress=told.append
+        stacks[START], renderer, views, source=texture_set, steps=effort.steps, progress=told.append
     )
     fitted = time.monotonic()
     if pictures is not None:

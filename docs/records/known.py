@@ -17,10 +17,11 @@ FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136
 """Sets that fits are measured on."""
 
 FIT_OPTIONS = (
-    *("--renderers", "gl clearcoat", "gl ramp", "--size", "256", "--repeat", "1"),
-    *("--budget", "40", "--each", "8", "--witnesses", "8", "--passes", "64"),
+    *("--renderers", "gl clearcoat", "gl ramp", "three physical"),
+    *("--three", "benchmarks/engines/node_modules/three/build", "--size", "256", "--repeat", "1"),
+    *("--steps", "4000", "--each", "8", "--witnesses", "8", "--passes", "64"),
 )
-"""What can be measured in half an hour. three.js draws on the processor, and takes that long for one set."""
+"""What can be measured in an hour."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,14 @@ KNOWN: Mapping[str, Known] = {
         "what each weight of the judge does, halved and doubled",
         ("benchmarks/weights.py", MATERIALS),
         Entry(("benchmarks/weights.py",), ("mipbake-2",)),
+    ),
+    "timing-fit-whole": Known(
+        "a fit of 512 x 512 texels, with the preparation of its views",
+        (
+            *("benchmarks/fit.py", "--materials", MATERIALS, FITTED[0], "--results", f"{WORK}/fit.json"),
+            *("--renderers", "gl clearcoat", "--size", "512", "--repeat", "1", "--steps", "8000"),
+        ),
+        None,
     ),
     "timing-fit": _timing("fit_cost", "what a step of a fit costs, by its parts"),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),
