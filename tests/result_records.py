@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from mipbake.metrics import PAIR_SETS
 
+_ROOT = Path(__file__).resolve().parent.parent
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 SCALES = ("near", "1:1", "middle", "far")
 
@@ -65,6 +68,15 @@ def save(folder: Path, name: str, data: dict[str, Any]) -> None:
     """Writes a record."""
     record = importlib.import_module("records.record")
     record.Record(name, record.Measured("today", "a machine", 1.0, ""), {}, data, folder=folder).save()
+
+
+def maker(module: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[], str]:
+    """Makes the text of a page from the records in a folder; its charts go to the folder `docs` there."""
+    monkeypatch.syspath_prepend(_ROOT / "docs")
+    monkeypatch.syspath_prepend(_ROOT / "benchmarks")
+    made = folder / "docs" / "page.md"
+    made.parent.mkdir()
+    return lambda: str(importlib.import_module(module).text(folder, made))
 
 
 def row(text: str, start: str, after: str = "") -> str:

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
-from .result_records import file, row, save, write
+from .result_records import file, maker, row, save, write
 
-ROOT = Path(__file__).resolve().parent.parent
 GGX = {"linear (box)": 8.0, "lean (box)": 12.0, "mipnet-ggx": 12.5, "paper-ggx": 13.0, "neural": 15.0}
 BECKMANN = {"linear (box)": 8.0, "lean (box)": 12.0, "mipnet-beckmann": 9.0, "paper-beckmann": 10.0}
 
 
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], str]:
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    made = tmp_path / "docs" / "page.md"
-    made.parent.mkdir()
-
-    def make() -> str:
-        return str(importlib.import_module("paper_page.page").text(tmp_path, made))
-
-    return make
+    return maker("paper_page.page", monkeypatch, tmp_path)
 
 
 def measured(folder: Path, model: str, methods: Mapping[str, float], kind: str = "plain") -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from mipbake.metrics import MEASURES, PAIR_SETS
 
-from .result_records import file, row, save, write
+from .result_records import file, maker, row, save, write
 
 ROOT = Path(__file__).resolve().parent.parent
 FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")
@@ -24,15 +24,7 @@ WHOLE = {"neural": 14.0, "auto": 16.0, "lean (box)": 9.0, "lean (gaussian)": 12.
 
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], str]:
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    made = tmp_path / "docs" / "page.md"
-    made.parent.mkdir()
-
-    def make() -> str:
-        return str(importlib.import_module("results_page.page").text(tmp_path, made))
-
-    return make
+    return maker("results_page.page", monkeypatch, tmp_path)
 
 
 def test_every_measure_has_its_digits(page: Callable[[], str]) -> None:
