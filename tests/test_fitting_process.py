@@ -156,7 +156,7 @@ def test_only_tiles_that_changed_are_written_into_memory(tmp_path: Path) -> None
 def test_a_program_of_an_older_mipbake_is_told_of_whole_levels() -> None:
     stack = [{"size": [4, 6], "stamp": 1, "changed": True}, {"size": [2, 3], "stamp": 1, "changed": False}]
     told = {"model": "gltf", "wrap": ["wrap", "wrap"], "stack": stack}
-    shared = program._shared(told, [{"roughness": np.zeros((4, 6, 1))}, {"roughness": np.zeros((2, 3, 1))}])
+    shared = program.shared_maps(told, [{"roughness": np.zeros((4, 6, 1))}, {"roughness": np.zeros((2, 3, 1))}])
     assert shared.changed_texels == (((0, 0, 4, 6),), ())
 
 

@@ -137,7 +137,7 @@ class _MemoryFiles:
         if told["file"] != self._name:
             self._numbers = np.memmap(told["file"], "<f4", "r")
             self._name = told["file"]
-        return _shared(told, [{name: self._array(a) for name, a in each["maps"].items()} for each in told["stack"]])
+        return shared_maps(told, [{name: self._array(a) for name, a in each["maps"].items()} for each in told["stack"]])
 
     def write(self, file: str, frame: Any) -> dict[str, Any]:
         about = {}
@@ -166,7 +166,7 @@ class _ExrFiles:
         for index, each in enumerate(told["stack"]):
             if each["changed"] or index not in self._held:
                 self._held[index] = self._read(each)
-        return _shared(told, [self._held[index] for index in range(len(told["stack"]))])
+        return shared_maps(told, [self._held[index] for index in range(len(told["stack"]))])
 
     def write(self, file: str, frame: Any) -> dict[str, Any]:
         arrays = {name: v.reshape(v.shape[0], v.shape[1], -1) for name, v in _arrays(frame).items()}
@@ -188,7 +188,8 @@ class _ExrFiles:
         return {name: texels[..., [names.index(c) for c in channels]] for name, channels in about["maps"].items()}
 
 
-def _shared(told: dict[str, Any], stack: list[dict[str, Any]]) -> SharedMaps:
+def shared_maps(told: dict[str, Any], stack: list[dict[str, Any]]) -> SharedMaps:
+    """What a request tells of levels whose maps are at hand. Without rectangles in it, whole levels are changed."""
     maps = {name: [each[name] for each in stack] for name in stack[0]}
     stamps = tuple(each["stamp"] for each in told["stack"])
     changed = tuple(each["changed"] for each in told["stack"])
