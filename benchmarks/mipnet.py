@@ -20,12 +20,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from mipnet_network import KINDS, TARGETS, MipnetNetwork
+from mipnet_network import KINDS, TARGETS, MipnetNetwork, register
 from safetensors.torch import save
 
 from mipbake._allocator import keep_freed_memory
 from mipbake.errors import InputError
-from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
 from mipbake.pixel_filter import FILTERS
 from mipbake.training.__main__ import exit_code
@@ -125,7 +124,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("command", choices=COMMANDS)
     command = COMMANDS[parser.parse_args(sys.argv[1:2]).command]
-    ARCHITECTURES.update({kind.architecture: kind for kind in KINDS.values()})
+    register()
     return exit_code(lambda: command(sys.argv[2:]))
 
 

@@ -44,6 +44,7 @@ from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.material import MAX_LOG_ALPHA2, MIN_ROUGHNESS, Kind, model_named
 from mipbake.models.architecture import Architecture
+from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.base import Network, Stacks
 from mipbake.models.parameters import agreeing, clamp
 from mipbake.pixel_filter import Wrap
@@ -108,6 +109,11 @@ class SingleLightsConfig(MipnetConfig):
 
 KINDS: Mapping[str, type[MipnetConfig]] = {each.trained_with: each for each in (MipnetConfig, SingleLightsConfig)}
 """The configuration of a network by the loss that trains it."""
+
+
+def register() -> None:
+    """Makes this process read weights and checkpoints of these networks, which are no part of the library."""
+    ARCHITECTURES.update({kind.architecture: kind for kind in KINDS.values()})
 
 
 class _Perceptron(nn.Module):

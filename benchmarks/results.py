@@ -70,8 +70,10 @@ def main() -> int:
     options, _ = parser.parse_known_args()
     narrow(options.threads)
 
-    from results_measure import KINDS, measured  # libraries count processors when they are imported
+    from mipnet_network import register  # libraries count processors when they are imported
+    from results_measure import KINDS, measured
 
+    register()
     return run(parser, KINDS, measured)
 
 

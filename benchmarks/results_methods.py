@@ -20,19 +20,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import mipnet_network
 import numpy as np
+from mipnet_network import register
 
 from mipbake.compare.candidates import Candidate, chosen
 from mipbake.compare.result import Method
 from mipbake.errors import UsageError
-from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
 from mipbake.prefilter import METHODS, OPTIONS, method_named
 from mipbake.texture_set import TextureSet
-
-ARCHITECTURES.update({kind.architecture: kind for kind in mipnet_network.KINDS.values()})
-"""Baselines, which are no part of the library, are measured beside its networks."""
 
 
 @dataclass(frozen=True)
@@ -202,4 +198,5 @@ def _bake(folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    register()
     _bake(Path(sys.argv[1]))

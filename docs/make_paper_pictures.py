@@ -32,7 +32,6 @@ from mipbake.compare.pictures import RenderSettings, render_view
 from mipbake.compare.result import Method, Plot
 from mipbake.compare.scenes import View, standard_views
 from mipbake.metrics.images import displayed
-from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.registry import WEIGHTS_FOLDER, find_weights, list_weights, load_network
 from mipbake.pixel_filter import level_sizes
 from mipbake.prefilter import METHODS
@@ -44,7 +43,6 @@ from mipbake.training.augmentation import augment, mix
 mipnet_network, results_sets, cases = (
     script("benchmarks", name) for name in ("mipnet_network", "results_sets", "paper_page.cases")
 )
-ARCHITECTURES.update({kind.architecture: kind for kind in mipnet_network.KINDS.values()})
 
 BASELINES = ROOT / "benchmarks" / "baselines"
 EXAMPLES = ("lacquered_leather", "hammered_copper", "brushed_steel")
@@ -212,6 +210,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=128, help="pixels of the side of a picture")
     parser.add_argument("--passes", type=int, default=256, help="samples a pixel of a reference, at most")
     options = parser.parse_args()
+    mipnet_network.register()
     side, passes = options.side, options.passes
     leather = example(EXAMPLES[0], "ggx")
     lobes = {f"generated lobes {seed}": results_sets.captured(seed, 256) for seed in range(2)}
