@@ -175,10 +175,16 @@ def moved(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, f
     return composed(heads, [Row("", cells)]), flicker
 
 
-def apparent(source: Any, side: int) -> Image.Image:
-    """Figure 8."""
-    heads, cells = of_plot(plots.apparent_brdf(filtered(source), stacks(source), 0, size=side), {})
-    return composed(heads, [Row("", cells)])
+def apparent(source: Any, side: int) -> tuple[Image.Image, dict[str, float]]:
+    """Figure 8, and the SNR in dB of each lobe over the directions of the light that are shown."""
+    plot = plots.apparent_brdf(filtered(source), stacks(source), 0, size=side)
+    energy = np.square(plot.reference, dtype=np.float64).sum()
+    snr = {
+        name: float(10 * np.log10(energy / np.square(image - plot.reference, dtype=np.float64).sum()))
+        for name, image in plot.images.items()
+    }
+    heads, cells = of_plot(plot, {name: f"{value:.1f} dB" for name, value in snr.items()})
+    return composed(heads, [Row("", cells)]), snr
 
 
 def views(source: Any, side: int) -> Sequence[View]:
@@ -219,7 +225,7 @@ def main() -> None:
         3: lambda: (augmentations(), None),
         4: lambda: temporal(leather, side, passes),
         6: lambda: moved(leather, side, passes),
-        8: lambda: (apparent(example(MANY_LOBES, "ggx"), side), None),
+        8: lambda: apparent(example(MANY_LOBES, "ggx"), side),
         9: lambda: overview(beckmann, side, passes),
         10: lambda: overview({name: example(name, "ggx") for name in EXAMPLES}, side, passes),
         11: lambda: overview({"together": results_sets.correlated(0, 256, True)}, side, passes),

@@ -22,7 +22,7 @@ from mipbake.render.camera import orbit
 from mipbake.render.environment import directional
 from mipbake.render.shapes import material_ball, plane, sphere
 
-from .fitting_levels import by_tiles, noisy, stamped, stamps_of
+from .fitting_levels import check_tiles, noisy, stamped, stamps_of
 from .mesh_renders import candidate
 
 pytestmark = pytest.mark.independent
@@ -192,12 +192,7 @@ def test_levels_are_uploaded_when_their_stamps_are_new(standard: ThreeRenderer) 
 @pytest.mark.parametrize("size", [(100, 75), (130, 300)])
 def test_tiles_are_uploaded_one_by_one(standard: ThreeRenderer, size: tuple[int, int]) -> None:
     views = [SLANTED, BALL, View("near", "near", plane(8, 8), orbit(4, 0, 60), LIGHT, (40, 56))]
-    first = noisy(size, 1, 1_000)
-    before = [standard.image(first, view) for view in views]
-    told, whole = by_tiles(first, noisy(size, 2, 0), 3)
-    seen = [standard.image(told, view) for view in views]
-    for view, image, old in zip(views, seen, before, strict=True):
-        assert np.array_equal(image, standard.image(whole, view)) and not np.array_equal(image, old)
+    check_tiles(standard.image, views, size)
 
 
 def test_colours_are_decoded_as_srgb_has_it(standard: ThreeRenderer) -> None:

@@ -58,11 +58,8 @@ def test_ahead_everywhere_is_reproduced(page: Callable[[], str], tmp_path: Path)
     measured(tmp_path, "ggx", GGX)
     write(tmp_path, "correlated", file("correlated-0", GGX, {"together": True}))
     write(tmp_path, "correlated", file("independent-0", GGX | {"paper-ggx": 12.5}, {"together": False}))
-    save(
-        tmp_path,
-        "paper-pictures",
-        {"4": {"linear (box)": 3.0, "paper-ggx": 1.1}, "6": {"linear (box)": 1.2, "paper-ggx": 0.5}},
-    )
+    flicker = {"4": {"linear (box)": 3.0, "paper-ggx": 1.1}, "6": {"linear (box)": 1.2, "paper-ggx": 0.5}}
+    save(tmp_path, "paper-pictures", flicker | {"8": {"linear (box)": 3.0, "paper-ggx": 11.0}})
     text = page()
     assert "**Here:** reproduced." in paragraph(text, "Figure 5")
     assert "**Here:** reproduced." in paragraph(text, "Figure 10")
@@ -71,5 +68,7 @@ def test_ahead_everywhere_is_reproduced(page: Callable[[], str], tmp_path: Path)
     # The network's flicker of 1.1 is nearest to 1; its 0.5 is farther from it than 1.2 is.
     assert "**Here:** reproduced. Flicker: naive averaging 3.00, paper's network 1.10." in paragraph(text, "Figure 4")
     assert "**Here:** not reproduced." in paragraph(text, "Figure 6")
+    # A lobe with 11 dB is no struggle any more.
+    assert "**Here:** not reproduced. SNR of the lobe: naive averaging 3.0 dB" in paragraph(text, "Figure 8")
     assert row(text, "[4](#figure-4-a-slow-rotation)").endswith("| reproduced |")
     assert "not measured with this version" in text.split("## Figure 9", 1)[1].split("## Figure 10", 1)[0]

@@ -72,7 +72,7 @@ def text(folder: Path, page: Path) -> str:
         _figure_4(seen),
         _figure_5(measured, page),
         _figure_6(measured, seen),
-        _figure_8(),
+        _figure_8(seen),
         _figure_9(measured["beckmann"]),
         _figure_10(measured["ggx"]),
         _figure_11(folder),
@@ -206,34 +206,39 @@ def _figure_6(measured: Mapping[str, Mapping[str, Kind]], seen: Mapping[str, Map
     return "6", "Figure 6: a shift by half a pixel", verdict, parts
 
 
-def _figure_8() -> Section:
-    verdict = Verdict(
-        "Where normals make several lobes, no lobe can match them, and all methods struggle.",
-        True,
-        "The pixel of the reference has four lobes, and each stack has one.",
-    )
+_STRUGGLES = 10.0
+"""dB of a lobe beside the light that a pixel reflects, below which a method struggles. A guess."""
+
+
+def _figure_8(seen: Mapping[str, Mapping[str, float]]) -> Section:
+    verdict = None
+    if "8" in seen:
+        verdict = Verdict(
+            "Where normals make several lobes, no lobe can match them, and all methods struggle.",
+            max(seen["8"].values()) < _STRUGGLES,
+            "SNR of the lobe: " + ", ".join(f"{shown(name)} {snr:.1f} dB" for name, snr in seen["8"].items()) + ".",
+        )
     words = "What one pixel of a knurled plate reflects, for every direction of the light, seen from above.\n"
     return "8", "Figure 8: several lobes in a pixel", verdict, [_picture(8, "Apparent BRDF of a pixel"), words]
 
 
 def _figure_9(found: Mapping[str, Kind]) -> Section:
-    title = "Figure 9: the generalised Beckmann model"
-    parts = [_picture(9, "Materials of Beckmann lobes from two distances")]
-    if not found:
-        return "9", title, None, [*parts, _MISSING]
     claim = "LEAN, MIPNet and the network are about alike from two distances, ahead of naive averaging."
-    verdict = _alike(claim, list(found.values()), [LEAN, "mipnet-beckmann"])
-    return "9", title, verdict, [*parts, *(_means(kind) for kind in found.values())]
+    return _overview("9", "Figure 9: the generalised Beckmann model", claim, found, [LEAN, "mipnet-beckmann"])
 
 
 def _figure_10(found: Mapping[str, Kind]) -> Section:
-    title = "Figure 10: GGX"
-    parts = [_picture(10, "GGX materials from two distances")]
-    if not found:
-        return "10", title, None, [*parts, _MISSING]
     claim = "MIPNet and the network are about alike from far away, ahead of naive averaging."
-    verdict = _alike(claim, list(found.values()), ["mipnet-ggx"])
-    return "10", title, verdict, [*parts, *(_means(kind) for kind in found.values())]
+    return _overview("10", "Figure 10: GGX", claim, found, ["mipnet-ggx"])
+
+
+def _overview(number: str, title: str, claim: str, found: Mapping[str, Kind], peers: Sequence[str]) -> Section:
+    """Materials of a model from two distances, and whether the network is alike to its peers."""
+    parts = [_picture(int(number), "Materials from two distances")]
+    if not found:
+        return number, title, None, [*parts, _MISSING]
+    means = [_means(kind) for kind in found.values()]
+    return number, title, _alike(claim, list(found.values()), peers), [*parts, *means]
 
 
 _ALIKE = 1.0
