@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -13,7 +14,9 @@ from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
+from mipbake.cli.bake_batch import bake_batch
 from mipbake.cli.bake_output import Printer, told
+from mipbake.cli.batch_options import BatchAsked, batching
 from mipbake.cli.methods import some_of
 from mipbake.cli.options import one_of
 from mipbake.cli.session import Session
@@ -33,10 +36,12 @@ _FORMATS = "; ".join(
 )
 
 
-@options.reads_sets
+@partial(options.reads_sets, more={"batch": batching})
 def bake(
     session: Session,
     load: LoadOptions,
+    batch: BatchAsked,
+    memory: Optional[int],  # noqa: UP045
     sources: Sources,
     out: Annotated[Path, options.stacks_folder()],
     method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
@@ -161,7 +166,8 @@ def bake(
 ) -> None:
     """Bake texture sets into MIP stacks.
 
-    A set that cannot be baked is reported, and the other sets are baked all the same.
+    A set that cannot be baked is reported, and the other sets are baked all the same. With --recursive, --jobs,
+    --force, --dry-run or --json-log it is a batch, which leaves what has not changed since the last time.
     """
     session.in_files = True
     wanted = BakeOptions(
@@ -182,7 +188,11 @@ def bake(
         aim=aim,
         device=device,
     )
-    made = bake_sources(sources, out, wanted, replace(load, alpha_cutoff=alpha_cutoff), Printer(session))
+    load = replace(load, alpha_cutoff=alpha_cutoff)
+    if batch.any:
+        bake_batch(session, sources, out, wanted, load, batch, memory)
+        return
+    made = bake_sources(sources, out, wanted, load, Printer(session))
     results = [told(each) for each in made]
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:

@@ -10,7 +10,7 @@ from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
 from mipbake.baking.options import Asked
-from mipbake.baking.results import DEFECT, Result
+from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
 from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
 from mipbake.compare.costs import Cost
@@ -91,6 +91,10 @@ def told(result: Result) -> dict[str, Any]:
     """What was done with a source, for JSON."""
     if isinstance(result, NotBaked):
         return failed(result.source, result.error)
+    if isinstance(result, Unchanged):
+        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, "unchanged": True}
+    if isinstance(result, Planned):
+        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, "planned": result.why}
     if isinstance(result, BakedDocument):
         about = {"document": True, "files": result.files, "measured": result.measured}
         return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, **about}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Optional, TypeAlias, get_type_hints
 
 import typer
@@ -109,20 +110,30 @@ def _memory(
     return default() if memory is None else parsed(memory)
 
 
-def reads_sets(command: Callable[..., None], without: Container[str] = ()) -> Callable[..., None]:
+def reads_sets(
+    command: Callable[..., None],
+    without: Container[str] = (),
+    more: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
+) -> Callable[..., None]:
     """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
 
     They come after the function's own options: first how a set is read, then the memory that the command is held to,
     then what is printed. The options that a command is `without` change nothing that it does, and keep their defaults.
+    A function with an argument `memory` is told the bytes that it is held to.
+
+    Args:
+        more: arguments that stand for options of the command's own, which come before all shared ones: argument to
+            what makes it of the options.
     """
-    shared: dict[str, Callable[..., Any]] = {"load": _reading, "memory": _memory, "session": _talking}
-    own = [p for name, p in _parameters(command).items() if name not in shared]
+    shared: dict[str, Callable[..., Any]] = {**more, "load": _reading, "memory": _memory, "session": _talking}
+    takes = _parameters(command)
+    own = [p for name, p in takes.items() if name not in shared]
     others = {name: {key: p for key, p in _parameters(of).items() if key not in without} for name, of in shared.items()}
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
         parts = {name: shared[name](**{key: given.pop(key) for key in others[name]}) for name in reversed(shared)}
-        most = parts.pop("memory")
+        most = parts["memory"] if "memory" in takes else parts.pop("memory")
         keep_freed_memory(most)
         with limited(most):
             command(**given, **parts)

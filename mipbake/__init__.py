@@ -17,6 +17,7 @@ from mipbake._version import __version__ as __version__
 if TYPE_CHECKING:
     from mipbake.bake import bake
     from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
+    from mipbake.batch import BatchListener, BatchOptions, bake_library
     from mipbake.compare.checking import Check
     from mipbake.convert import Material, convert, open_material
     from mipbake.errors import InputError, MipbakeError, OutputError, RendererError, UsageError
@@ -30,6 +31,8 @@ __all__ = [
     "BakeOptions",
     "BakedDocument",
     "BakedSet",
+    "BatchListener",
+    "BatchOptions",
     "Check",
     "InputError",
     "Listener",
@@ -43,6 +46,7 @@ __all__ = [
     "Validation",
     "bake",
     "bake_all",
+    "bake_library",
     "convert",
     "fit",
     "load",
@@ -55,6 +59,7 @@ __all__ = [
 _MODULES = {
     "bake": ("bake",),
     "baking": ("BakedDocument", "BakedSet", "BakeOptions", "Listener", "bake_all"),
+    "batch": ("BatchListener", "BatchOptions", "bake_library"),
     "compare.checking": ("Check",),
     "convert": ("Material", "convert", "open_material"),
     "errors": ("InputError", "MipbakeError", "OutputError", "RendererError", "UsageError"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from mipbake.pixel_filter import level_sizes
 
 if TYPE_CHECKING:
     from mipbake.prefilter.promise import Promise
+
+Recipe: TypeAlias = Mapping[str, str]
+"""Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What
+`mipbake bake` finds unchanged it need not bake again."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Provenance:
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
         adjustments: what was changed after the bake, in sentences.
         alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
+        recipe: see `Recipe`; empty for stacks that were not baked from files.
 
     Raises:
         UsageError: stacks are made for no such sampler or aim.
@@ -59,6 +64,7 @@ class Provenance:
     promise: Promise | None = None
     adjustments: tuple[str, ...] = ()
     alpha_cutoff: float | None = None
+    recipe: Recipe = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks what may come from files."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake._version import __version__
-from mipbake.content import Content
+from mipbake.content import Content, Recipe
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.glb_plain import averaged_files
 from mipbake.io import ktx2
@@ -166,11 +166,13 @@ def save_document(
     results: Sequence[tuple[GltfBake, Content, Encoded]],
     plain: Sequence[PlainTexture] = (),
     levels: int | None = None,
+    recipe: Recipe | None = None,
 ) -> None:
     """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
 
     Args:
         plain: textures that are averaged. levels: how many they get; None for all.
+        recipe: hashes of what it is made from, which `made_from` gives back.
 
     Raises:
         OutputError: the file is somebody else's, or cannot be written.
@@ -179,6 +181,7 @@ def save_document(
     about = {
         "version": __version__,
         "materials": {bake.name: _about(stack, made) for bake, stack, made in results},
+        **({"recipe": dict(recipe)} if recipe else {}),
     }
     baked = [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results]
     data = rewritten(document, baked, about, averaged_files(document, plain, levels))
@@ -193,16 +196,18 @@ def check_file(path: Path, source: Path) -> None:
         return
     if path.resolve() == source.resolve():
         raise OutputError(f"cannot write {path}: it is the source, choose another output folder")
-    if not path.is_file() or not _is_ours(path):
+    if not path.is_file() or made_from(path) is None:
         raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
 
 
-def _is_ours(path: Path) -> bool:
+def made_from(path: Path) -> Mapping[str, Any] | None:
+    """What a GLB of a document says of how it was made; None for a file that mipbake did not make, or for none."""
     try:
         content: Any = json.loads(unpacked(path.read_bytes(), str(path)).text)
-        return "mipbake" in content["asset"]["extras"]
+        told = content["asset"]["extras"]["mipbake"]
     except (InputError, OSError, ValueError, KeyError, TypeError):
-        return False
+        return None
+    return told if isinstance(told, dict) else {}
 
 
 def _multiple(side: int) -> int:

@@ -149,7 +149,11 @@ def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]
             "first), renormalise vectors, shade once per pixel; do not filter or sharpen the levels again, and use no "
             "MIP bias",
         },
-        "provenance": {**asdict(stack.provenance), "sources": dict(stack.provenance.sources)},
+        "provenance": {
+            **asdict(stack.provenance),
+            "sources": dict(stack.provenance.sources),
+            "recipe": dict(stack.provenance.recipe),
+        },
         "outputs": [
             {
                 "format": output.container.name,

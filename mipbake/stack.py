@@ -84,6 +84,7 @@ class MipStack(Content):
         glb: Encoded | None = None,
         preset: str | None = None,
         measured: Measures | None = None,
+        known: bool = False,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -107,6 +108,8 @@ class MipStack(Content):
             measured: measures every output as it was read back, before the folder appears: `mipbake.Check` of the
                 texture set and this stack. What it finds becomes `measured` of the output in stack.json, and stands in
                 the GLB. None measures nothing.
+            known: whether the caller knows that an earlier stack there is of the same set. Then it is replaced although
+                all its source files have changed.
 
         Returns:
             The files, stack.json first.
@@ -118,7 +121,7 @@ class MipStack(Content):
         place = Path(path)
         outputs, wants_glb = self._wanted(format, preset)
         check_outputs(outputs, self.model)
-        check_output(place, self.provenance.sources)
+        check_output(place, None if known else self.provenance.sources)
         if wants_glb and glb is None:
             glb = encoded(replace(self, tile=0), None, levels)
         plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]

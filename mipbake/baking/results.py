@@ -98,7 +98,28 @@ class NotBaked:
     error: MipbakeError
 
 
-Result = BakedSet | BakedDocument | NotBaked
+@dataclass(frozen=True)
+class Unchanged:
+    """A texture set, tiles of one set, or a document, whose result is what it would be baked to again.
+
+    Args:
+        source: as the user named it. out: the result: a folder, or a GLB.
+    """
+
+    source: Path
+    out: Path
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What would have been baked; `why`: what it lacks, in a sentence without its end."""
+
+    source: Path
+    out: Path
+    why: str
+
+
+Result = BakedSet | BakedDocument | NotBaked | Unchanged | Planned
 
 
 class Listener:
@@ -127,6 +148,9 @@ class Listener:
 
     def document(self, result: BakedDocument, bytes_before: int) -> None:
         """A GLB has been written; `bytes_before`: size of its source."""
+
+    def left(self, result: Unchanged | Planned) -> None:
+        """Something is not baked, because nothing has changed or because it was not to be."""
 
     def failed(self, failure: NotBaked) -> None:
         """Something could not be baked. The rest is baked all the same."""

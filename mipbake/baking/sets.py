@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from mipbake import memory
 from mipbake.adjust import adjusted
 from mipbake.bake import bake, resolve_target
 from mipbake.baking.options import Asked
+from mipbake.baking.recipe import Ingredients
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
 from mipbake.compare.checking import Check
 from mipbake.compare.compression import chosen, chosen_all, part_of
@@ -47,6 +49,9 @@ class BakedMaterial:
     textures: Encoded
 
 
+Which: TypeAlias = Literal["all", "changed", "none"]
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """One run over all sources.
@@ -54,12 +59,27 @@ class Run:
     Args:
         asked: what is to be made of them.
         listener: who hears of it.
+        which: "all" bakes what is found; "changed" leaves out what is already what it would be baked to; "none" bakes
+            nothing, and says what "changed" would bake.
+        known: whether earlier results that lie where results go are known to be of the same sources. Else a stack none
+            of whose source files is among the new ones is not replaced.
         documents: document to its materials that have been baked so far, which its GLB is written of in the end.
     """
 
     asked: Asked
     listener: Listener
+    which: Which = "all"
+    known: bool = False
     documents: dict[Path, list[BakedMaterial]] = field(default_factory=dict)
+
+    @cached_property
+    def ingredients(self) -> Ingredients:
+        """What all results are made from, besides their sources."""
+        return Ingredients.of(self.asked)
+
+    def check_output(self, place: Path, sources: Mapping[str, str]) -> None:
+        """OutputError where results cannot be written to a folder: see `mipbake.manifest.check_output`."""
+        check_output(place, None if self.known else sources)
 
 
 def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
@@ -67,14 +87,14 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     asked, listener = run.asked, run.listener
     sources = job.found()
     for found in [] if job.tiled else sources.values():
-        check_output(place / found.name, file_hashes(found))
+        run.check_output(place / found.name, file_hashes(found))
     _check_memory(asked.options.method, sources)
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
         read = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
         reading("read", 1.0)
     for texture_set in read.sets.values():
-        check_output(place / texture_set.name, file_hashes(texture_set))
+        run.check_output(place / texture_set.name, file_hashes(texture_set))
     listener.read(job, list(read.sets.values()))
     whole = read.texture_set
     model = resolve_target(whole, asked.target)
@@ -97,6 +117,8 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
             options.device,
         )
         baked = adjusted(baked, whole, asked.adjustments)
+        recipe = run.ingredients.recipe(job, sources, read.sets.values())
+        baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))
         return [
             _write(run, job, texture_set, stack, place / texture_set.name, baking)
             for texture_set, stack in read.stacks(baked)
@@ -125,7 +147,7 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
     beside = textures if job.document is None else None
     files: list[Path] = []
     if outputs or beside:
-        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, measured=check)
+        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, None, check, run.known)
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     blocks = any(not each.container.exact for each in asked.outputs)
     engine: list[str] = []

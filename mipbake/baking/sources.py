@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from mipbake.baking.leaving import together_at, without_left
 from mipbake.baking.options import Asked, BakeOptions
 from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
 from mipbake.baking.sets import BakedMaterial, Run, bake_job
@@ -22,7 +23,7 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.publish import published, temporary_folder
 from mipbake.jobs import Failure, Job
 from mipbake.loading import PathLike
-from mipbake.manifest import check_output, is_stack_folder
+from mipbake.manifest import is_stack_folder
 from mipbake.output import GLB
 from mipbake.texture_set import with_overrides
 
@@ -62,7 +63,7 @@ def bake_all(
     for each in made:
         if isinstance(each, NotBaked):
             raise each.error
-    return [each for each in made if not isinstance(each, NotBaked)]
+    return [each for each in made if isinstance(each, (BakedSet, BakedDocument))]
 
 
 def bake_sources(
@@ -84,13 +85,20 @@ def bake_sources(
         found = jobs([os.fspath(each) for each in given], load or LoadOptions(), scratch)
         asked.check_encoder(found)
         listener.found(asked, found)
-        return _bake_jobs(Run(asked, listener), found, Path(out))
+        return bake_jobs(Run(asked, listener), found, Path(out))
 
 
-def _bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Result]:
-    """Bakes every job; one that fails does not keep others from it."""
+def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Result]:
+    """Bakes every job that the run asks for; one that fails does not keep others from it.
+
+    Raises:
+        OutputError: a GLB cannot lie where it is to be written.
+    """
     _check_places(found, out, run.asked)
     results: list[Result] = []
+    if run.which != "all":
+        found, left = without_left(run, found, out)
+        results += left
     found = [*_lost_images(found, run.asked), *found]
     broken = {job.source for job in found if isinstance(job, Failure)}
     for together in _together(found):
@@ -123,16 +131,9 @@ def _not_baked(run: Run, source: Path, error: MipbakeError) -> NotBaked:
 
 def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
     """What is written together: the groups of tiles of one set; everything else is alone."""
-    for (_, tiled), several in groupby(found, lambda job: (_set_of_tiles(job), isinstance(job, Job) and job.tiled)):
+    for (_, tiled), several in groupby(found, lambda job: (together_at(job), isinstance(job, Job) and job.tiled)):
         together = list(several)
         yield from [together] if tiled else ([job] for job in together)
-
-
-def _set_of_tiles(job: Job | Failure) -> tuple[Path, str]:
-    """Source and name of a set of tiles, the same for all its groups."""
-    if isinstance(job, Failure) or not job.tiled:
-        return job.source, ""
-    return job.source, next(iter(job.parts.values())).name
 
 
 def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
@@ -161,12 +162,12 @@ def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
 
 def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
-    place = out / _set_of_tiles(groups[0])[1]
+    place = out / together_at(groups[0])[1]
     found = [each for job in groups for each in job.found().values()]
-    check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
+    run.check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
     with published(place, is_stack_folder) as folder:
         made = [tile for job in groups for tile in bake_job(run, job, folder)]
-        check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
+        run.check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
         tiles = [_gathered(tile, folder, place) for tile in made]
     run.listener.gathered(place, tiles)
     return tiles
@@ -199,7 +200,9 @@ def _write_document(
     if first.document is None:
         raise AssertionError("only documents are collected")
     results = [(part.job.bake, part.stack, part.textures) for part in parts if part.job.bake is not None]
-    first.using(partial(save_document, path, first.document, results, first.plain, run.asked.level_count))
+    recipe = run.ingredients.document([job for job in found if isinstance(job, Job) and job.source == source])
+    save = partial(save_document, path, first.document, results, first.plain, run.asked.level_count, recipe)
+    first.using(save)
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     measured = {bake.name: textures.measured for bake, _, textures in results}
     made = BakedDocument(source, path, (WrittenFile(path, size),), measured)

@@ -1,0 +1,162 @@
+"""What `mipbake bake` says of a batch: a line for each set, how far it has come, and a summary in the end."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import mipbake
+from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
+from mipbake.baking.results import DEFECT, Planned, Result
+from mipbake.batch import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
+from mipbake.batch.results import Progress
+from mipbake.cli.bake_output import told
+from mipbake.cli.batch_options import BatchAsked
+from mipbake.cli.session import Session, console, plain
+from mipbake.errors import OutputError
+from mipbake.io.options import LoadOptions
+from mipbake.io.publish import reason
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+
+def bake_batch(
+    session: Session,
+    sources: Sequence[str],
+    out: Path,
+    options: BakeOptions,
+    load: LoadOptions,
+    asked: BatchAsked,
+    memory: int | None,
+) -> None:
+    """Bakes a batch, and says what happens."""
+    how = BatchOptions(asked.recursive, asked.jobs or 1, asked.force, asked.dry_run, memory)
+    with _log(asked.json_log) as log, _bar(session) as bar:
+        summary = bake_library(sources, out, options, load, how, _Printer(session, out, log, bar))
+    session.print(_summary_line(summary))
+    for entry in summary.entries:
+        for failure in entry.failures:
+            session.fail(f"{entry.entry.label}: {failure.error}", failure.error.exit_code)
+    results = [each for entry in summary.entries for each in lines_of(entry)]
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+
+
+@dataclass(frozen=True)
+class _Printer(BatchListener):
+    """Prints what happens: for a person on stdout, failures on stderr, lines of JSON into a file."""
+
+    session: Session
+    out: Path
+    log: TextIO | None
+    bar: tuple[Bar, TaskID] | None
+
+    def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
+        """See BatchListener."""
+        processes = f", baking with {_counted(jobs, 'process')}" if jobs else ", nothing has changed"
+        self.session.print(*(f"note: {note}" for note in notes), f"found {_counted(len(entries), 'source')}{processes}")
+        if self.bar:
+            self.bar[0].update(self.bar[1], total=len(entries))
+
+    def left(self, result: EntryResult) -> None:
+        """See BatchListener."""
+        self._write(result)
+
+    def done(self, result: EntryResult, progress: Progress) -> None:
+        """See BatchListener."""
+        for each in result.results:
+            self.session.print(_line(each, result, progress))
+            for defect in each.defects if isinstance(each, BakedSet) else ():
+                self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
+        self._write(result)
+        if self.bar:
+            self.bar[0].update(self.bar[1], completed=progress.done, left=_spoken(progress.seconds_left))
+
+    def _write(self, result: EntryResult) -> None:
+        if self.log is not None:
+            for line in lines_of(result):
+                self.log.write(json.dumps(plain(line), allow_nan=False) + "\n")
+            self.log.flush()
+
+
+def lines_of(result: EntryResult) -> list[dict[str, Any]]:
+    """What became of an entry, for JSON: an object for each set or document."""
+    about = {"entry": result.entry.label}
+    if not result.results:
+        same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
+        return [{**about, **same} for _ in range(result.unchanged)]
+    return [{**about, **told(each)} for each in result.results]
+
+
+def _line(each: Result, result: EntryResult, progress: Progress) -> str:
+    """One line for one set."""
+    at = f"[{progress.done}/{progress.count}]"
+    left = "" if progress.seconds_left is None or progress.done == progress.count else _spoken(progress.seconds_left)
+    if isinstance(each, Planned):
+        return f"{result.entry.label}: would be baked to {each.out}, because {each.why}"
+    if isinstance(each, NotBaked):
+        return f"{at} {result.entry.label}: failed{left}"
+    if not isinstance(each, (BakedSet, BakedDocument)):
+        return f"{at} {result.entry.label}: unchanged{left}"
+    warned = f", {_counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
+    size = f"{_counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
+    return f"{at} {result.entry.label}: wrote {each.out}, {size} in {result.seconds:.1f} s{warned}{left}"
+
+
+def _spoken(seconds: float | None) -> str:
+    """What is left, as the end of a line."""
+    if seconds is None:
+        return ""
+    minutes = round(seconds / 60)
+    told = f"{round(seconds)} s" if seconds < 90 else f"{minutes} min" if minutes < 90 else f"{seconds / 3600:.1f} h"
+    return f", about {told} left"
+
+
+def _summary_line(summary: Summary) -> str:
+    documents = f" and {_counted(summary.documents, 'document')}" if summary.documents else ""
+    planned = f"{summary.planned} would be baked, " if summary.planned else ""
+    baked = f"{_counted(summary.baked, 'set')}{documents} baked, "
+    return f"{planned or baked}{summary.unchanged} unchanged, {len(summary.failures)} failed"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
+
+
+@contextmanager
+def _log(path: Path | None) -> Iterator[TextIO | None]:
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    with file:
+        yield file
+
+
+@contextmanager
+def _bar(session: Session) -> Iterator[tuple[Bar, TaskID] | None]:
+    """A progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
+    if session.quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as RichProgress
+
+    columns = (
+        TextColumn("baking"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    with RichProgress(*columns, console=console(sys.stderr), transient=True) as bar:
+        yield bar, bar.add_task("baking", total=None, left="")

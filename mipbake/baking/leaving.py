@@ -1,0 +1,78 @@
+"""What is not baked: results that are already what they would be baked to, or all of them where a run only plans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from mipbake.baking.recipe import document_changed, set_changed
+from mipbake.baking.results import NotBaked, Planned, Result, Unchanged
+from mipbake.baking.sets import Run
+from mipbake.errors import MipbakeError
+from mipbake.jobs import Failure, Job
+from mipbake.output import GLB
+
+
+def together_at(job: Job | Failure) -> tuple[Path, str]:
+    """Source and name of a set of tiles, the same for all its groups; no name for anything else."""
+    if isinstance(job, Failure) or not job.tiled:
+        return job.source, ""
+    return job.source, next(iter(job.parts.values())).name
+
+
+def without_left(run: Run, found: Sequence[Job | Failure], out: Path) -> tuple[list[Job | Failure], list[Result]]:
+    """What is to be baked, and what is said of everything else.
+
+    Where it cannot be said whether something has changed, because a file cannot be read, a bake says what is wrong.
+    """
+    kept: list[Job | Failure] = []
+    results: list[Result] = []
+    for jobs in _units(run, found):
+        if isinstance(jobs, Failure):
+            kept.append(jobs)
+            continue
+        try:
+            left = _left(run, jobs, out)
+        except MipbakeError as error:
+            if run.which != "none":
+                kept += jobs
+                continue
+            results.append(NotBaked(jobs[0].source, error))
+            run.listener.failed(NotBaked(jobs[0].source, error))
+            continue
+        if left is None:
+            kept += jobs
+            continue
+        results.append(left)
+        run.listener.left(left)
+    return kept, results
+
+
+def _units(run: Run, found: Sequence[Job | Failure]) -> Iterator[list[Job] | Failure]:
+    """What is baked or left together: tiles of a set, all materials of a document that becomes a GLB, or a set."""
+    units: dict[object, list[Job]] = {}
+    for index, job in enumerate(found):
+        if isinstance(job, Failure):
+            yield job
+        elif job.document is not None and run.asked.wants_glb(job):
+            units.setdefault(job.source, []).append(job)
+        else:
+            units.setdefault(together_at(job) if job.tiled else index, []).append(job)
+    yield from units.values()
+
+
+def _left(run: Run, jobs: Sequence[Job], out: Path) -> Unchanged | Planned | None:
+    """What is said of jobs that are not baked; None where they are to be baked."""
+    first, why, place = jobs[0], "", out
+    if first.document is not None and run.asked.wants_glb(first):
+        place = out / f"{first.place}.{GLB}"
+        why = document_changed(place, run.ingredients.document(jobs))
+    if run.asked.writes_maps(first) or first.document is None:
+        for job in jobs:
+            found = job.found()
+            folder = out / job.place / (together_at(job)[1] or next(iter(found.values())).name)
+            place = place if place != out else folder
+            why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
+    if not why:
+        return Unchanged(first.source, place)
+    return Planned(first.source, place, why) if run.which == "none" else None

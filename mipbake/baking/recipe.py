@@ -1,0 +1,170 @@
+"""What a result was made from, as hashes that stand in it: whoever would bake it again sees that nothing has changed.
+
+The hashes lie in the result itself, in `stack.json` or in the GLB. So they are true wherever the result is copied to,
+and no list beside it can be wrong about it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mipbake._version import __version__
+from mipbake.baking.options import Asked
+from mipbake.content import Recipe
+from mipbake.errors import InputError
+from mipbake.found import sources_of
+from mipbake.glb import made_from
+from mipbake.io import disk
+from mipbake.io.gltf.document import Document
+from mipbake.io.gltf.images import stored_image
+from mipbake.io.layout import manifest_name
+from mipbake.io.map_files import listed_files
+from mipbake.io.sources import Discovery, MapSource
+from mipbake.jobs import Job
+from mipbake.manifest import read_manifest
+from mipbake.models.registry import find_weights, list_weights
+from mipbake.prefilter import OPTIONS
+from mipbake.texture_set import TextureSet
+
+NEW = "there is no result yet"
+_CHUNK = 1 << 20  # bytes that are hashed at a time
+
+
+@dataclass(frozen=True)
+class Ingredients:
+    """What jobs of one run are made from.
+
+    Args:
+        options, weights: hashes of what is asked for, the same for all jobs.
+    """
+
+    options: str
+    weights: str
+
+    @classmethod
+    def of(cls, asked: Asked) -> Ingredients:
+        """Those of what is asked for."""
+        return cls(_hash(asdict(asked.options)), _hash(_weights(asked)))
+
+    def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Recipe:
+        """The recipe of a set, or of tiles that touch.
+
+        Args:
+            found: what would be read, by tile. read: the same, read: their files are not hashed again.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        known = {s.path: s.sha256 for each in read for s in sources_of(each).values() if s.path and s.sha256}
+        told = job.using(lambda: [[tile, *_told(each, known)] for tile, each in found.items()])
+        return {"sources": _hash([job.warnings, told]), "options": self.options, "weights": self.weights}
+
+    def document(self, jobs: Sequence[Job]) -> Recipe:
+        """The recipe of the GLB of a document, from the jobs of all its materials.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        document = jobs[0].document
+        if document is None:
+            raise AssertionError("only documents have such a recipe")
+        parts = [self.recipe(job, job.found())["sources"] for job in jobs]
+        told = [
+            document.json,
+            [None if data is None else hashlib.sha256(data).hexdigest() for data in document.buffers],
+            [hashlib.sha256(data).hexdigest() for _, data in document.chunks],
+            jobs[0].using(lambda: [_image(document, index) for index in range(len(document.all("images")))]),
+            parts,
+        ]
+        return {"sources": _hash(told), "options": self.options, "weights": self.weights}
+
+
+def _image(document: Document, index: int) -> str:
+    try:
+        return hashlib.sha256(stored_image(document, index)[0]).hexdigest()
+    except InputError as error:  # who needs it says so
+        return str(error)
+
+
+def set_changed(folder: Path, tiles: Iterable[int], recipe: Recipe) -> str:
+    """Why the stacks in a folder are not what a recipe makes, in a sentence without its end; "" where they are.
+
+    Args:
+        folder: it may be missing. tiles: whose stacks it holds; 0 for the only one.
+    """
+    for tile in tiles:
+        file = folder / manifest_name(tile)
+        try:
+            manifest = read_manifest(file)
+            names = listed_files(manifest)
+            provenance = manifest["provenance"]
+            found, version = provenance.get("recipe"), provenance.get("tool_version")
+        except (InputError, KeyError, TypeError, AttributeError):
+            return NEW
+        lost = next((name for name in names if not disk.is_file(folder / name)), None)
+        if lost is not None:
+            return f"its file {lost} is missing"
+        if why := _difference(found, version, recipe):
+            return why
+    return ""
+
+
+def document_changed(path: Path, recipe: Recipe) -> str:
+    """The same of the GLB of a document."""
+    told = made_from(path)
+    return NEW if told is None else _difference(told.get("recipe"), told.get("version"), recipe)
+
+
+def _difference(found: object, version: object, wanted: Recipe) -> str:
+    if not isinstance(found, dict) or not found:
+        return "its result does not say what it was made from"
+    if version != __version__:
+        return f"it was baked by mipbake {version}"
+    words = {"sources": "its sources changed", "options": "the options changed", "weights": "the weights changed"}
+    return next((words[part] for part in words if found.get(part) != wanted[part]), "")
+
+
+def _told(found: Discovery, known: Mapping[Path, str]) -> list[Any]:
+    """What decides a texture set, as plain types without the folders that files lie in."""
+    asked = found.options
+    options = (
+        *(asked.colour_space, asked.normal_convention, asked.normal_length, asked.roughness_is_gloss, asked.wrap),
+        *(sorted(asked.factors.items()), asked.alpha_cutoff),
+    )
+    sources = [[role, *_source(source, known)] for role, source in found.sources.items()]
+    return [found.name, found.convention.name, found.warnings, options, sources]
+
+
+def _source(source: MapSource, known: Mapping[Path, str]) -> list[Any]:
+    if source.path is None:
+        return [source.constant]
+    read_as = [source.channels, source.encoding, source.inverted, source.converted]
+    return [source.path.name, known.get(source.path) or file_hash(source.path), *read_as]
+
+
+def _weights(asked: Asked) -> list[str]:
+    """Hashes of all trained weights that a bake may take."""
+    options = asked.options
+    if options.method not in OPTIONS["weights"]:
+        return []
+    if options.weights is not None:
+        return [find_weights(options.weights).sha256]
+    return [info.sha256 for info in list_weights() if info.default]
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file in hexadecimal; InputError where it cannot be read."""
+    made = hashlib.sha256()
+    with disk.opened(path) as file:
+        while chunk := file.read(_CHUNK):
+            made.update(chunk)
+    return made.hexdigest()
+
+
+def _hash(content: object) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

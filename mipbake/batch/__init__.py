@@ -1,0 +1,19 @@
+"""A library of texture sets, baked by several processes; what has not changed since the last time is left as it is."""
+
+from __future__ import annotations
+
+from mipbake.batch.library import Entry, Home, entries_below, entries_of
+from mipbake.batch.results import BatchListener, EntryResult, Summary
+from mipbake.batch.run import BatchOptions, bake_library
+
+__all__ = [
+    "BatchListener",
+    "BatchOptions",
+    "Entry",
+    "EntryResult",
+    "Home",
+    "Summary",
+    "bake_library",
+    "entries_below",
+    "entries_of",
+]

@@ -1,0 +1,194 @@
+"""A batch: what has changed in a library is baked, entry by entry, and the rest is left as it is."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from mipbake import memory
+from mipbake._threads import threads
+from mipbake._version import __version__
+from mipbake.baking.options import BakeOptions
+from mipbake.baking.recipe import Ingredients
+from mipbake.baking.sets import Which
+from mipbake.batch.library import Entry, Library, entries_below, entries_of
+from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary
+from mipbake.batch.state import States, is_unchanged, key_of, opened, states
+from mipbake.batch.task import Task, document_files
+from mipbake.batch.workers import Share, Workers, workers
+from mipbake.errors import UsageError
+from mipbake.io.inputs import expand
+from mipbake.io.options import LoadOptions
+
+PathLike: TypeAlias = "str | os.PathLike[str]"
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """How a library is baked.
+
+    Args:
+        recursive: whether everything below the sources is baked, in a tree like theirs; else the sources themselves.
+        jobs: processes at most. They share the threads and the memory that mipbake may use.
+        force: whether what has not changed is baked as well.
+        dry_run: whether nothing is baked, and only told what would be.
+        memory: bytes that all processes together are held to; None for the default of `mipbake.memory`.
+    """
+
+    recursive: bool = True
+    jobs: int = 1
+    force: bool = False
+    dry_run: bool = False
+    memory: int | None = field(default_factory=memory.default)
+
+    def __post_init__(self) -> None:
+        """UsageError for values that cannot be."""
+        if self.jobs < 1:
+            raise UsageError(f"the number of jobs is {self.jobs}: expected 1 or more")
+        if self.force and self.dry_run:
+            raise UsageError("force bakes everything and a dry run nothing: expected one of the two")
+
+    @property
+    def which(self) -> Which:
+        """What is baked of what is found."""
+        return "none" if self.dry_run else "all" if self.force else "changed"
+
+
+def bake_library(
+    sources: PathLike | Sequence[PathLike],
+    out: PathLike,
+    options: BakeOptions | None = None,
+    load: LoadOptions | None = None,
+    batch: BatchOptions | None = None,
+    listener: BatchListener = BatchListener(),  # noqa: B008
+) -> Summary:
+    """Bakes everything below folders, in several processes. What has not changed since the last time is left.
+
+        summary = mipbake.bake_library("textures", "baked", mipbake.BakeOptions(preset="unreal"))
+        print(summary.baked, summary.unchanged, [str(each.error) for each in summary.failures])
+
+    A result says itself what it was made from: its sources, how they were read, options, weights and version. Where all
+    of that is as it was, the result is left. Sizes and times of files, which are kept in `OUT/.mipbake`, tell that
+    without a look at what is in them. A process or a machine may end at any time: each result is there as a whole or
+    not at all, and the next call goes on with what is missing.
+
+    Args:
+        sources: folders, or what `mipbake.load_all` takes. out: the folder of all results.
+        options: how they are baked and written. load: how they are read. None for the defaults.
+        batch: how they are gone through; None for the defaults.
+        listener: hears what happens meanwhile.
+
+    Returns:
+        What became of every entry. An entry that fails keeps no other from being baked.
+
+    Raises:
+        UsageError: an option has a value that it cannot have; nothing is baked then.
+        InputError: none of the sources is there, or nothing below them can be baked.
+        OutputError: the folder of all results cannot be written.
+    """
+    asked, how = options or BakeOptions(), batch or BatchOptions()
+    asked.asked()  # before anything is made
+    given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
+    library = _library([os.fspath(each) for each in given], Path(out), how.recursive)
+    with opened(Path(out), write=not how.dry_run) as states:
+        run = Batch(Path(out), asked, load or LoadOptions(), how, states, listener)
+        plan = run.plan(library)
+        jobs = min(how.jobs, len(plan.tasks))
+        listener.found(library.entries, library.notes, jobs)
+        for each in plan.left.values():
+            listener.left(each)
+        if not plan.tasks:
+            return plan.summary({})
+        with workers(jobs, Share.of(jobs, threads(), how.memory)) as pool:
+            return run.bake(plan, pool)
+
+
+def _library(sources: Sequence[str], out: Path, recursive: bool) -> Library:
+    paths = expand(sources)
+    return entries_below(paths, out, document_files) if recursive else entries_of(paths)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done with a library.
+
+    Args:
+        entries: of the library. left: what is said of those that are left. tasks: for the others.
+        keys: label to the key of what is asked for.
+    """
+
+    entries: Sequence[Entry]
+    left: Mapping[str, EntryResult]
+    tasks: Sequence[Task]
+    keys: Mapping[str, str]
+
+    def summary(self, done: Mapping[str, EntryResult]) -> Summary:
+        """What the library came to."""
+        every = {**self.left, **done}
+        return Summary(tuple(every[entry.label] for entry in self.entries))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Passes over a library, all with the same options. See `bake_library`."""
+
+    out: Path
+    options: BakeOptions
+    load: LoadOptions
+    how: BatchOptions
+    states: States
+    listener: BatchListener
+
+    def plan(self, library: Library) -> Plan:
+        """What is to be done, as far as sizes and times of files tell. UsageError for options that cannot be."""
+        ingredients = Ingredients.of(self.options.asked())
+        left: dict[str, EntryResult] = {}
+        tasks: list[Task] = []
+        keys: dict[str, str] = {}
+        for entry in library.entries:
+            keys[entry.label] = key = self._key(ingredients, entry)
+            known = None if self.how.force else self.states.known(entry.label, key)
+            if known is not None and is_unchanged(known, entry.source, self.out):
+                left[entry.label] = EntryResult(entry, unchanged=known.count)
+                continue
+            own = self.states.is_place_of(entry.label, entry.source)
+            tasks.append(Task(entry, self.out, self.options, self.load, self.how.which, own))
+        return Plan(library.entries, left, tasks, keys)
+
+    def bake(self, plan: Plan, pool: Workers) -> Summary:
+        """Does the tasks of a plan."""
+        done: dict[str, EntryResult] = {}
+        clock = _Clock(plan.tasks)
+        for task, result in pool.done(plan.tasks):
+            entry = task.entry
+            if result.known is not None:
+                self.states.remember(entry.label, entry.source, plan.keys[entry.label], result.known)
+            done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds)
+            left = clock.left_after(entry)
+            self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
+        return plan.summary(done)
+
+    def _key(self, ingredients: Ingredients, entry: Entry) -> str:
+        return key_of(__version__, ingredients.options, ingredients.weights, asdict(self.load), str(entry.home))
+
+
+class _Clock:
+    """An estimate of the time that is left: entries take time as their files have bytes."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self._begun = time.monotonic()
+        # A little for each, so that files that are not there count as well.
+        self._sizes = {
+            task.entry.label: 1 + sum(max(0, file.size) for file in states(task.entry.source)) for task in tasks
+        }
+        self._whole = sum(self._sizes.values())
+        self._done = 0
+
+    def left_after(self, entry: Entry) -> float:
+        """Seconds that are left after an entry is done, too."""
+        self._done += self._sizes[entry.label]
+        return (time.monotonic() - self._begun) * (self._whole - self._done) / self._done

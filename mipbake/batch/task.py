@@ -1,0 +1,138 @@
+"""The work of one process of a batch: one source, read, baked and written."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mipbake.baking.options import BakeOptions
+from mipbake.baking.results import Listener, NotBaked, Result
+from mipbake.baking.sets import Run, Which
+from mipbake.baking.sources import bake_jobs
+from mipbake.batch.library import Entry
+from mipbake.batch.results import WorkerError, result_files
+from mipbake.batch.state import FileState, Known, state_of, states
+from mipbake.errors import InputError, MipbakeError
+from mipbake.found import sources_of
+from mipbake.intake import jobs
+from mipbake.io import disk
+from mipbake.io.archives import MATERIALX
+from mipbake.io.gltf.document import Document, read_document
+from mipbake.io.gltf.images import image_files
+from mipbake.io.gltf.uris import file_of
+from mipbake.io.mtlx.materials import read_materialx
+from mipbake.io.options import LoadOptions
+from mipbake.io.publish import temporary_folder
+from mipbake.io.sources import Discovery
+from mipbake.jobs import Failure, Job
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a process is asked to do.
+
+    Args:
+        entry: the source, and where its results lie.
+        out: folder of all results.
+        options, load: how it is baked and read.
+        which: see `mipbake.baking.sets.Run`. known: the same.
+    """
+
+    entry: Entry
+    out: Path
+    options: BakeOptions
+    load: LoadOptions
+    which: Which
+    known: bool
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a process did.
+
+    Args:
+        results: of the sets and documents of the source.
+        known: what files it read and wrote, as they were before they were read; None where something failed.
+        seconds: that it took.
+    """
+
+    results: tuple[Result, ...]
+    known: Known | None
+    seconds: float
+
+
+def work(task: Task) -> Done:
+    """Does a task. Errors are among the results."""
+    begun = time.monotonic()
+    try:
+        results, files = _baked(task)
+    except MipbakeError as error:
+        results, files = [NotBaked(task.entry.source, error)], ()
+    except Exception as error:
+        results, files = [NotBaked(task.entry.source, _unforeseen(error))], ()
+    known = None
+    if task.which != "none" and not any(isinstance(each, NotBaked) for each in results):
+        written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
+        known = Known(tuple(files), written, len(results))
+    return Done(tuple(results), known, time.monotonic() - begun)
+
+
+def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
+    """What became of a source, and the files that decide it, as they were before they were read."""
+    source = task.entry.source
+    with temporary_folder() as scratch:
+        found = jobs([os.fspath(source)], task.load, scratch)
+        files = states(source, [path for path in _files(found) if not disk.lies_in(path, scratch)])
+        tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
+        run = Run(task.options.asked(), Listener(), task.which, task.known)
+        run.asked.check_encoder(found)
+        return bake_jobs(run, found, task.out / task.entry.home.place(tops)), files
+
+
+def _files(found: Sequence[Job | Failure]) -> Iterator[Path]:
+    """Files that jobs read, beside the source itself."""
+    documents: set[Path] = set()
+    for job in found:
+        if isinstance(job, Failure) or job.archive is not None:
+            continue
+        for discovery in _discoveries(job):
+            yield from (each.path for each in sources_of(discovery).values() if each.path is not None)
+        if job.document is not None and job.source not in documents:
+            documents.add(job.source)
+            yield from _buffers(job.document)
+            yield from image_files(job.document, Path(job.source.anchor or "/"))
+
+
+def _discoveries(job: Job) -> list[Discovery]:
+    try:
+        return list(job.found().values())
+    except InputError:  # the bake will say so
+        return []
+
+
+def _buffers(document: Document) -> Iterator[Path]:
+    for index, buffer in enumerate(document.all("buffers")):
+        file = file_of(buffer.get("uri"), document.path, document.path.parent, f"buffer {index}")
+        if file is not None:
+            yield file
+
+
+def document_files(document: Path) -> list[Path]:
+    """The images that a document shows; InputError where it cannot be read."""
+    if document.suffix.lower() == MATERIALX:
+        return [file for material in read_materialx(document).materials for file in material.files]
+    return image_files(read_document(document), Path(disk.resolved(document).anchor))
+
+
+def _unforeseen(error: Exception) -> WorkerError:
+    if isinstance(error, MemoryError):
+        return WorkerError(
+            "there is not enough memory for it: bake fewer at a time (--jobs), or hold them to less (--memory)"
+        )
+    return WorkerError(
+        f"sorry, this is a defect ({type(error).__name__}: {error}); please report it with the output of "
+        "`mipbake --version` and of `mipbake --debug bake` for this source alone"
+    )

@@ -1,0 +1,295 @@
+"""Batches: what has changed is baked, and nothing else, whatever became of the list of what is known."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.baking import BakeOptions, NotBaked
+from mipbake.baking.results import BakedSet, Planned, Unchanged
+from mipbake.batch import BatchOptions, Summary, bake_library
+from mipbake.batch import run as batch_run
+from mipbake.batch import task as batch_task
+from mipbake.batch.task import Done, Task, work
+from mipbake.errors import UsageError
+from mipbake.io.options import LoadOptions
+
+from .command_line import tree, write_png, write_set
+from .gltf_files import png
+from .gltf_results import two_textures
+
+LINEAR = BakeOptions(method="linear", format="png", max_level=1)
+
+
+class Inline:
+    """Workers that do tasks in the process of the test, and remember which."""
+
+    def __init__(self) -> None:
+        self.labels: list[str] = []
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+        for task in tasks:
+            self.labels.append(task.entry.label)
+            yield task, work(task)
+
+    @contextmanager
+    def workers(self, _jobs: int, _share: object) -> Iterator[Inline]:
+        self.labels.clear()
+        yield self
+
+
+@pytest.fixture
+def inline(monkeypatch: pytest.MonkeyPatch) -> Inline:
+    made = Inline()
+    monkeypatch.setattr(batch_run, "workers", made.workers)
+    return made
+
+
+def aged(root: Path, by: float = 10.0) -> Path:
+    """A folder whose files are older, so that their times tell whether they have changed."""
+    then = time.time() - by
+    for path in root.rglob("*"):
+        os.utime(path, (then, then))
+    return root
+
+
+@pytest.fixture
+def library(tmp_path: Path) -> Path:
+    root = tmp_path / "lib"
+    write_set(root / "metals" / "steel")
+    write_set(root / "wood", roughness=np.full((16, 16), 90, np.uint8))
+    return aged(root)
+
+
+def bake(library: Path, options: BakeOptions = LINEAR, **how: Any) -> Summary:
+    return bake_library(library, library.parent / "out", options, None, BatchOptions(**how))
+
+
+def counts(summary: Summary) -> tuple[int, int, int]:
+    return summary.baked, summary.unchanged, len(summary.failures)
+
+
+def only(summary: Summary, kind: type) -> Any:
+    (found,) = [each for entry in summary.entries for each in entry.results if isinstance(each, kind)]
+    return found
+
+
+def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) -> None:
+    assert counts(bake(library)) == (2, 0, 0)
+    out = library.parent / "out"
+    assert (out / "metals/steel/stack.json").is_file() and (out / "wood/stack.json").is_file()
+    inline.labels.clear()
+    assert counts(bake(library)) == (0, 2, 0)
+    assert inline.labels == []
+    assert counts(bake(library, force=True)) == (2, 0, 0)
+
+
+def test_results_are_those_of_a_bake_without_a_batch(library: Path, inline: Inline) -> None:
+    bake(library)
+    mipbake.bake_all(library / "wood", library.parent / "alone", LINEAR)
+    one, other = library.parent / "alone/wood", library.parent / "out/wood"
+    assert tree(one) == tree(other)
+    assert all((one / name).read_bytes() == (other / name).read_bytes() for name in tree(one))
+
+
+def test_a_file_of_another_time_and_the_same_content(library: Path, inline: Inline) -> None:
+    bake(library)
+    out = library.parent / "out"
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.png")}
+    (library / "wood/normal.png").touch()
+    assert counts(bake(library)) == (0, 2, 0)
+    assert inline.labels == ["wood"]
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*.png")} == before
+
+
+def test_a_file_that_was_just_written_is_looked_into(library: Path, inline: Inline) -> None:
+    """Its time would be the same if it changed once more within the same tick of the file system's clock."""
+    (library / "wood/normal.png").touch()
+    bake(library)
+    bake(library)
+    assert inline.labels == ["wood"]
+
+
+@pytest.mark.parametrize("with_list", [True, False])
+def test_one_map_changes(library: Path, inline: Inline, with_list: bool) -> None:
+    bake(library)
+    write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
+    aged(library, 5.0)
+    if not with_list:
+        shutil.rmtree(library.parent / "out" / ".mipbake")
+    summary = bake(library)
+    assert counts(summary) == (1, 1, 0)
+    assert only(summary, BakedSet).source == library / "wood"
+
+
+def test_all_maps_change(library: Path, inline: Inline) -> None:
+    """Somebody exports a set anew. Alone, a bake would take it for another set of the same name."""
+    bake(library)
+    shutil.rmtree(library / "wood")
+    write_set(library / "wood", **{name: np.full((16, 16, 3), 128, np.uint8) for name in ("base_color", "roughness")})
+    write_png(library / "wood/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    assert counts(bake(library)) == (1, 1, 0)
+
+
+def test_another_set_of_that_name_is_not_written_over(library: Path, inline: Inline, tmp_path: Path) -> None:
+    bake(library)
+    other = tmp_path / "other"
+    write_set(other / "wood", **{name: np.full((16, 16, 3), 9, np.uint8) for name in ("base_color", "roughness")})
+    write_png(other / "wood/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    summary = bake_library(other, tmp_path / "out", LINEAR)
+    assert "of other source files" in str(only(summary, NotBaked).error) and summary.exit_code == 4
+
+
+def test_a_map_more_and_a_file_more(library: Path, inline: Inline) -> None:
+    bake(library)
+    (library / "wood/readme.txt").write_text("oak")
+    aged(library, 5.0)
+    assert counts(bake(library)) == (0, 2, 0)
+    write_png(library / "wood/ao.png", np.full((16, 16), 200, np.uint8))
+    assert counts(bake(library)) == (1, 1, 0)
+    (library / "wood/ao.png").unlink()
+    assert counts(bake(library)) == (1, 1, 0)
+
+
+def test_other_options_and_other_ways_to_read(library: Path, inline: Inline) -> None:
+    bake(library)
+    assert counts(bake(library, replace(LINEAR, strength=0.5))) == (2, 0, 0)
+    assert counts(bake(library, replace(LINEAR, strength=0.5))) == (0, 2, 0)
+    clamped = LoadOptions(wrap=("clamp", "wrap"))
+    again = bake_library(library, library.parent / "out", replace(LINEAR, strength=0.5), clamped)
+    assert counts(again) == (2, 0, 0)
+
+
+def changed_manifest(file: Path, **provenance: Any) -> None:
+    content = json.loads(file.read_text())
+    content["provenance"].update(provenance)
+    file.write_text(json.dumps(content))
+
+
+def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) -> None:
+    out = library.parent / "out"
+    assert {each.why for e in bake(library, dry_run=True).entries for each in e.results} == {"there is no result yet"}
+    assert not out.exists()
+    bake(library)
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+
+    def why() -> str:
+        told: str = only(bake(library, dry_run=True), Planned).why
+        return told
+
+    write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
+    assert why() == "its sources changed"
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+    bake(library)
+    manifest = out / "wood/stack.json"
+    recipe = json.loads(manifest.read_text())["provenance"]["recipe"]
+    changed_manifest(manifest, recipe={**recipe, "weights": "0"})
+    assert why() == "the weights changed"
+    changed_manifest(manifest, recipe={**recipe, "options": "0"})
+    assert why() == "the options changed"
+    changed_manifest(manifest, recipe=recipe, tool_version="0.0.1")
+    assert why() == "it was baked by mipbake 0.0.1"
+    changed_manifest(manifest, recipe={}, tool_version=mipbake.__version__)
+    assert why() == "its result does not say what it was made from"
+    changed_manifest(manifest, recipe=recipe)
+    (out / "wood/normal_mip00.png").unlink()
+    assert why() == "its file normal_mip00.png is missing"
+    manifest.write_text("{")
+    assert why() == "there is no result yet"
+    shutil.rmtree(out / "wood")
+    assert why() == "there is no result yet"
+    assert counts(bake(library)) == (1, 1, 0)
+
+
+@pytest.mark.parametrize("damage", [b"", b"no database at all" * 100, None])
+def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: bytes | None) -> None:
+    bake(library)
+    place = library.parent / "out/.mipbake/batch.sqlite"
+    place.unlink() if damage is None else place.write_bytes(damage)
+    assert counts(bake(library)) == (0, 2, 0)
+    assert inline.labels == ["metals/steel", "wood"]
+    bake(library)
+    assert inline.labels == ["metals/steel", "wood"]  # the fixture forgets them where workers begin
+
+
+def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
+    root = tmp_path / "lib"
+    write_set(tmp_path / "packed" / "one")
+    write_set(tmp_path / "packed" / "two", roughness=np.full((16, 16), 70, np.uint8))
+    root.mkdir()
+    shutil.make_archive(str(root / "several"), "zip", tmp_path / "packed")
+    two_textures(png("normal n"), png("mr")).write(root / "scene")
+    for tile in (1001, 1002):
+        for name in ("normal", "roughness"):
+            write_set(tmp_path / f"t{tile}{name}")
+            (root / "udim").mkdir(exist_ok=True)
+            shutil.copy(tmp_path / f"t{tile}{name}" / f"{name}.png", root / "udim" / f"w_{name}.{tile}.png")
+    options = BakeOptions(method="linear", max_level=1)
+    first = bake(aged(root), options)
+    assert first.failures == []
+    assert first.documents == 1
+    out = tmp_path / "out"
+    assert {"several/one/stack.json", "several/two/stack.json", "udim/stack.1001.json"} <= set(tree(out))
+    shutil.rmtree(out / ".mipbake")
+    second = bake(root, options)
+    assert (second.baked, second.documents, second.unchanged) == (0, 0, 4), second
+    inline.labels.clear()
+    assert bake(root, options).unchanged == 2 + 1 + 1
+    assert inline.labels == []
+    other = two_textures(png("normal other"), png("mr"))
+    other.write(root / "scene")
+    third = bake(root, options)
+    assert (third.documents, third.unchanged) == (1, 3)
+
+
+def test_an_entry_that_fails_keeps_none_from_being_baked(library: Path, inline: Inline) -> None:
+    (library / "broken").mkdir()
+    write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    summary = bake(library)
+    assert counts(summary) == (2, 0, 1) and summary.exit_code == 3
+    again = bake(library)
+    assert counts(again) == (0, 2, 1)
+    write_png(library / "broken/roughness.png", np.full((16, 16), 128, np.uint8))
+    assert counts(bake(library)) == (1, 2, 0)
+
+
+def test_a_defect_is_a_failure_of_its_entry(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
+    def defect(*_: object) -> None:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr(batch_task, "bake_jobs", defect)
+    summary = bake(library)
+    assert summary.exit_code == 1 and counts(summary) == (0, 0, 2)
+    assert "this is a defect (ZeroDivisionError: by zero)" in str(summary.failures[0].error)
+
+
+def test_options_that_cannot_be(library: Path) -> None:
+    with pytest.raises(UsageError, match="number of jobs is 0"):
+        BatchOptions(jobs=0)
+    with pytest.raises(UsageError, match="one of the two"):
+        BatchOptions(force=True, dry_run=True)
+    with pytest.raises(UsageError, match="unknown method"):
+        bake(library, BakeOptions(method="nothing"))
+    assert not (library.parent / "out").exists()
+
+
+def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> None:
+    bake(library)
+    shutil.rmtree(library.parent / "out/.mipbake")
+    found = [each for entry in bake(library).entries for each in entry.results]
+    assert all(isinstance(each, Unchanged) for each in found)
+    assert {each.out for each in found if isinstance(each, Unchanged)} == {
+        library.parent / "out/metals/steel",
+        library.parent / "out/wood",
+    }
