@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
@@ -14,15 +13,17 @@ from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, bake_sources
 from mipbake.cli import options
-from mipbake.cli.bake_batch import bake_batch
+from mipbake.cli.bake_batch import bake_batch, bake_project
 from mipbake.cli.bake_output import Printer, told
-from mipbake.cli.batch_options import BatchAsked, batching
+from mipbake.cli.batch_options import BatchAsked, batching, with_project
 from mipbake.cli.methods import some_of
-from mipbake.cli.options import one_of
+from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session
-from mipbake.cli.sources import Sources
+from mipbake.cli.sources import SourcesOrProject
 from mipbake.compare.costs import LIMIT
+from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.io.layout import PROJECT
 from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
 from mipbake.output import GLB, GLB_TEXELS
 from mipbake.packing import PACKINGS, SOURCE
@@ -38,12 +39,13 @@ _FORMATS = "; ".join(
 
 @partial(options.reads_sets, more={"batch": batching})
 def bake(
+    *,
     session: Session,
     load: LoadOptions,
     batch: BatchAsked,
     memory: Optional[int],  # noqa: UP045
-    sources: Sources,
-    out: Annotated[Path, options.stacks_folder()],
+    sources: SourcesOrProject = None,
+    out: Annotated[OptionalPath, options.stacks_folder()] = None,
     method: Annotated[str, typer.Option(metavar=one_of(METHODS), help=f"{_METHODS}.")] = DEFAULT_METHOD,
     target: Annotated[
         Optional[str],  # noqa: UP045
@@ -127,7 +129,7 @@ def bake(
     weights: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            metavar="NAME",
+            metavar="PROJECT",
             help=f"Trained weights, for {some_of('weights')}.",
             show_default="the weights for the target and the filter",
         ),
@@ -167,7 +169,7 @@ def bake(
     """Bake texture sets into MIP stacks.
 
     A set that cannot be baked is reported, and the other sets are baked all the same. With --recursive, --jobs,
-    --force, --dry-run or --json-log it is a batch, which leaves what has not changed since the last time.
+    --force, --dry-run, --json-log or --config it is a batch, which leaves what has not changed since the last time.
     """
     session.in_files = True
     wanted = BakeOptions(
@@ -189,6 +191,14 @@ def bake(
         device=device,
     )
     load = replace(load, alpha_cutoff=alpha_cutoff)
+    batch = with_project(batch, sources)
+    if batch.config is not None:
+        bake_project(session, sources or [], out, wanted, load, batch, memory)
+        return
+    if not sources:
+        raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
+    if out is None:
+        raise UsageError("missing option '--out' / '-o': expected a folder for the stacks")
     if batch.any:
         bake_batch(session, sources, out, wanted, load, batch, memory)
         return

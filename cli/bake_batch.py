@@ -13,12 +13,23 @@ from typing import TYPE_CHECKING, Any, TextIO
 import mipbake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
 from mipbake.baking.results import DEFECT, Planned, Result
-from mipbake.batch import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
+from mipbake.batch import (
+    COMMAND_LINE,
+    BatchListener,
+    BatchOptions,
+    Entry,
+    EntryResult,
+    Summary,
+    bake_library,
+    read_project,
+    settings_of,
+)
 from mipbake.batch.results import Progress
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchAsked
 from mipbake.cli.session import Session, console, plain
 from mipbake.errors import OutputError
+from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import reason
 
@@ -38,8 +49,48 @@ def bake_batch(
 ) -> None:
     """Bakes a batch, and says what happens."""
     how = BatchOptions(asked.recursive, asked.jobs or 1, asked.force, asked.dry_run, memory)
+    with _printer(session, asked) as printer:
+        _tell(session, bake_library(sources, out, options, load, how, printer))
+
+
+def bake_project(
+    session: Session,
+    sources: Sequence[str],
+    out: Path | None,
+    options: BakeOptions,
+    load: LoadOptions,
+    asked: BatchAsked,
+    memory: int | None,
+) -> None:
+    """Bakes the library of a project file, and says what happens."""
+    project = read_project(asked.config or Path(PROJECT))
+    given = settings_of(options, load, session.given, COMMAND_LINE)
+    how = BatchOptions(
+        jobs=asked.jobs or project.jobs or 1,
+        force=asked.force,
+        dry_run=asked.dry_run,
+        memory=memory if project.memory is None or "memory" in session.given else project.memory,
+        within=tuple(map(Path, sources)),
+    )
+    with _printer(session, asked) as printer:
+        summary = bake_library(
+            project.library,
+            out or project.out,
+            batch=how,
+            listener=printer,
+            choose=lambda label: project.chosen(label, given),
+        )
+        _tell(session, summary)
+
+
+@contextmanager
+def _printer(session: Session, asked: BatchAsked) -> Iterator[_Printer]:
     with _log(asked.json_log) as log, _bar(session) as bar:
-        summary = bake_library(sources, out, options, load, how, _Printer(session, out, log, bar))
+        yield _Printer(session, log, bar)
+
+
+def _tell(session: Session, summary: Summary) -> None:
+    """Says what a batch came to."""
     session.print(_summary_line(summary))
     for entry in summary.entries:
         for failure in entry.failures:
@@ -53,7 +104,6 @@ class _Printer(BatchListener):
     """Prints what happens: for a person on stdout, failures on stderr, lines of JSON into a file."""
 
     session: Session
-    out: Path
     log: TextIO | None
     bar: tuple[Bar, TaskID] | None
 

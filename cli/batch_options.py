@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
 from mipbake.cli.options import OptionalPath
+from mipbake.io.layout import PROJECT
 
 
 @dataclass(frozen=True)
@@ -20,11 +22,21 @@ class BatchAsked:
     force: bool = False
     dry_run: bool = False
     json_log: Path | None = None
+    config: Path | None = None
 
     @property
     def any(self) -> bool:
         """Whether the bake is a batch."""
         return self != BatchAsked()
+
+
+def project_file(meaning: str) -> Any:
+    """The option --config.
+
+    Args:
+        meaning: what it is for, as a sentence.
+    """
+    return typer.Option("--config", metavar="FILE", help=meaning, show_default=f"{PROJECT} here, without SOURCE")
 
 
 def batching(
@@ -60,6 +72,18 @@ def batching(
             show_default=False,
         ),
     ] = None,
+    config: Annotated[
+        OptionalPath,
+        project_file(
+            "Bake the library of a project file, as `mipbake init` writes it, or the SOURCEs in it alone. Options that "
+            "are given count more than the file."
+        ),
+    ] = None,
 ) -> BatchAsked:
     """What was said of batches. Any of these options makes the bake a batch, which leaves what has not changed."""
-    return BatchAsked(recursive, jobs, force, dry_run, json_log)
+    return BatchAsked(recursive, jobs, force, dry_run, json_log, config)
+
+
+def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:
+    """The same, with the project file of the working directory where neither it nor a source was named."""
+    return asked if sources or asked.config or not Path(PROJECT).is_file() else replace(asked, config=Path(PROJECT))

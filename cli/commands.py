@@ -58,6 +58,12 @@ def _presets() -> Callable[..., None]:
     return presets
 
 
+def _init() -> Callable[..., None]:
+    from mipbake.cli.init import init
+
+    return init
+
+
 LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
     "bake": _bake,
     "compare": _compare,
@@ -67,6 +73,7 @@ LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
     "inspect": _inspect,
     "info": _info,
     "presets": _presets,
+    "init": _init,
 }
 """What loads the function of each command, in the order of the help text."""
 
@@ -79,6 +86,7 @@ SUMMARIES: Mapping[str, str] = {
     "inspect": "Show what is found in texture sets and why.",
     "info": "Show what is in a texture file, or in every file of a stack.",
     "presets": "Show what each preset of `mipbake bake --preset` chooses.",
+    "init": "Write a project file, mipbake.toml, for a library of texture sets.",
 }
 """The first sentence of each command's docstring, which can be shown without loading the command."""
 

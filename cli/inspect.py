@@ -2,30 +2,72 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import mipbake
 from mipbake.cli import options
+from mipbake.cli.batch_options import BatchAsked, project_file, with_project
+from mipbake.cli.options import OptionalPath
 from mipbake.cli.session import Session
-from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import description, remarks_of
+from mipbake.cli.sources import SourcesOrProject, over_sets
+from mipbake.cli.tables import description, remarks_of, table
+from mipbake.errors import UsageError
 from mipbake.found import set_report
+from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.texture_set import TextureSet
 
 
 @partial(options.reads_sets, without=("normal_length", "wrap_u", "wrap_v"))
-def inspect(session: Session, sources: Sources, load: LoadOptions) -> None:
+def inspect(
+    sources: SourcesOrProject = None,
+    config: Annotated[
+        OptionalPath,
+        project_file("Show what a project file says of the sets in its library, or of the SOURCEs alone, and where."),
+    ] = None,
+    *,
+    session: Session,
+    load: LoadOptions,
+) -> None:
     """Show what is found in texture sets and why.
 
-    Every map is decoded, so that damaged files are found. Nothing is written.
+    Every map is decoded, so that damaged files are found. With a project file, options are shown in place of maps.
+    Nothing is written.
     """
+    config = with_project(BatchAsked(config=config), sources).config
+    if config is not None:
+        _show_project(session, config, sources or [])
+        return
+    if not sources:
+        raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
 
     def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:
         session.print(*description(job, found), *remarks_of(job))
         return vars(set_report(found, job))
 
     results = over_sets(session, sources, load, show)
+    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+
+
+def _show_project(session: Session, config: Path, sources: Sequence[str]) -> None:
+    """Prints what applies to the sets of a library, and where that is said."""
+    from mipbake.batch.finding import found_library
+    from mipbake.batch.project import read_project
+
+    project = read_project(config)
+    library = found_library([project.library], project.out, within=tuple(map(Path, sources)))
+    session.print(*(f"note: {note}" for note in library.notes))
+    results = []
+    for entry in library.entries:
+        settings = project.chosen(entry.label).settings
+        told = table("option", "value", "from")
+        for option, setting in sorted(settings.items()):
+            told.add_row(option, json.dumps(setting.value), setting.origin)
+        session.print(f"{entry.label}:" if settings else f"{entry.label}: the defaults", *([told] if settings else []))
+        results.append({"entry": entry.label, "source": entry.source, "settings": dict(settings)})
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})

@@ -93,7 +93,13 @@ def _talking(
 ) -> Session:
     session: Session = context.obj
     session.configure(quiet, json)
+    session.given = frozenset(name for name in context.params if _is_given(context, name))
     return session
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _memory(

@@ -30,6 +30,7 @@ class Session:
         json: whether stdout is for one JSON object.
         in_files: whether the result lies in files, and what is printed only tells of it.
         exit_code: what a command that ends normally returns.
+        given: names of the command's parameters that the user gave.
     """
 
     debug: bool = False
@@ -37,6 +38,7 @@ class Session:
     json: bool = False
     in_files: bool = False
     exit_code: int = 0
+    given: frozenset[str] = frozenset()
 
     def configure(self, quiet: bool, json: bool) -> None:
         """Takes over the options of a command."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -15,16 +15,16 @@ from mipbake.io.publish import temporary_folder
 from mipbake.jobs import Failure, Job
 from mipbake.texture_set import TextureSet
 
-Sources = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="SOURCE",
-        help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern "
-        "with <UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
-        "names a list of paths, and @- a list on stdin.",
-        show_default=False,
-    ),
-]
+_SOURCES = typer.Argument(
+    metavar="SOURCE",
+    help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern "
+    "with <UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
+    "names a list of paths, and @- a list on stdin.",
+    show_default=False,
+)
+Sources = Annotated[list[str], _SOURCES]
+SourcesOrProject = Annotated[Optional[list[str]], _SOURCES]  # noqa: UP045
+"""Sources that may be left out where a project file names a library."""
 
 
 def over_sets(

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from mipbake.batch.library import Entry, Home, entries_below, entries_of
+from mipbake.batch.project import COMMAND_LINE, TEMPLATE, Chosen, Project, read_project, settings_of
 from mipbake.batch.results import BatchListener, EntryResult, Summary
 from mipbake.batch.run import BatchOptions, bake_library
 
 __all__ = [
+    "COMMAND_LINE",
+    "TEMPLATE",
     "BatchListener",
     "BatchOptions",
+    "Chosen",
     "Entry",
     "EntryResult",
     "Home",
+    "Project",
     "Summary",
     "bake_library",
     "entries_below",
     "entries_of",
+    "read_project",
+    "settings_of",
 ]

@@ -58,7 +58,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Library:
-    """What was found.
+    """What was found below folders.
 
     Args:
         entries: by their labels.

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -15,16 +14,18 @@ from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
 from mipbake.baking.sets import Which
-from mipbake.batch.library import Entry, Library, entries_below, entries_of
+from mipbake.batch.finding import PathLike, found_library
+from mipbake.batch.library import Entry, Library
+from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary
 from mipbake.batch.state import States, is_unchanged, key_of, opened, states
-from mipbake.batch.task import Task, document_files
+from mipbake.batch.task import Task
 from mipbake.batch.workers import Share, Workers, workers
 from mipbake.errors import UsageError
-from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 
-PathLike: TypeAlias = "str | os.PathLike[str]"
+Choose: TypeAlias = Callable[[str], Chosen]
+"""Label of an entry to how it is read and baked."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class BatchOptions:
         jobs: processes at most. They share the threads and the memory that mipbake may use.
         force: whether what has not changed is baked as well.
         dry_run: whether nothing is baked, and only told what would be.
-        memory: bytes that all processes together are held to; None for the default of `mipbake.memory`.
+        memory: bytes that all processes together are held to; None for no limit.
+        within: paths, one of which an entry must be or lie in; empty for all entries.
     """
 
     recursive: bool = True
@@ -44,6 +46,7 @@ class BatchOptions:
     force: bool = False
     dry_run: bool = False
     memory: int | None = field(default_factory=memory.default)
+    within: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """UsageError for values that cannot be."""
@@ -65,6 +68,7 @@ def bake_library(
     load: LoadOptions | None = None,
     batch: BatchOptions | None = None,
     listener: BatchListener = BatchListener(),  # noqa: B008
+    choose: Choose | None = None,
 ) -> Summary:
     """Bakes everything below folders, in several processes. What has not changed since the last time is left.
 
@@ -81,6 +85,8 @@ def bake_library(
         options: how they are baked and written. load: how they are read. None for the defaults.
         batch: how they are gone through; None for the defaults.
         listener: hears what happens meanwhile.
+        choose: gives options for each entry by its label, in place of `options` and `load`, as the method `chosen` of a
+            project file does: `mipbake.batch.read_project("mipbake.toml").chosen`.
 
     Returns:
         What became of every entry. An entry that fails keeps no other from being baked.
@@ -92,10 +98,10 @@ def bake_library(
     """
     asked, how = options or BakeOptions(), batch or BatchOptions()
     asked.asked()  # before anything is made
-    given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
-    library = _library([os.fspath(each) for each in given], Path(out), how.recursive)
+    same = Chosen(asked, load or LoadOptions())
+    library = found_library(sources, Path(out), how.recursive, how.within)
     with opened(Path(out), write=not how.dry_run) as states:
-        run = Batch(Path(out), asked, load or LoadOptions(), how, states, listener)
+        run = Batch(Path(out), choose or (lambda _label: same), how, states, listener)
         plan = run.plan(library)
         jobs = min(how.jobs, len(plan.tasks))
         listener.found(library.entries, library.notes, jobs)
@@ -105,11 +111,6 @@ def bake_library(
             return plan.summary({})
         with workers(jobs, Share.of(jobs, threads(), how.memory)) as pool:
             return run.bake(plan, pool)
-
-
-def _library(sources: Sequence[str], out: Path, recursive: bool) -> Library:
-    paths = expand(sources)
-    return entries_below(paths, out, document_files) if recursive else entries_of(paths)
 
 
 @dataclass(frozen=True)
@@ -134,29 +135,31 @@ class Plan:
 
 @dataclass(frozen=True)
 class Batch:
-    """Passes over a library, all with the same options. See `bake_library`."""
+    """Passes over a library. See `bake_library`."""
 
     out: Path
-    options: BakeOptions
-    load: LoadOptions
+    choose: Choose
     how: BatchOptions
     states: States
     listener: BatchListener
 
     def plan(self, library: Library) -> Plan:
         """What is to be done, as far as sizes and times of files tell. UsageError for options that cannot be."""
-        ingredients = Ingredients.of(self.options.asked())
+        ingredients: dict[BakeOptions, Ingredients] = {}
         left: dict[str, EntryResult] = {}
         tasks: list[Task] = []
         keys: dict[str, str] = {}
         for entry in library.entries:
-            keys[entry.label] = key = self._key(ingredients, entry)
+            chosen = self.choose(entry.label)
+            if chosen.options not in ingredients:
+                ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
+            keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
             known = None if self.how.force else self.states.known(entry.label, key)
             if known is not None and is_unchanged(known, entry.source, self.out):
                 left[entry.label] = EntryResult(entry, unchanged=known.count)
                 continue
             own = self.states.is_place_of(entry.label, entry.source)
-            tasks.append(Task(entry, self.out, self.options, self.load, self.how.which, own))
+            tasks.append(Task(entry, self.out, chosen.options, chosen.load, self.how.which, own))
         return Plan(library.entries, left, tasks, keys)
 
     def bake(self, plan: Plan, pool: Workers) -> Summary:
@@ -172,8 +175,10 @@ class Batch:
             self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
         return plan.summary(done)
 
-    def _key(self, ingredients: Ingredients, entry: Entry) -> str:
-        return key_of(__version__, ingredients.options, ingredients.weights, asdict(self.load), str(entry.home))
+
+def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
+    """Equal where an entry is asked for in the same way."""
+    return key_of(__version__, ingredients.options, ingredients.weights, asdict(load), str(entry.home))
 
 
 class _Clock:

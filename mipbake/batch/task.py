@@ -19,11 +19,9 @@ from mipbake.errors import InputError, MipbakeError
 from mipbake.found import sources_of
 from mipbake.intake import jobs
 from mipbake.io import disk
-from mipbake.io.archives import MATERIALX
-from mipbake.io.gltf.document import Document, read_document
+from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import image_files
 from mipbake.io.gltf.uris import file_of
-from mipbake.io.mtlx.materials import read_materialx
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.sources import Discovery
@@ -118,13 +116,6 @@ def _buffers(document: Document) -> Iterator[Path]:
         file = file_of(buffer.get("uri"), document.path, document.path.parent, f"buffer {index}")
         if file is not None:
             yield file
-
-
-def document_files(document: Path) -> list[Path]:
-    """The images that a document shows; InputError where it cannot be read."""
-    if document.suffix.lower() == MATERIALX:
-        return [file for material in read_materialx(document).materials for file in material.files]
-    return image_files(read_document(document), Path(disk.resolved(document).anchor))
 
 
 def _unforeseen(error: Exception) -> WorkerError:

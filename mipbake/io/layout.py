@@ -25,6 +25,9 @@ MANIFEST = "stack.json"
 
 SCHEMA = "mipbake-stack"
 
+PROJECT = "mipbake.toml"
+"""The file that says how a library is baked."""
+
 MATERIAL_MANIFEST = "material.json"
 """The file of a converted material's folder that declares everything about it."""
 

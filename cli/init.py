@@ -1,0 +1,37 @@
+"""`mipbake init`: a project file for a library."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mipbake.batch.project import TEMPLATE
+from mipbake.cli.session import Session
+from mipbake.errors import OutputError
+from mipbake.io import disk
+from mipbake.io.layout import PROJECT
+from mipbake.io.publish import replaced_file
+
+
+def init(
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where it is written.", readable=False)] = Path(),
+    library: Annotated[str, typer.Option(metavar="FOLDER", help="The library, relative to the file.")] = "textures",
+    out: Annotated[str, typer.Option("--out", "-o", metavar="OUT", help="Folder of all results.")] = "baked",
+) -> None:
+    """Write a project file, mipbake.toml, for a library of texture sets.
+
+    Its comments say what can stand in it. `mipbake bake` in that folder bakes the library.
+    """
+    session: Session = context.obj
+    session.in_files = True
+    file = folder / PROJECT
+    if disk.exists(file):
+        raise OutputError(f"{file} exists: change it, or remove it first")
+    # TOML takes the strings of JSON.
+    text = TEMPLATE.replace('"{library}"', json.dumps(library)).replace('"{out}"', json.dumps(out))
+    replaced_file(file, text.encode())
+    session.print(f"wrote {file}: change it as you like, then run `mipbake bake` in {folder}")
