@@ -168,8 +168,8 @@ def bake(
 ) -> None:
     """Bake texture sets into MIP stacks.
 
-    A set that cannot be baked is reported, and the other sets are baked all the same. With --recursive, --jobs,
-    --force, --dry-run, --json-log or --config it is a batch, which leaves what has not changed since the last time.
+    A set that cannot be baked is reported, and the other sets are baked all the same. With --recursive, or
+    any option that says so, it is a batch, which leaves what has not changed since the last time.
     """
     session.in_files = True
     wanted = BakeOptions(

@@ -23,15 +23,21 @@ from mipbake.batch import (
     bake_library,
     read_project,
     settings_of,
+    watch_library,
 )
+from mipbake.batch.depfile import write_depfile
 from mipbake.batch.results import Progress
+from mipbake.batch.run import Choose
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchAsked
 from mipbake.cli.session import Session, console, plain
-from mipbake.errors import OutputError
+from mipbake.errors import OutputError, UsageError
 from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import reason
+
+EXIT_CHECK = 5
+"""Exit code of --check where something would be baked."""
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -48,9 +54,10 @@ def bake_batch(
     memory: int | None,
 ) -> None:
     """Bakes a batch, and says what happens."""
-    how = BatchOptions(asked.recursive, asked.jobs or 1, asked.force, asked.dry_run, memory)
-    with _printer(session, asked) as printer:
-        _tell(session, bake_library(sources, out, options, load, how, printer))
+    how = BatchOptions(
+        asked.recursive, asked.jobs or 1, asked.force, asked.dry_run, memory, touch=asked.depfile is not None
+    )
+    _bake(session, asked, _Call([Path(each) for each in sources], out, options, load, how))
 
 
 def bake_project(
@@ -71,16 +78,36 @@ def bake_project(
         dry_run=asked.dry_run,
         memory=memory if project.memory is None or "memory" in session.given else project.memory,
         within=tuple(map(Path, sources)),
+        touch=asked.depfile is not None,
     )
+    place = out or project.out
+    _bake(session, asked, _Call([project.library], place, how=how, choose=lambda label: project.chosen(label, given)))
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What `bake_library` and `watch_library` are called with."""
+
+    sources: list[Path]
+    out: Path
+    options: BakeOptions | None = None
+    load: LoadOptions | None = None
+    how: BatchOptions | None = None
+    choose: Choose | None = None
+
+
+def _bake(session: Session, asked: BatchAsked, call: _Call) -> None:
+    """Bakes once, or again and again."""
+    if asked.watch and session.json:
+        raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
     with _printer(session, asked) as printer:
-        summary = bake_library(
-            project.library,
-            out or project.out,
-            batch=how,
-            listener=printer,
-            choose=lambda label: project.chosen(label, given),
-        )
-        _tell(session, summary)
+        arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
+        if not asked.watch:
+            _tell(session, asked, call, bake_library(*arguments))
+            return
+        for summary in watch_library(*arguments):
+            _tell(session, asked, call, summary)
+            session.print("watching; Ctrl-C ends it")
 
 
 @contextmanager
@@ -89,8 +116,12 @@ def _printer(session: Session, asked: BatchAsked) -> Iterator[_Printer]:
         yield _Printer(session, log, bar)
 
 
-def _tell(session: Session, summary: Summary) -> None:
+def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
+    if asked.depfile is not None and not summary.failures:
+        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for)
+    if asked.check and summary.planned:
+        session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
     for entry in summary.entries:
         for failure in entry.failures:

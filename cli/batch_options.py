@@ -10,6 +10,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from mipbake.cli.options import OptionalPath
+from mipbake.errors import UsageError
 from mipbake.io.layout import PROJECT
 
 
@@ -23,6 +24,10 @@ class BatchAsked:
     dry_run: bool = False
     json_log: Path | None = None
     config: Path | None = None
+    watch: bool = False
+    check: bool = False
+    depfile: Path | None = None
+    depfile_for: str | None = None
 
     @property
     def any(self) -> bool:
@@ -63,6 +68,29 @@ def batching(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what a batch would bake and why; write nothing.")
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="A --dry-run that ends with exit code 5 where something would be baked.")
+    ] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Go on, and bake what somebody saves below the sources, until Ctrl-C.")
+    ] = False,
+    depfile: Annotated[
+        OptionalPath,
+        typer.Option(
+            "--depfile",
+            metavar="FILE",
+            help="Write what results were made from, as a rule of Make, which Ninja takes as well.",
+            show_default=False,
+        ),
+    ] = None,
+    depfile_for: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="NAME",
+            help="What the rule of --depfile is about.",
+            show_default="each stack.json, and GLB files",
+        ),
+    ] = None,
     json_log: Annotated[
         OptionalPath,
         typer.Option(
@@ -81,7 +109,11 @@ def batching(
     ] = None,
 ) -> BatchAsked:
     """What was said of batches. Any of these options makes the bake a batch, which leaves what has not changed."""
-    return BatchAsked(recursive, jobs, force, dry_run, json_log, config)
+    if depfile_for is not None and depfile is None:
+        raise UsageError("--depfile-for is the name in a --depfile, which is missing: give both, or none")
+    if watch and depfile is not None:
+        raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
+    return BatchAsked(recursive, jobs, force, dry_run or check, json_log, config, watch, check, depfile, depfile_for)
 
 
 def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:

@@ -34,7 +34,8 @@ EXIT_TERMINATED = 143
 
 _EPILOG = (
     "Exit codes: 0 done, 1 unexpected (a defect, or too little memory), 2 usage, 3 unusable input, 4 unwritable "
-    "output, 5 a condition of --fail-if holds, 130 interrupted, 143 terminated. With several sets, the highest counts."
+    "output, 5 a condition of --fail-if or of --check holds, 130 interrupted, 143 terminated. With several sets, the "
+    "highest counts."
 )
 
 app = typer.Typer(

@@ -17,7 +17,7 @@ from mipbake._version import __version__ as __version__
 if TYPE_CHECKING:
     from mipbake.bake import bake
     from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
-    from mipbake.batch import BatchListener, BatchOptions, bake_library
+    from mipbake.batch import BatchListener, BatchOptions, bake_library, watch_library
     from mipbake.compare.checking import Check
     from mipbake.convert import Material, convert, open_material
     from mipbake.errors import InputError, MipbakeError, OutputError, RendererError, UsageError
@@ -54,12 +54,13 @@ __all__ = [
     "open_material",
     "open_stack",
     "validate",
+    "watch_library",
 ]
 
 _MODULES = {
     "bake": ("bake",),
     "baking": ("BakedDocument", "BakedSet", "BakeOptions", "Listener", "bake_all"),
-    "batch": ("BatchListener", "BatchOptions", "bake_library"),
+    "batch": ("BatchListener", "BatchOptions", "bake_library", "watch_library"),
     "compare.checking": ("Check",),
     "convert": ("Material", "convert", "open_material"),
     "errors": ("InputError", "MipbakeError", "OutputError", "RendererError", "UsageError"),

@@ -19,6 +19,7 @@ EXTRAS: Mapping[str, Mapping[str, str]] = {
     "fit": {"moderngl": "moderngl"},
     "train": {"torch": "torch"},
     "uastc": {"alktx2": "alktx2"},
+    "watch": {"watchfiles": "watchfiles"},
 }
 """Extra to the modules that the code imports, and what each is called where it is installed from."""
 

@@ -28,15 +28,15 @@ LENGTH = 12
 
 BEYOND = (
     "mipbake.stack", "mipbake.manifest", "mipbake.output", "mipbake.packing", "mipbake.opacity", "mipbake.glb",
-    "mipbake.content", "mipbake._version",
+    "mipbake.content", "mipbake._version", "mipbake._extras",
     "mipbake.io.gltf", "mipbake.io.mtlx", "mipbake.io.publish", "mipbake.io.mip_exr", "mipbake.io.mip_tx",
     "mipbake.io.mip_png", "mipbake.io.oiio_levels", "mipbake.io.ktx2", "mipbake.io.dds", "mipbake.io.gpu_files",
     "mipbake.io.gpu_format", "mipbake.io.blocks", "mipbake.io.bc7", "mipbake.io.uastc", "mipbake.io.decode",
     "mipbake.io.containers", "mipbake.io.map_files", "mipbake.io.layout", "mipbake.io.quantise",
     "mipbake.io.messages", "mipbake.prefilter.search.time_budget", "mipbake.render.cache",
 )  # fmt: skip
-"""Modules that records of quality import and that cannot change a figure: they write stacks, or read documents that no
-measured set has. Levels are measured as they are in memory."""
+"""Modules that records of quality import and that cannot change a figure: they write stacks, read documents that no
+measured set has, or say which package is missing. Levels are measured as they are in memory."""
 
 _FOLDERS = {name: folder for name, folder in folders().items() if name.startswith("mipbake.")}
 """Rooms that the build maps into the package."""
@@ -85,8 +85,9 @@ def hashes(entry: Entry, root: Path = ROOT) -> Hashes:
 
 
 def changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    """Names whose hashes differ, or that are on one side alone."""
-    return sorted(name for name in {*old, *new} if old.get(name) != new.get(name))
+    """Names whose hashes differ, or that are on one side alone. What has come to be BEYOND since is no change."""
+    beyond = {name for name in old if _within(name.removesuffix(".py").replace("/", "."), BEYOND)}
+    return sorted(name for name in {*old, *new} - beyond if old.get(name) != new.get(name))
 
 
 def forget() -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from mipbake.batch.library import Entry, Home, entries_below, entries_of
+from mipbake.batch.library import Entry, Home, Library, entries_below, entries_of
 from mipbake.batch.project import COMMAND_LINE, TEMPLATE, Chosen, Project, read_project, settings_of
 from mipbake.batch.results import BatchListener, EntryResult, Summary
-from mipbake.batch.run import BatchOptions, bake_library
+from mipbake.batch.run import BatchOptions, bake_library, watch_library
 
 __all__ = [
     "COMMAND_LINE",
@@ -16,6 +16,7 @@ __all__ = [
     "Entry",
     "EntryResult",
     "Home",
+    "Library",
     "Project",
     "Summary",
     "bake_library",
@@ -23,4 +24,5 @@ __all__ = [
     "entries_of",
     "read_project",
     "settings_of",
+    "watch_library",
 ]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned, Result, Unchanged
 from mipbake.batch.library import Entry
+from mipbake.batch.state import Known
 from mipbake.errors import MipbakeError
+from mipbake.io.layout import is_manifest
+from mipbake.output import GLB
 
 
 class WorkerError(MipbakeError):
@@ -26,12 +29,14 @@ class EntryResult:
         results: of its sets and documents. Empty where a list says that nothing has changed since the last time.
         unchanged: how many results that list knows, where nothing has changed.
         seconds: that it took.
+        known: the files that it was made from and lies in; None where it failed, or was not to be baked.
     """
 
     entry: Entry
     results: tuple[Result, ...] = ()
     unchanged: int = 0
     seconds: float = 0.0
+    known: Known | None = None
 
     @property
     def failures(self) -> list[NotBaked]:
@@ -117,6 +122,11 @@ class BatchListener:
 
     def done(self, result: EntryResult, progress: Progress) -> None:
         """An entry is done."""
+
+
+def declares(file: PurePath) -> bool:
+    """Whether a file of a result stands for all of it: a stack's `stack.json`, or a GLB."""
+    return is_manifest(file.name) or file.suffix == f".{GLB}"
 
 
 def result_files(results: Sequence[Result]) -> list[Path]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
 from mipbake import memory
+from mipbake._extras import check_extra
 from mipbake._threads import threads
 from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
@@ -20,6 +22,7 @@ from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary
 from mipbake.batch.state import States, is_unchanged, key_of, opened, states
 from mipbake.batch.task import Task
+from mipbake.batch.watching import changes, touched, watched
 from mipbake.batch.workers import Share, Workers, workers
 from mipbake.errors import UsageError
 from mipbake.io.options import LoadOptions
@@ -39,6 +42,8 @@ class BatchOptions:
         dry_run: whether nothing is baked, and only told what would be.
         memory: bytes that all processes together are held to; None for no limit.
         within: paths, one of which an entry must be or lie in; empty for all entries.
+        touch: whether results that have not changed get a new time where a file is younger than they are, as build
+            systems need it.
     """
 
     recursive: bool = True
@@ -47,6 +52,7 @@ class BatchOptions:
     dry_run: bool = False
     memory: int | None = field(default_factory=memory.default)
     within: tuple[Path, ...] = ()
+    touch: bool = False
 
     def __post_init__(self) -> None:
         """UsageError for values that cannot be."""
@@ -104,13 +110,59 @@ def bake_library(
         run = Batch(Path(out), choose or (lambda _label: same), how, states, listener)
         plan = run.plan(library)
         jobs = min(how.jobs, len(plan.tasks))
-        listener.found(library.entries, library.notes, jobs)
-        for each in plan.left.values():
-            listener.left(each)
+        run.tell(library, plan, jobs)
         if not plan.tasks:
             return plan.summary({})
         with workers(jobs, Share.of(jobs, threads(), how.memory)) as pool:
             return run.bake(plan, pool)
+
+
+def watch_library(
+    sources: PathLike | Sequence[PathLike],
+    out: PathLike,
+    options: BakeOptions | None = None,
+    load: LoadOptions | None = None,
+    batch: BatchOptions | None = None,
+    listener: BatchListener = BatchListener(),  # noqa: B008
+    choose: Choose | None = None,
+) -> Iterator[Summary]:
+    """The same again and again: after each change below the sources, what has changed is baked. There is no end to it.
+
+    Args:
+        sources, out, options, load, batch, listener, choose: as for `bake_library`. A dry run cannot be watched.
+
+    Yields:
+        What each pass came to; the first is about the whole library, the others are about what has changed.
+
+    Raises:
+        UsageError: as `bake_library`; or the extra `watch` is not installed.
+        InputError, OutputError: as `bake_library`; or the system cannot watch so many files.
+    """
+    asked, how = options or BakeOptions(), batch or BatchOptions()
+    if how.dry_run:
+        raise UsageError("a dry run bakes nothing, so there is nothing to watch for: expected one of the two")
+    check_extra("watch", "--watch")
+    asked.asked()  # before anything is made
+    same = Chosen(asked, load or LoadOptions())
+    place = Path(out)
+
+    def find() -> Library:
+        return found_library(sources, place, how.recursive, how.within)
+
+    library = find()
+    given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
+    folders = watched([Path(each) for each in given])
+    with opened(place) as states, workers(how.jobs, Share.of(how.jobs, threads(), how.memory)) as pool:
+        run = Batch(place, choose or (lambda _label: same), how, states, listener)
+        plan = run.plan(library)
+        run.tell(library, plan, min(how.jobs, len(plan.tasks)))
+        yield run.bake(plan, pool)
+        run = replace(run, how=replace(how, force=False))  # once is enough
+        for paths in changes(folders, place):
+            library, part = touched(library, paths, states, find)
+            plan = run.plan(part)
+            if plan.tasks:
+                yield run.bake(plan, pool)
 
 
 @dataclass(frozen=True)
@@ -156,11 +208,17 @@ class Batch:
             keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
             known = None if self.how.force else self.states.known(entry.label, key)
             if known is not None and is_unchanged(known, entry.source, self.out):
-                left[entry.label] = EntryResult(entry, unchanged=known.count)
+                left[entry.label] = EntryResult(entry, unchanged=known.count, known=known)
                 continue
             own = self.states.is_place_of(entry.label, entry.source)
-            tasks.append(Task(entry, self.out, chosen.options, chosen.load, self.how.which, own))
+            tasks.append(Task(entry, self.out, chosen.options, chosen.load, self.how.which, own, self.how.touch))
         return Plan(library.entries, left, tasks, keys)
+
+    def tell(self, library: Library, plan: Plan, jobs: int) -> None:
+        """Tells the listener of what is going to be baked in so many processes, and of what is left."""
+        self.listener.found(library.entries, library.notes, jobs)
+        for each in plan.left.values():
+            self.listener.left(each)
 
     def bake(self, plan: Plan, pool: Workers) -> Summary:
         """Does the tasks of a plan."""
@@ -170,7 +228,7 @@ class Batch:
             entry = task.entry
             if result.known is not None:
                 self.states.remember(entry.label, entry.source, plan.keys[entry.label], result.known)
-            done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds)
+            done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds, known=result.known)
             left = clock.left_after(entry)
             self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
         return plan.summary(done)

@@ -59,11 +59,6 @@ class Known:
     results: tuple[FileState, ...]
     count: int
 
-    @property
-    def size(self) -> int:
-        """Bytes of all files that it was baked from."""
-        return sum(max(0, file.size) for file in self.files)
-
 
 def state_of(path: Path, folder: Path, ours: bool = False) -> FileState:
     """The state of a file; its path is told relative to a folder. `ours`: nobody changes it who has written it."""
@@ -128,6 +123,11 @@ class States:
         found = row.fetchone()
         return None if found is None else _known(found[0])
 
+    def last(self, label: str) -> Known | None:
+        """What is known of an entry, whatever it was baked with."""
+        row = self._connection.execute("select content from entries where label = ?", (label,)).fetchone()
+        return None if row is None else _known(row[0])
+
     def is_place_of(self, label: str, source: Path) -> bool:
         """Whether an entry was baked before, with whatever options, so that what lies at its place is its own."""
         row = self._connection.execute("select source from entries where label = ?", (label,)).fetchone()
@@ -139,11 +139,6 @@ class States:
         row = (label, _told(source), key, json.dumps([known.count, *both]))
         with self._connection:
             self._connection.execute("insert or replace into entries values (?, ?, ?, ?)", row)
-
-    def sizes(self) -> dict[str, int]:
-        """Bytes of the files of every entry, by its label."""
-        rows = self._connection.execute("select label, content from entries")
-        return {label: found.size for label, content in rows if (found := _known(content)) is not None}
 
 
 def _told(source: Path) -> str:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mipbake.baking.options import BakeOptions
-from mipbake.baking.results import Listener, NotBaked, Result
+from mipbake.baking.results import Listener, NotBaked, Result, Unchanged
 from mipbake.baking.sets import Run, Which
 from mipbake.baking.sources import bake_jobs
 from mipbake.batch.library import Entry
-from mipbake.batch.results import WorkerError, result_files
+from mipbake.batch.results import WorkerError, declares, result_files
 from mipbake.batch.state import FileState, Known, state_of, states
 from mipbake.errors import InputError, MipbakeError
 from mipbake.found import sources_of
@@ -37,6 +37,7 @@ class Task:
         out: folder of all results.
         options, load: how it is baked and read.
         which: see `mipbake.baking.sets.Run`. known: the same.
+        touch: whether a result that has not changed gets a new time, so that a build system sees that it was looked at.
     """
 
     entry: Entry
@@ -45,6 +46,7 @@ class Task:
     load: LoadOptions
     which: Which
     known: bool
+    touch: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,10 @@ def work(task: Task) -> Done:
         results, files = [NotBaked(task.entry.source, error)], ()
     except Exception as error:
         results, files = [NotBaked(task.entry.source, _unforeseen(error))], ()
+    if task.touch:
+        for file in result_files([each for each in results if isinstance(each, Unchanged)]):
+            if declares(file):
+                os.utime(file)
     known = None
     if task.which != "none" and not any(isinstance(each, NotBaked) for each in results):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))

@@ -48,10 +48,15 @@ def manifest_name(tile: int) -> str:
     return f"stack.{tile}.json" if tile else MANIFEST
 
 
+def is_manifest(name: str) -> bool:
+    """Whether a file of that name declares a stack."""
+    return re.fullmatch(r"stack(\.1\d{3})?\.json", name) is not None
+
+
 def manifests(folder: Path) -> list[Path]:
     """The files of a folder that declare stacks, by their names; none where it cannot be listed."""
     try:
-        return [p for p in disk.entries(folder) if re.fullmatch(r"stack(\.1\d{3})?\.json", p.name)]
+        return [p for p in disk.entries(folder) if is_manifest(p.name)]
     except InputError:
         return []
 

@@ -1,0 +1,52 @@
+"""What results were made from, in the words of Make, which Ninja reads as well."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from mipbake.batch.library import Entry
+from mipbake.batch.results import Summary, declares
+from mipbake.batch.state import Known
+from mipbake.io import disk
+from mipbake.io.publish import replaced_file
+
+_ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", "%": "\\%"})
+
+
+def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path], made: str | None = None) -> None:
+    """Writes a rule that says which files the results of a batch were made from.
+
+    Args:
+        path: the file. out: the folder of all results. roots: the folders that were gone through.
+        made: what the rule is about; None for the files that declare results: each `stack.json`, and GLB files.
+
+    Folders are among what results were made from, so that a file that is added counts too. Each file that they were
+    made from has an empty rule, so that Make goes on where it is gone.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    known = [(each.entry, each.known) for each in summary.entries if each.known is not None]
+    results = [out / file.path for _, each in known for file in each.results if declares(Path(file.path))]
+    names = [made] if made is not None else [os.fspath(file) for file in results]
+    sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
+    lines = [" \\\n  ".join([f"{' '.join(map(_escaped, names))}:", *map(_escaped, sources)])]
+    lines += [f"{_escaped(source)}:" for source in sources]
+    replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))
+
+
+def _sources(entry: Entry, known: Known, out: Path, roots: Sequence[Path]) -> list[str]:
+    folder = entry.source.parent
+    files = [os.path.normpath(folder / file.path) for file in known.files]
+    folders = [entry.source] if entry.source.is_dir() else []
+    for root in roots:
+        around = (each for each in entry.source.parents if each == root or disk.lies_in(each, root))
+        folders += [each for each in around if root.is_dir()]
+    # Whatever is baked changes the time of the folder around the results.
+    return [*files, *(os.fspath(each) for each in folders if not disk.lies_in(out, each))]
+
+
+def _escaped(name: str) -> str:
+    return name.translate(_ESCAPED)

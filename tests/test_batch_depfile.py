@@ -1,0 +1,79 @@
+"""What results were made from, as Make and Ninja read it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mipbake.cli.main import main
+
+from .command_line import fails, write_png, write_set
+
+ARGUMENTS = ["--method", "linear", "--format", "png", "--max-level", "1"]
+
+
+def older(folder: Path, seconds: float = 100.0) -> None:
+    then = time.time() - seconds
+    for path in (folder, *folder.rglob("*")):
+        os.utime(path, (then, then))
+
+
+def test_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_set(tmp_path / "my textures" / "wood #1")
+    assert main(["bake", "my textures", "-r", "-o", "out", "--depfile", "deep/wood.d", *ARGUMENTS]) == 0
+    rule, *empty = Path("deep/wood.d").read_text().split("\n\n")
+    results, sources = rule.replace(" \\\n  ", " ").split(": ")
+    assert results == "out/wood_1/stack.json"
+    inside = [rf"my\ textures/wood\ \#1/{name}.png" for name in ("base_color", "normal", "roughness")]
+    assert sources == " ".join([*inside, r"my\ textures/wood\ \#1", r"my\ textures"])
+    assert [line.strip() for line in empty] == [
+        f"{each}:" for each in (*inside, r"my\ textures/wood\ \#1", r"my\ textures")
+    ]
+    assert main(["bake", "my textures", "-r", "-o", "out", "--depfile", "x.d", "--depfile-for", "s", *ARGUMENTS]) == 0
+    assert Path("x.d").read_text().startswith("s: \\\n  my")
+    capsys.readouterr()
+    assert "--depfile-for is the name" in fails(capsys, 2, "bake", "my textures", "-o", "o", "--depfile-for", "s")
+
+
+def test_no_rule_where_something_failed(tmp_path: Path) -> None:
+    (tmp_path / "lib/broken").mkdir(parents=True)
+    write_png(tmp_path / "lib/broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    assert (
+        main(["bake", str(tmp_path / "lib"), "-r", "-o", str(tmp_path / "out"), "--depfile", str(tmp_path / "d")]) == 3
+    )
+    assert not (tmp_path / "d").exists()
+
+
+def builds(folder: Path) -> bool:
+    """Whether ninja had something to do."""
+    run = subprocess.run(["ninja", "-v"], cwd=folder, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return "no work to do" not in run.stdout
+
+
+@pytest.mark.skipif(shutil.which("ninja") is None, reason="ninja is not installed")
+def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
+    write_set(tmp_path / "lib" / "wood")
+    (tmp_path / "build.ninja").write_text(
+        "rule bake\n  command = mipbake bake $in -o out --depfile $out.d --quiet " + " ".join(ARGUMENTS) + "\n"
+        "  depfile = $out.d\n  deps = gcc\nbuild out/wood/stack.json: bake lib/wood\n"
+    )
+    older(tmp_path)
+    assert builds(tmp_path)
+    assert not builds(tmp_path)
+    (tmp_path / "lib/wood/normal.png").touch()
+    assert builds(tmp_path)  # nothing is baked, and the result gets a new time
+    assert not builds(tmp_path)
+    write_png(tmp_path / "lib/wood/ao.png", np.full((16, 16), 200, np.uint8))
+    assert builds(tmp_path)
+    assert not builds(tmp_path)
+    (tmp_path / "lib/wood/ao.png").unlink()
+    assert builds(tmp_path)
+    assert not builds(tmp_path)
