@@ -74,18 +74,35 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _show_cmake_dir(wanted: bool) -> None:
+    if wanted:
+        from importlib.resources import files
+
+        sys.stdout.write(f"{files('mipbake') / 'cmake'}\n")
+        raise typer.Exit
+
+
 @app.callback()
 def _common(
     context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show versions and exit.")
     ] = False,
+    cmake_dir: Annotated[
+        bool,
+        typer.Option(
+            "--cmake-dir",
+            callback=_show_cmake_dir,
+            is_eager=True,
+            help="Show the folder that find_package of CMake takes, and exit.",
+        ),
+    ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
 ) -> None:
     """Bake PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
     from mipbake import _native
 
-    del version
+    del version, cmake_dir
     context.obj.debug = debug
     # The native core looks at its variables of the environment when it is first used, which may be after minutes.
     _native.isa()

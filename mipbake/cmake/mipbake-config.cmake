@@ -1,0 +1,46 @@
+# find_package(mipbake) offers functions that bake textures in a CMake build. `mipbake --cmake-dir` prints where this
+# file lies. The functions need CMake 3.20 and a generator that takes depfiles: Ninja or Makefiles.
+cmake_minimum_required(VERSION 3.20)
+
+find_program(MIPBAKE_EXECUTABLE mipbake REQUIRED DOC "The command mipbake")
+
+# mipbake_bake(NAME SOURCE OUT [options of `mipbake bake` ...])
+#
+# A target NAME, built with all others, that bakes one texture set into OUT/<set>/. <set> is called as SOURCE is, or as
+# the option SET says. SOURCE is relative to the current source folder, OUT to the current binary folder.
+function(mipbake_bake name source out)
+    cmake_parse_arguments(PARSE_ARGV 3 arg "" "SET" "")
+    cmake_path(ABSOLUTE_PATH source BASE_DIRECTORY "${CMAKE_CURRENT_SOURCE_DIR}" NORMALIZE)
+    cmake_path(ABSOLUTE_PATH out BASE_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}" NORMALIZE)
+    if(NOT arg_SET)
+        cmake_path(GET source STEM LAST_ONLY arg_SET)
+    endif()
+    set(result "${out}/${arg_SET}/stack.json")
+    set(depfile "${CMAKE_CURRENT_BINARY_DIR}/${name}.d")
+    add_custom_command(
+        OUTPUT "${result}"
+        DEPFILE "${depfile}"
+        COMMAND "${MIPBAKE_EXECUTABLE}" bake "${source}" -o "${out}" --depfile "${depfile}" --quiet ${arg_UNPARSED_ARGUMENTS}
+        COMMENT "Baking ${name}"
+        VERBATIM)
+    add_custom_target("${name}" ALL DEPENDS "${result}")
+endfunction()
+
+# mipbake_bake_library(NAME LIBRARY OUT [options of `mipbake bake` ...])
+#
+# A target NAME, built with all others, that bakes everything below a folder which has changed.
+function(mipbake_bake_library name library out)
+    cmake_path(ABSOLUTE_PATH library BASE_DIRECTORY "${CMAKE_CURRENT_SOURCE_DIR}" NORMALIZE)
+    cmake_path(ABSOLUTE_PATH out BASE_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}" NORMALIZE)
+    set(stamp "${CMAKE_CURRENT_BINARY_DIR}/${name}.stamp")
+    set(depfile "${CMAKE_CURRENT_BINARY_DIR}/${name}.d")
+    add_custom_command(
+        OUTPUT "${stamp}"
+        DEPFILE "${depfile}"
+        COMMAND "${MIPBAKE_EXECUTABLE}" bake "${library}" -o "${out}" --recursive --depfile "${depfile}"
+                --depfile-for "${stamp}" --quiet ${ARGN}
+        COMMAND "${CMAKE_COMMAND}" -E touch "${stamp}"
+        COMMENT "Baking the library ${name}"
+        VERBATIM)
+    add_custom_target("${name}" ALL DEPENDS "${stamp}")
+endfunction()

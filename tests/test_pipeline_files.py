@@ -1,0 +1,84 @@
+"""Files for build systems: the functions of CMake, the hooks, the action and the image."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from mipbake.cli.main import main
+
+from .command_line import write_set
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples" / "pipeline"
+
+
+def run(*command: str, folder: Path) -> str:
+    made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stdout + made.stderr
+    return made.stdout
+
+
+@pytest.mark.skipif(not all(map(shutil.which, ("cmake", "ninja"))), reason="cmake or ninja is not installed")
+def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--cmake-dir"]) == 0
+    place = capsys.readouterr().out.strip()
+    write_set(tmp_path / "textures" / "metals" / "iron")
+    write_set(tmp_path / "textures" / "wood")
+    options = "--method linear --format png --max-level 1"
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.20)\nproject(game NONE)\nfind_package(mipbake REQUIRED)\n"
+        f"mipbake_bake(iron textures/metals/iron one {options})\n"
+        f"mipbake_bake_library(library textures every {options} --jobs 1)\n"
+    )
+    then = time.time() - 100
+    for path in (tmp_path, *tmp_path.rglob("*")):
+        os.utime(path, (then, then))
+    build = tmp_path / "build"
+    run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", f"-Dmipbake_DIR={place}", folder=tmp_path)
+    run("cmake", "--build", "build", folder=tmp_path)
+    assert (build / "one/iron/stack.json").is_file() and (build / "every/wood/stack.json").is_file()
+    assert "no work to do" in run("cmake", "--build", "build", folder=tmp_path)
+    (tmp_path / "textures/metals/iron/normal.png").touch()
+    told = run("cmake", "--build", "build", folder=tmp_path)
+    assert "Baking iron" in told and "Baking the library library" in told
+    assert "no work to do" in run("cmake", "--build", "build", folder=tmp_path)
+    write_set(tmp_path / "textures" / "gold")
+    told = run("cmake", "--build", "build", folder=tmp_path)
+    assert "Baking the library library" in told and "Baking iron" not in told
+    assert (build / "every/gold/stack.json").is_file()
+
+
+def commands(text: str) -> list[str]:
+    """Calls of `mipbake bake` in a file."""
+    return [match.group(0) for match in re.finditer(r"mipbake bake[^\n;|]*", text)]
+
+
+def test_hooks_and_the_action_call_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bake", "--help"]) == 0
+    offered = set(re.findall(r"--[a-z0-9-]+", capsys.readouterr().out))
+    files = (ROOT / ".pre-commit-hooks.yaml", EXAMPLES / "action.yml", EXAMPLES / "Dockerfile")
+    found = [command for file in files for command in commands(file.read_text(encoding="utf-8"))]
+    assert len(found) >= 5
+    for command in found:
+        assert set(re.findall(r"--[a-z0-9-]+", command)) <= offered, command
+
+
+def test_hooks_have_what_pre_commit_asks_for() -> None:
+    text = (ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8")
+    hooks = text.split("- id: ")[1:]
+    assert [hook.split("\n")[0] for hook in hooks] == ["mipbake-check", "mipbake-bake"]
+    for hook in hooks:
+        keys = set(re.findall(r"^  (\w+):", hook, re.MULTILINE))
+        assert {"name", "entry", "language", "pass_filenames"} <= keys
+
+
+def test_the_image_compiles_in_a_stage_that_is_left() -> None:
+    first, last = re.split(r"^FROM .*$", (EXAMPLES / "Dockerfile").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert "g++" in first and "g++" not in last and "COPY --from=build" in last
