@@ -169,10 +169,8 @@ class _Printer(BatchListener):
 def lines_of(result: EntryResult) -> list[dict[str, Any]]:
     """What became of an entry, for JSON: an object for each set or document."""
     about = {"entry": result.entry.label}
-    if not result.results:
-        same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
-        return [{**about, **same} for _ in range(result.unchanged)]
-    return [{**about, **told(each)} for each in result.results]
+    same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
+    return [{**about, **told(each)} for each in result.results] + [{**about, **same}] * result.unchanged
 
 
 def _line(each: Result, result: EntryResult, progress: Progress) -> str:

@@ -115,7 +115,8 @@ def test_a_file_of_another_time_and_the_same_content(library: Path, inline: Inli
 
 def test_a_file_that_was_just_written_is_looked_into(library: Path, inline: Inline) -> None:
     """Its time would be the same if it changed once more within the same tick of the file system's clock."""
-    (library / "wood/normal.png").touch()
+    young = time.time() + 3600  # however slow the machine of this test is
+    os.utime(library / "wood/normal.png", (young, young))
     bake(library)
     bake(library)
     assert inline.labels == ["wood"]
@@ -293,3 +294,40 @@ def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> 
         library.parent / "out/metals/steel",
         library.parent / "out/wood",
     }
+
+
+def test_what_is_wrong_with_files_is_told_again_without_another_try(library: Path, inline: Inline) -> None:
+    (library / "broken").mkdir()
+    write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    (library / "lost.gltf").write_text(
+        json.dumps(
+            {
+                "asset": {"version": "2.0"},
+                "images": [{"uri": "images%20here/n.png"}],
+                "textures": [{"source": 0}],
+                "materials": [{"name": "m", "normalTexture": {"index": 0}}],
+            }
+        )
+    )
+    first = bake(aged(library))
+    assert counts(first) == (2, 0, 2) and first.exit_code == 3
+    inline.labels.clear()
+    again = bake(library)
+    assert inline.labels == [] and counts(again) == (0, 2, 2) and again.exit_code == 3
+    assert [str(each.error) for each in again.failures] == [str(each.error) for each in first.failures]
+    assert counts(bake(library, force=True)) == (2, 0, 2)
+    (library / "images here").mkdir()
+    (library / "images here/n.png").write_bytes(png("normal n", 32))
+    inline.labels.clear()
+    assert counts(bake(library)) == (1, 2, 1)
+    assert inline.labels == ["lost.gltf"]
+
+
+def test_a_full_disk_is_tried_again(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise mipbake.OutputError("cannot write: the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(batch_task, "bake_jobs", full)
+        assert bake(library).exit_code == 4
+    assert counts(bake(library)) == (2, 0, 0)

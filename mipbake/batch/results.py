@@ -26,7 +26,7 @@ class EntryResult:
 
     Args:
         entry: of the library.
-        results: of its sets and documents. Empty where a list says that nothing has changed since the last time.
+        results: of its sets and documents; of those that a list says have not changed, what is wrong with their files.
         unchanged: how many results that list knows, where nothing has changed.
         seconds: that it took.
         known: the files that it was made from and lies in; None where it failed, or was not to be baked.

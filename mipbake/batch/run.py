@@ -15,6 +15,7 @@ from mipbake._threads import threads
 from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
+from mipbake.baking.results import NotBaked
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, found_library
 from mipbake.batch.library import Entry, Library
@@ -24,7 +25,7 @@ from mipbake.batch.state import States, is_unchanged, key_of, opened, states
 from mipbake.batch.task import Task
 from mipbake.batch.watching import changes, touched, watched
 from mipbake.batch.workers import Share, Workers, workers
-from mipbake.errors import UsageError
+from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.options import LoadOptions
 
 Choose: TypeAlias = Callable[[str], Chosen]
@@ -165,6 +166,10 @@ def watch_library(
                 yield run.bake(plan, pool)
 
 
+_ERRORS: Mapping[int, type[MipbakeError]] = {each.exit_code: each for each in (InputError, UsageError)}
+"""Errors about files, which are told again while the files are as they were."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """What is to be done with a library.
@@ -208,7 +213,8 @@ class Batch:
             keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
             known = None if self.how.force else self.states.known(entry.label, key)
             if known is not None and is_unchanged(known, entry.source, self.out):
-                left[entry.label] = EntryResult(entry, unchanged=known.count, known=known)
+                faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in known.faults)
+                left[entry.label] = EntryResult(entry, faults, known.count, known=known)
                 continue
             own = self.states.is_place_of(entry.label, entry.source)
             tasks.append(Task(entry, self.out, chosen.options, chosen.load, self.how.which, own, self.how.touch))

@@ -24,7 +24,7 @@ from mipbake.io.matches import is_textures
 
 FOLDER = ".mipbake"
 _FILE = "batch.sqlite"
-_SCHEMA = 1
+_SCHEMA = 2
 
 FRESH = 2_000_000_000
 """Nanoseconds: file systems tell times as coarsely as two seconds, so a younger file may change and keep its time."""
@@ -53,11 +53,13 @@ class Known:
         files: that it was baked from, relative to the folder around the source.
         results: files of its results, relative to the folder of all results.
         count: how many results there are.
+        faults: what is wrong with files of it, each a sentence with the exit code of its error.
     """
 
     files: tuple[FileState, ...]
     results: tuple[FileState, ...]
     count: int
+    faults: tuple[tuple[str, int], ...] = ()
 
 
 def state_of(path: Path, folder: Path, ours: bool = False) -> FileState:
@@ -108,7 +110,8 @@ def is_unchanged(known: Known, source: Path, out: Path) -> bool:
 
 
 def _same(file: FileState, folder: Path, ours: bool = False) -> bool:
-    return file.modified != -1 and state_of(folder / file.path, folder, ours) == file
+    now = state_of(folder / file.path, folder, ours)
+    return now.size == -1 if file.size == -1 else file.modified != -1 and now == file
 
 
 class States:
@@ -136,7 +139,7 @@ class States:
     def remember(self, label: str, source: Path, key: str, known: Known) -> None:
         """Keeps what is known of an entry."""
         both = ([[f.path, f.size, f.modified] for f in files] for files in (known.files, known.results))
-        row = (label, _told(source), key, json.dumps([known.count, *both]))
+        row = (label, _told(source), key, json.dumps([known.count, *both, known.faults]))
         with self._connection:
             self._connection.execute("insert or replace into entries values (?, ?, ?, ?)", row)
 
@@ -147,11 +150,12 @@ def _told(source: Path) -> str:
 
 def _known(content: str) -> Known | None:
     try:
-        count, files, results = json.loads(content)
+        count, files, results, faults = json.loads(content)
         return Known(
             tuple(FileState(str(p), int(s), int(m)) for p, s, m in files),
             tuple(FileState(str(p), int(s), int(m)) for p, s, m in results),
             int(count),
+            tuple((str(message), int(code)) for message, code in faults),
         )
     except (ValueError, TypeError):
         return None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import unquote
 
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.results import Listener, NotBaked, Result, Unchanged
@@ -15,10 +17,11 @@ from mipbake.baking.sources import bake_jobs
 from mipbake.batch.library import Entry
 from mipbake.batch.results import WorkerError, declares, result_files
 from mipbake.batch.state import FileState, Known, state_of, states
-from mipbake.errors import InputError, MipbakeError
+from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.found import sources_of
 from mipbake.intake import jobs
 from mipbake.io import disk
+from mipbake.io.archives import GLTF, MATERIALX
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import image_files
 from mipbake.io.gltf.uris import file_of
@@ -78,9 +81,13 @@ def work(task: Task) -> Done:
             if declares(file):
                 os.utime(file)
     known = None
-    if task.which != "none" and not any(isinstance(each, NotBaked) for each in results):
+    failures = [each for each in results if isinstance(each, NotBaked)]
+    # Another try would say the same of the same files; not of a full disk, nor where it is not known which files count.
+    of_files = all(isinstance(each.error, (InputError, UsageError)) for each in failures)
+    if task.which != "none" and of_files and files and not (failures and task.entry.source.suffix == MATERIALX):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
-        known = Known(tuple(files), written, len(results))
+        faults = tuple((str(each.error), each.error.exit_code) for each in failures)
+        known = Known(tuple(files), written, len(results) - len(failures), faults)
     return Done(tuple(results), known, time.monotonic() - begun)
 
 
@@ -89,16 +96,18 @@ def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
     source = task.entry.source
     with temporary_folder() as scratch:
         found = jobs([os.fspath(source)], task.load, scratch)
-        files = states(source, [path for path in _files(found) if not disk.lies_in(path, scratch)])
+        files = states(source, [path for path in _files(source, found) if not disk.lies_in(path, scratch)])
         tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
         run = Run(task.options.asked(), Listener(), task.which, task.known)
         run.asked.check_encoder(found)
         return bake_jobs(run, found, task.out / task.entry.home.place(tops)), files
 
 
-def _files(found: Sequence[Job | Failure]) -> Iterator[Path]:
-    """Files that jobs read, beside the source itself."""
+def _files(source: Path, found: Sequence[Job | Failure]) -> Iterator[Path]:
+    """Files that jobs read, or would read if they were there, beside the source itself."""
     documents: set[Path] = set()
+    if source.suffix.lower() in GLTF and any(isinstance(job, Failure) for job in found):
+        yield from _named(source)
     for job in found:
         if isinstance(job, Failure) or job.archive is not None:
             continue
@@ -108,6 +117,16 @@ def _files(found: Sequence[Job | Failure]) -> Iterator[Path]:
             documents.add(job.source)
             yield from _buffers(job.document)
             yield from image_files(job.document, Path(job.source.anchor or "/"))
+
+
+def _named(document: Path) -> Iterator[Path]:
+    """The files that a glTF document names, as far as it can be read; they may be missing."""
+    try:
+        content = json.loads(document.read_bytes())
+        uris = [each["uri"] for kind in ("images", "buffers") for each in content.get(kind, ()) if "uri" in each]
+    except (OSError, ValueError, TypeError, AttributeError, KeyError):  # a GLB, or one that is broken itself
+        return
+    yield from (document.parent / unquote(uri) for uri in uris if isinstance(uri, str) and ":" not in uri)
 
 
 def _discoveries(job: Job) -> list[Discovery]:

@@ -1,0 +1,154 @@
+"""A library that is baked, killed again and again, and gone on with.
+
+    python benchmarks/library.py --results build/library.json [--count 200] [--broken 20] [--doubles 10] [--kills 10]
+
+The library is generated: sets of several sizes and kinds, some broken, some of one name. It is baked once without an
+interruption. Then it is baked by a command that is killed at random moments, with all its processes, until it ends.
+What both left must be the same, byte for byte, and nothing may have been baked twice.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from library_sets import make_library
+from timing import cpu_name
+
+COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
+SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One call of the command.
+
+    Args:
+        code: exit code; negative for a signal. seconds: of the wall clock.
+        baked, unchanged, failed: entries of the log. twice: of those baked, how many an earlier pass had baked.
+    """
+
+    code: int
+    seconds: float
+    baked: int
+    unchanged: int
+    failed: int
+    twice: int
+
+
+@dataclass
+class Baker:
+    """Calls the command on one library, and remembers what it has baked."""
+
+    library: Path
+    out: Path
+    log: Path
+    jobs: int
+
+    def __post_init__(self) -> None:
+        """Nothing is baked yet."""
+        self.seen: set[str] = set()
+
+    def run(self, kill_after: float | None = None, number: int = signal.SIGKILL) -> Pass:
+        """One call, which may be killed after some seconds."""
+        self.log.unlink(missing_ok=True)
+        options = ["-r", "-o", str(self.out), "-j", str(self.jobs), "--method", "linear", "--json-log", str(self.log)]
+        begun = time.monotonic()
+        process = subprocess.Popen(
+            [*COMMAND, str(self.library), *options, "--quiet"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            process.wait(kill_after)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, number)
+            process.wait()
+        seconds = time.monotonic() - begun
+        lines = self.log.read_text().splitlines(keepends=True) if self.log.exists() else []
+        told = [json.loads(line) for line in lines if line.endswith("\n")]
+        done = {f"{each['entry']} {each['out']}" for each in told if "files" in each}
+        twice = len(done & self.seen)
+        self.seen |= done
+        unchanged = sum(each.get("unchanged", False) for each in told)
+        failed = sum(not each["ok"] for each in told)
+        return Pass(process.returncode, round(seconds, 2), len(done), unchanged, failed, twice)
+
+
+def content(out: Path) -> dict[str, str]:
+    """Hashes of all files of results, by their paths."""
+    files = (path for path in sorted(out.rglob("*")) if path.is_file() and ".mipbake" not in path.parts)
+    return {str(path.relative_to(out)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, jobs: int) -> dict[str, Any]:
+    """Bakes the library in all ways."""
+    library = folder / "library"
+    make_library(library, count, broken, doubles)
+    then = time.time() - 60
+    for path in library.rglob("*"):
+        os.utime(path, (then, then))
+    calm = Baker(library, folder / "calm", folder / "calm.jsonl", jobs)
+    whole = calm.run()
+    again = calm.run()
+    touched = next(library.rglob("normal.png"))
+    data = touched.read_bytes()
+    touched.write_bytes(data + b"\0")  # readers pass over what follows the end of an image
+    one = calm.run()
+    touched.write_bytes(data)
+    os.utime(touched, (then, then))
+    calm.run()
+
+    rng = random.Random(1)
+    killed = Baker(library, folder / "killed", folder / "killed.jsonl", jobs)
+    passes = []
+    for index in range(kills):
+        share = whole.seconds / (kills + 1)
+        passes.append(killed.run(rng.uniform(0.7, 1.6) * share + 1.0, SIGNALS[index % len(SIGNALS)]))
+    passes.append(killed.run())
+    expected, found = content(calm.out), content(killed.out)
+    return {
+        "machine": cpu_name(),
+        "cores": os.cpu_count(),
+        "count": count,
+        "broken": broken,
+        "doubles": doubles,
+        "jobs": jobs,
+        "whole": asdict(whole),
+        "again": asdict(again),
+        "one changed": asdict(one),
+        "killed": [asdict(each) for each in passes],
+        "baked twice": sum(each.twice for each in passes),
+        "results": len(expected),
+        "same": expected == found,
+        "differ": sorted(name for name in {*expected, *found} if expected.get(name) != found.get(name))[:20],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, required=True)
+    for name, value in (("count", 200), ("broken", 20), ("doubles", 10), ("kills", 10), ("jobs", 2)):
+        parser.add_argument(f"--{name}", type=int, default=value)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        found = measure(Path(folder), options.count, options.broken, options.doubles, options.kills, options.jobs)
+    options.results.parent.mkdir(parents=True, exist_ok=True)
+    options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
