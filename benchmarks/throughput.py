@@ -34,7 +34,8 @@ def make(root: Path, size: int, count: int) -> None:
     made = root.with_name(f"{root.name}-examples")
     module = generator()
     if not made.exists():
-        module.main(["--size", str(size), str(made)])
+        for name in module.SETS:
+            module.write(name, made / name, size, size)
     examples = sorted(path for path in made.iterdir() if path.is_dir())
     for index in range(count):
         shutil.copytree(examples[index % len(examples)], root / f"set{index:02}")
