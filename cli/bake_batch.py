@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -160,10 +160,15 @@ class _Printer(BatchListener):
             self.bar[0].update(self.bar[1], completed=progress.done, left=_spoken(progress.seconds_left))
 
     def _write(self, result: EntryResult) -> None:
-        if self.log is not None:
-            for line in lines_of(result):
-                self.log.write(json.dumps(plain(line), allow_nan=False) + "\n")
+        if self.log is None or self.log.closed:
+            return
+        try:
+            self.log.writelines(json.dumps(plain(line), allow_nan=False) + "\n" for line in lines_of(result))
             self.log.flush()
+        except OSError as error:  # the sets are more than the log
+            self.session.fail(f"cannot write {self.log.name}: {reason(error)}", OutputError.exit_code)
+            with suppress(OSError):
+                self.log.close()
 
 
 def lines_of(result: EntryResult) -> list[dict[str, Any]]:
@@ -217,8 +222,11 @@ def _log(path: Path | None) -> Iterator[TextIO | None]:
         file = path.open("w", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write {path}: {reason(error)}") from error
-    with file:
+    try:
         yield file
+    finally:
+        with suppress(OSError):  # what could not be written was told
+            file.close()
 
 
 @contextmanager

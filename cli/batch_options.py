@@ -111,6 +111,8 @@ def batching(
     """What was said of batches. Any of these options makes the bake a batch, which leaves what has not changed."""
     if depfile_for is not None and depfile is None:
         raise UsageError("--depfile-for is the name in a --depfile, which is missing: give both, or none")
+    if (dry_run or check) and depfile is not None:
+        raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
     if watch and depfile is not None:
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
     return BatchAsked(recursive, jobs, force, dry_run or check, json_log, config, watch, check, depfile, depfile_for)

@@ -31,7 +31,10 @@ def init(
     file = folder / PROJECT
     if disk.exists(file):
         raise OutputError(f"{file} exists: change it, or remove it first")
-    # TOML takes the strings of JSON.
-    text = TEMPLATE.replace('"{library}"', json.dumps(library)).replace('"{out}"', json.dumps(out))
+    named = {"library": library, "out": out}
+    quoted = {name: json.dumps(text, ensure_ascii=False) for name, text in named.items()}  # as TOML has strings, too
+    text = TEMPLATE
+    for name, value in quoted.items():
+        text = text.replace(f'"{{{name}}}"', value)
     replaced_file(file, text.encode())
     session.print(f"wrote {file}: change it as you like, then run `mipbake bake` in {folder}")

@@ -129,7 +129,7 @@ def test_names_say_more_than_the_materialx_document_beside_them(tmp_path: Path) 
 
 
 def test_a_library_that_is_a_set(tmp_path: Path) -> None:
-    assert places(below(make(tmp_path / "wood", *MAPS))) == {"wood": "wood"}
+    assert places(below(make(tmp_path / "wood", *MAPS))) == {".": "wood"}
 
 
 def test_files_among_the_roots_and_several_roots(tmp_path: Path) -> None:

@@ -82,7 +82,6 @@ filter = "box"
         ('[options]\nwrap-u = "mirror"\n', "mipbake.toml, line 4: wrap is 'mirror'"),
         ('[[sets]]\nstrength = 1\n[[sets]]\nmatch = "a"\n', "mipbake.toml, line 3: a table of sets has no match"),
         ('[[sets]]\nmatch = "a"\n[[sets]]\nmatch = 1\n', "mipbake.toml, line 6: a table of sets has no match"),
-        ('[[sets]]\nmatch = "a"\nmethod = "lean"\nbudget = "9s"\n', "mipbake.toml, line 5, mipbake.toml, line 6: "),
         ('[[sets]]\nmatch = "a"\nmap.rough = "x"\n', "mipbake.toml, line 5: unknown map 'rough'"),
         ("x = [\n", "is not TOML: "),
     ],
@@ -121,3 +120,29 @@ def test_every_option_has_a_type(tmp_path: Path) -> None:
     for option in OPTIONS:
         with pytest.raises(UsageError, match=rf"line 4: {option} is \[\]: expected "):
             read_project(written(tmp_path, f"[options]\n{option} = []\n"))
+
+
+def test_what_does_not_go_together_is_told_where_it_meets(tmp_path: Path) -> None:
+    text = '[options]\nmethod = "linear"\n[[sets]]\nmatch = "*"\nmethod = "refine"\n'
+    text += '[[sets]]\nmatch = "h/*"\nbudget = "9s"\n'
+    project = read_project(written(tmp_path, text))
+    assert project.chosen("h/x").options.budget == "9s"
+    project = read_project(written(tmp_path, '[[sets]]\nmatch = "a"\nmethod = "lean"\nbudget = "9s"\n'))
+    with pytest.raises(UsageError, match=r"^mipbake\.toml, line 5, mipbake\.toml, line 6: method lean takes no budget"):
+        project.chosen("a")
+
+
+def test_maps_are_merged_role_by_role(tmp_path: Path) -> None:
+    text = '[options]\nmap.metallic = "0.5"\n[[sets]]\nmatch = "a"\nmap.occlusion = "None"\n[sets.map]\nheight = 0.25\n'
+    with pytest.raises(UsageError, match="not TOML"):  # a table that is set twice
+        read_project(written(tmp_path, text))
+    project = read_project(written(tmp_path, text.replace('map.occlusion = "None"\n', "")))
+    assert project.chosen("a").load.maps == {"metallic": 0.5, "height": 0.25}
+    given = {"map": Setting({"height": "none"}, COMMAND_LINE)}
+    assert project.chosen("a", given).load.maps == {"metallic": 0.5, "height": None}
+
+
+def test_a_large_file_is_read_at_once(tmp_path: Path) -> None:
+    tables = "".join(f'[[sets]]\nmatch = "set{i}/*"\nstrength = 0.5\nwrap-u = "clamp"\n' for i in range(300))
+    project = read_project(written(tmp_path, tables))
+    assert project.rules[299].settings["wrap-u"].origin == f"mipbake.toml, line {3 + 4 * 299 + 3}"

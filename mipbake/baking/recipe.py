@@ -49,7 +49,8 @@ class Ingredients:
     @classmethod
     def of(cls, asked: Asked) -> Ingredients:
         """Those of what is asked for."""
-        return cls(_hash(asdict(asked.options)), _hash(_weights(asked)))
+        options = {name: _number(value) for name, value in asdict(asked.options).items()}
+        return cls(_hash(options), _hash(_weights(asked)))
 
     def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Recipe:
         """The recipe of a set, or of tiles that touch.
@@ -164,6 +165,11 @@ def file_hash(path: Path) -> str:
         while chunk := file.read(_CHUNK):
             made.update(chunk)
     return made.hexdigest()
+
+
+def _number(value: object) -> object:
+    """The same for 1 and for 1.0."""
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _hash(content: object) -> str:

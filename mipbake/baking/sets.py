@@ -63,6 +63,7 @@ class Run:
             nothing, and says what "changed" would bake.
         known: whether earlier results that lie where results go are known to be of the same sources. Else a stack none
             of whose source files is among the new ones is not replaced.
+        by_name: whether files of the same names are enough for that, whatever is in them.
         documents: document to its materials that have been baked so far, which its GLB is written of in the end.
     """
 
@@ -70,6 +71,7 @@ class Run:
     listener: Listener
     which: Which = "all"
     known: bool = False
+    by_name: bool = False
     documents: dict[Path, list[BakedMaterial]] = field(default_factory=dict)
 
     @cached_property
@@ -79,7 +81,7 @@ class Run:
 
     def check_output(self, place: Path, sources: Mapping[str, str]) -> None:
         """OutputError where results cannot be written to a folder: see `mipbake.manifest.check_output`."""
-        check_output(place, None if self.known else sources)
+        check_output(place, None if self.known else dict.fromkeys(sources, "") if self.by_name else sources)
 
 
 def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
@@ -147,7 +149,8 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
     beside = textures if job.document is None else None
     files: list[Path] = []
     if outputs or beside:
-        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, None, check, run.known)
+        known = run.known or run.by_name  # which has been checked before
+        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, None, check, known)
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     blocks = any(not each.container.exact for each in asked.outputs)
     engine: list[str] = []

@@ -11,8 +11,9 @@ from mipbake.batch.results import Summary, declares
 from mipbake.batch.state import Known
 from mipbake.io import disk
 from mipbake.io.publish import replaced_file
+from mipbake.io.tiles import is_pattern
 
-_ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", "%": "\\%"})
+_ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", "%": "\\%", ":": "\\:"})
 
 
 def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path], made: str | None = None) -> None:
@@ -40,7 +41,7 @@ def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path]
 def _sources(entry: Entry, known: Known, out: Path, roots: Sequence[Path]) -> list[str]:
     folder = entry.source.parent
     files = [os.path.normpath(folder / file.path) for file in known.files]
-    folders = [entry.source] if entry.source.is_dir() else []
+    folders = [entry.source] if entry.source.is_dir() else [folder] if is_pattern(entry.source) else []
     for root in roots:
         around = (each for each in entry.source.parents if each == root or disk.lies_in(each, root))
         folders += [each for each in around if root.is_dir()]

@@ -88,22 +88,28 @@ def entries_below(roots: Sequence[Path], out: Path, files_of: Callable[[Path], I
         InputError: a folder does not exist, or nothing below all of them can be baked.
     """
     found: list[tuple[Path, Path]] = []
+    named: set[Path] = set()
     notes: list[str] = []
     for root in roots:
         if kind(root) not in ("folder", "udim") or not disk.is_dir(root):
-            found.append((root, root.parent))
-            continue
-        walk = _Walk(disk.resolved(out), files_of, notes)
-        found += [(path, root) for path in walk.sources(root)]
+            sources: Iterable[tuple[Path, Path]] = [(root, root.parent)]
+        else:
+            sources = ((path, root) for path in _Walk(disk.resolved(out), files_of, notes).sources(root))
+        for path, top in sources:
+            if (real := disk.resolved(path)) not in named:  # one root may lie in another
+                named.add(real)
+                found.append((path, top))
     if not found:
         where = ", ".join(map(str, roots))
         hint = f"; {notes[0]}" if notes else ""
+        if any(disk.resolved(root) == disk.resolved(out) for root in roots):
+            hint = "; it is the folder of all results, which is passed over, so choose another one"
         raise InputError(f"nothing below {where} can be baked: expected folders of maps, documents or archives{hint}")
     several = len(roots) > 1
     entries = []
     for path, root in found:
         within = path.relative_to(root) if path != root else PurePath(disk.resolved(root).name)
-        label = str(path) if several else within.as_posix()
+        label = str(path) if several else "." if path == root and root.is_dir() else within.as_posix()
         parents = PurePath(*(safe_name(part, "folder") for part in within.parts[:-1]))
         entries.append(Entry(path, label, Home(parents, _name(path))))
     around = {folder for entry in entries for folder in (entry.home.folder, *entry.home.folder.parents)}
@@ -181,7 +187,7 @@ class _Walk:
                 own = _are_told([file for file in maps if disk.resolved(file) not in shown])
         if own:
             yield folder
-        yield from documents
+        yield from (file for file in documents if not _is_baked(file))
         yield from (file for file in files if file.suffix.lower() == SUFFIX)
         if not own and not documents and any(file.suffix.lower() in IMAGE_SUFFIXES for file in files):
             self._notes.append(f"{folder} is left out: the names of its images tell no map")
@@ -213,6 +219,19 @@ def _are_told(maps: Sequence[Path]) -> bool:
     """Whether names tell the two maps that a set cannot be without."""
     meanings = [meaning for file in maps for name in interpretations(file.stem) for meaning in name.meanings]
     return {"normal", "roughness"} <= {meaning.role for meaning in meanings}
+
+
+def _is_baked(document: Path) -> bool:
+    """Whether a document is a GLB that was baked already."""
+    if document.suffix.lower() != ".glb":
+        return False
+    try:
+        with document.open("rb") as file:
+            header = file.read(20)
+            text = file.read(int.from_bytes(header[12:16], "little")) if header[:4] == b"glTF" else b""
+        return "mipbake" in parsed(text)["asset"]["extras"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _is_result(folder: Path) -> bool:

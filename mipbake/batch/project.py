@@ -5,10 +5,12 @@ Every option of `mipbake bake` that is about sets stands in it under the name th
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +73,10 @@ class Rule:
     settings: Settings
 
     def applies(self, label: str) -> bool:
-        """Whether it is about an entry of that label. In patterns, * stands for any text, with slashes in it too."""
+        """Whether it is about an entry of that label.
+
+        In patterns, * stands for any text, with slashes in it too, ? for a character, and [ab] for one of some.
+        """
         return any(fnmatchcase(label, pattern) for pattern in self.patterns)
 
 
@@ -114,11 +119,14 @@ class Project:
         Raises:
             UsageError: an option has a value that it cannot have; the sentence says where it was said.
         """
-        merged = dict(self.settings)
-        for rule in self.rules:
-            if rule.applies(label):
-                merged |= rule.settings
-        merged |= given or {}
+        merged: dict[str, Setting] = {}
+        for settings in (self.settings, *(r.settings for r in self.rules if r.applies(label)), given or {}):
+            for option, setting in settings.items():
+                before = merged.get(option)
+                if option == _MAP and before is not None:  # role by role
+                    merged[option] = replace(setting, value={**before.value, **setting.value})
+                else:
+                    merged[option] = setting
         return chosen(merged)
 
 
@@ -155,13 +163,25 @@ def _chosen(settings: Settings) -> Chosen:
         elif option in _WRAP:
             wrap[_WRAP.index(option)] = setting.value
         elif option == _MAP:
-            read["maps"] = {role: None if source == "none" else source for role, source in setting.value.items()}
+            read["maps"] = {role: _map_source(source) for role, source in setting.value.items()}
         else:
             read[_READ[option]] = setting.value
     options = BakeOptions(**bake)
     load = LoadOptions(**read, wrap=(wrap[0], wrap[1]))
     options.asked()
     return Chosen(options, load, settings)
+
+
+def _map_source(source: object) -> Any:
+    """What fills a role, as `--map` takes it."""
+    if not isinstance(source, str):
+        return source
+    if source.lower() == "none":
+        return None
+    try:
+        return float(source)
+    except ValueError:
+        return source
 
 
 def settings_of(options: BakeOptions, load: LoadOptions, names: Collection[str], origin: str) -> Settings:
@@ -195,6 +215,26 @@ def read_project(path: Path) -> Project:
     return _project(source, content)
 
 
+_PART = r"""[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*'"""
+_DOTTED = rf"(?:{_PART})(?:\s*\.\s*(?:{_PART}))*"
+_HEADER = re.compile(rf"\s*\[(\[)?\s*({_DOTTED})\s*\]")
+_KEY = re.compile(rf"\s*({_DOTTED})\s*=")
+
+
+def _keys(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip("\"'") for part in re.findall(_PART, dotted))
+
+
+def _within(keys: tuple[str, ...], counts: Mapping[tuple[str | int, ...], int]) -> tuple[str | int, ...]:
+    """Keys of a header, with the number of the latest table after the name of a list."""
+    path: tuple[str | int, ...] = ()
+    for index, key in enumerate(keys):
+        path = (*path, key)
+        if path in counts and index < len(keys) - 1:
+            path = (*path, counts[path])
+    return path
+
+
 @dataclass(frozen=True)
 class _Source:
     """The text of a project file, which tells where something stands."""
@@ -202,24 +242,29 @@ class _Source:
     path: Path
     text: str
 
+    @cached_property
+    def lines(self) -> Mapping[tuple[str | int, ...], int]:
+        """Keys, from the outermost to the innermost, to their lines. Tables of a list are counted."""
+        found: dict[tuple[str | int, ...], int] = {}
+        table: tuple[str | int, ...] = ()
+        counts: dict[tuple[str | int, ...], int] = {}
+        for number, line in enumerate(self.text.split("\n"), 1):
+            if header := _HEADER.match(line):
+                table = _within(_keys(header[2]), counts)
+                if header[1]:
+                    counts[table] = counts.get(table, -1) + 1
+                    table = (*table, counts[table])
+                found.setdefault(table, number)
+            elif key := _KEY.match(line):
+                keys = _keys(key[1])
+                for count in range(1, len(keys) + 1):
+                    found.setdefault((*table, *keys[:count]), number)
+        return found
+
     def at(self, *keys: str | int) -> str:
         """The file, and the line in which a key is set."""
-        lines = self.text.splitlines(keepends=True)
-        before = 0
-        for count in range(1, len(lines) + 1):
-            try:
-                content: Any = tomllib.loads("".join(lines[:count]))
-            except tomllib.TOMLDecodeError:  # in the middle of a value of several lines
-                continue
-            for key in keys:
-                try:
-                    content = content[key]
-                except (KeyError, IndexError, TypeError):
-                    break
-            else:
-                return f"{self.path.name}, line {before + 1}"
-            before = count
-        return self.path.name
+        line = self.lines.get(keys)
+        return self.path.name if line is None else f"{self.path.name}, line {line}"
 
     def fail(self, message: str, *keys: str | int) -> UsageError:
         return UsageError(f"{self.at(*keys)}: {message}")
@@ -259,9 +304,11 @@ def _project(source: _Source, content: Mapping[str, Any]) -> Project:
         _settings(source, options, "options"),
         tuple(_rules(source, sets)),
     )
-    project.chosen("")  # what is wrong for all sets is told before any is looked at
-    for rule in project.rules:
-        chosen({**project.settings, **rule.settings})
+    # What is wrong by itself is told before any set is looked at. What does not go together may never meet in a set.
+    for settings in (project.settings, *(rule.settings for rule in project.rules)):
+        for option, setting in settings.items():
+            chosen({option: setting})
+    chosen(project.settings)
     return project
 
 

@@ -135,7 +135,7 @@ def result_files(results: Sequence[Result]) -> list[Path]:
     for each in results:
         if isinstance(each, NotBaked):
             continue
-        tile = each.out.suffix == ".json"  # a tile shares its folder with others
+        tile = is_manifest(each.out.name) and each.out.is_file()  # a tile shares its folder with others
         places[each.out.parent if tile else each.out] = None
     found: list[Path] = []
     for place in places:

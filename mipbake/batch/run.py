@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TypeAlias
 
 from mipbake import memory
@@ -15,17 +15,27 @@ from mipbake._threads import threads
 from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
-from mipbake.baking.results import NotBaked
+from mipbake.baking.results import NotBaked, Planned
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, found_library
-from mipbake.batch.library import Entry, Library
+from mipbake.batch.library import Entry, Home, Library
 from mipbake.batch.project import Chosen
-from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary
-from mipbake.batch.state import States, is_unchanged, key_of, opened, states
+from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
+from mipbake.batch.state import (
+    Known,
+    States,
+    key_of,
+    opened,
+    results_are_same,
+    sources_are_same,
+    state_of,
+    states,
+)
 from mipbake.batch.task import Task
 from mipbake.batch.watching import changes, touched, watched
 from mipbake.batch.workers import Share, Workers, workers
 from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
 
 Choose: TypeAlias = Callable[[str], Chosen]
@@ -79,8 +89,9 @@ def bake_library(
 ) -> Summary:
     """Bakes everything below folders, in several processes. What has not changed since the last time is left.
 
-        summary = mipbake.bake_library("textures", "baked", mipbake.BakeOptions(preset="unreal"))
-        print(summary.baked, summary.unchanged, [str(each.error) for each in summary.failures])
+        if __name__ == "__main__":  # the processes import the file that calls this
+            summary = mipbake.bake_library("textures", "baked", mipbake.BakeOptions(preset="unreal"))
+            print(summary.baked, summary.unchanged, [str(each.error) for each in summary.failures])
 
     A result says itself what it was made from: its sources, how they were read, options, weights and version. Where all
     of that is as it was, the result is left. Sizes and times of files, which are kept in `OUT/.mipbake`, tell that
@@ -152,7 +163,7 @@ def watch_library(
 
     library = find()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
-    folders = watched([Path(each) for each in given])
+    folders = watched(expand([os.fspath(each) for each in given]))
     with opened(place) as states, workers(how.jobs, Share.of(how.jobs, threads(), how.memory)) as pool:
         run = Batch(place, choose or (lambda _label: same), how, states, listener)
         plan = run.plan(library)
@@ -166,8 +177,15 @@ def watch_library(
                 yield run.bake(plan, pool)
 
 
-_ERRORS: Mapping[int, type[MipbakeError]] = {each.exit_code: each for each in (InputError, UsageError)}
-"""Errors about files, which are told again while the files are as they were."""
+_ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError, UsageError, WorkerError)}
+"""Errors about files, and defects in results, which are told again while the files are as they were."""
+
+
+def _is_among(home: Home, places: Iterable[str]) -> bool:
+    """Whether results that are known lie where those of an entry go."""
+    place = (home.folder / home.name).as_posix()
+    told = (PurePath(each).as_posix() for each in places)
+    return any(each == place or each.startswith(f"{place}/") for each in told)
 
 
 @dataclass(frozen=True)
@@ -206,19 +224,41 @@ class Batch:
         left: dict[str, EntryResult] = {}
         tasks: list[Task] = []
         keys: dict[str, str] = {}
+        places = self.states.places(entry.source for entry in library.entries)
         for entry in library.entries:
             chosen = self.choose(entry.label)
             if chosen.options not in ingredients:
                 ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
             keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
-            known = None if self.how.force else self.states.known(entry.label, key)
-            if known is not None and is_unchanged(known, entry.source, self.out):
-                faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in known.faults)
-                left[entry.label] = EntryResult(entry, faults, known.count, known=known)
+            known = self.states.known(entry.label, entry.source, key)
+            same = known is not None and not self.how.force and sources_are_same(known, entry.source)
+            if known is not None and same and results_are_same(known, self.out):
+                left[entry.label] = self._left(entry, known, key)
                 continue
-            own = self.states.is_place_of(entry.label, entry.source)
-            tasks.append(Task(entry, self.out, chosen.options, chosen.load, self.how.which, own, self.how.touch))
+            if same and self.how.dry_run:
+                planned = Planned(entry.source, self.out / entry.home.place([entry.home.name]), "its result changed")
+                left[entry.label] = EntryResult(entry, (planned,))
+                continue
+            which = "all" if same else self.how.which  # a result that somebody changed is no result
+            own = places is not None and _is_among(entry.home, places)
+            options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
+            tasks.append(Task(entry, self.out, *options))
         return Plan(library.entries, left, tasks, keys)
+
+    def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
+        """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""
+        folders = [entry.source.parent, *([entry.source] if entry.source.is_dir() else [])]
+        if self.how.touch and known.results:
+            files = [self.out / file.path for file in known.results if declares(PurePath(file.path))]
+            latest = max(path.stat().st_mtime_ns for path in folders)
+            if any(file.stat().st_mtime_ns <= max(latest, *(f.modified for f in known.files)) for file in files):
+                for file in files:
+                    os.utime(file)
+                results = tuple(state_of(self.out / file.path, self.out, ours=True) for file in known.results)
+                known = replace(known, results=results)
+                self.states.remember(entry.label, entry.source, key, known)
+        faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in known.faults)
+        return EntryResult(entry, faults, known.count, known=known)
 
     def tell(self, library: Library, plan: Plan, jobs: int) -> None:
         """Tells the listener of what is going to be baked in so many processes, and of what is left."""

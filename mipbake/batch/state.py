@@ -15,16 +15,20 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
-from mipbake.errors import InputError, OutputError
+from mipbake.errors import InputError
 from mipbake.io import disk
+from mipbake.io.archives import MATERIALX
 from mipbake.io.matches import is_textures
+from mipbake.io.read import IMAGE_SUFFIXES
+from mipbake.io.tiles import is_pattern
 
 FOLDER = ".mipbake"
 _FILE = "batch.sqlite"
-_SCHEMA = 2
+_SCHEMA = 3
+_PATIENCE = 5  # seconds that another process may write
 
 FRESH = 2_000_000_000
 """Nanoseconds: file systems tell times as coarsely as two seconds, so a younger file may change and keep its time."""
@@ -38,11 +42,14 @@ class FileState:
         path: relative to the folder that the list of files is about.
         size: in bytes; -1 for a file that is not there.
         modified: in nanoseconds; -1 where the file was so young that its time does not tell whether it changed.
+        changed: when its name, its times or its content were changed last, in nanoseconds; 0 for results, which may be
+            copied.
     """
 
     path: str
     size: int
     modified: int
+    changed: int = 0
 
 
 @dataclass(frozen=True)
@@ -69,8 +76,8 @@ def state_of(path: Path, folder: Path, ours: bool = False) -> FileState:
         found = path.stat()
     except OSError:
         return FileState(told, -1, -1)
-    fresh = not ours and time.time_ns() - found.st_mtime_ns < FRESH
-    return FileState(told, found.st_size, -1 if fresh else found.st_mtime_ns)
+    fresh = not ours and 0 <= time.time_ns() - found.st_mtime_ns < FRESH
+    return FileState(told, found.st_size, -1 if fresh else found.st_mtime_ns, 0 if ours else found.st_ctime_ns)
 
 
 def states(source: Path, others: Iterable[Path] = ()) -> tuple[FileState, ...]:
@@ -85,27 +92,34 @@ def states(source: Path, others: Iterable[Path] = ()) -> tuple[FileState, ...]:
 
 
 def _own_files(source: Path) -> Iterator[Path]:
-    folder = source if source.is_dir() else source.parent if "<" in source.name else None
+    folder = source if source.is_dir() else source.parent if is_pattern(source) else None
     if folder is None:
         yield source
+        if source.suffix.lower() == MATERIALX:  # which may include others
+            yield from (file for file in sorted(source.parent.rglob(f"*{MATERIALX}")) if file != source)
         return
     with suppress(InputError):  # its turn will say so
-        yield from disk.files_in(folder)
-        for inner in disk.folders_in(folder):
-            if is_textures(inner):
-                yield from disk.files_in(inner)
+        for each in (folder, *filter(is_textures, disk.folders_in(folder))):
+            # Other files decide nothing: somebody's notes, or what the command itself prints.
+            yield from (file for file in disk.files_in(each) if file.suffix.lower() in (*IMAGE_SUFFIXES, ".json"))
 
 
-def is_unchanged(known: Known, source: Path, out: Path) -> bool:
-    """Whether nothing has changed since an entry was baked, as far as sizes and times of files tell.
+def sources_are_same(known: Known, source: Path) -> bool:
+    """Whether no file that an entry was baked from has changed since, as far as sizes and times tell.
 
     Args:
-        known: of the last time. source: of the entry. out: folder of all results.
+        known: of the last time. source: of the entry. Which files a MaterialX document is about is not known without a
+            look into it, because it may include others, and stand for tiles that are new.
     """
-    before = {file.path: file for file in known.files}
-    own = {os.path.relpath(path, source.parent) for path in _own_files(source)}
-    if not own <= set(before) or not all(_same(file, source.parent) for file in known.files):
+    if source.suffix.lower() == MATERIALX:
         return False
+    before = {file.path for file in known.files}
+    own = {os.path.relpath(path, source.parent) for path in _own_files(source)}
+    return own <= before and all(_same(file, source.parent) for file in known.files)
+
+
+def results_are_same(known: Known, out: Path) -> bool:
+    """Whether the results in a folder are the files that were written last."""
     return all(_same(file, out, ours=True) for file in known.results)
 
 
@@ -115,33 +129,61 @@ def _same(file: FileState, folder: Path, ours: bool = False) -> bool:
 
 
 class States:
-    """The database. It is written by one process at a time."""
+    """The database. It is written by one process at a time.
+
+    It is a shortcut, so nothing ends where it cannot be read or written: then it knows nothing, and remembers nothing.
+    """
 
     def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
+        self._connection: sqlite3.Connection | None = connection
+        self.damaged = False
 
-    def known(self, label: str, key: str) -> Known | None:
+    def known(self, label: str, source: Path, key: str) -> Known | None:
         """What is known of an entry that was baked with the options of that key; None where nothing is."""
-        row = self._connection.execute("select content from entries where label = ? and key = ?", (label, key))
-        found = row.fetchone()
-        return None if found is None else _known(found[0])
+        query = "select content from entries where label = ? and source = ? and key = ?"
+        rows = self._rows(query, _text(label), _told(source), key)
+        return _known(rows[0][0]) if rows else None
 
     def last(self, label: str) -> Known | None:
         """What is known of an entry, whatever it was baked with."""
-        row = self._connection.execute("select content from entries where label = ?", (label,)).fetchone()
-        return None if row is None else _known(row[0])
+        rows = self._rows("select content from entries where label = ?", _text(label))
+        return _known(rows[0][0]) if rows else None
 
-    def is_place_of(self, label: str, source: Path) -> bool:
-        """Whether an entry was baked before, with whatever options, so that what lies at its place is its own."""
-        row = self._connection.execute("select source from entries where label = ?", (label,)).fetchone()
-        return row is not None and row[0] == _told(source)
+    def places(self, sources: Iterable[Path]) -> set[str] | None:
+        """Folders of results that other results may replace, relative to the folder of all results: results of sources
+        of one library, and of sources that are gone. None where nothing is known at all.
+
+        Args:
+            sources: of the library.
+        """
+        own = {_told(source) for source in sources}
+        rows = self._rows("select source, content from entries")
+        free = [_known(content) for source, content in rows if source in own or not os.path.lexists(source)]
+        found = {PurePath(file.path).parent.as_posix() for each in free if each for file in each.results}
+        return found if rows else None
 
     def remember(self, label: str, source: Path, key: str, known: Known) -> None:
         """Keeps what is known of an entry."""
-        both = ([[f.path, f.size, f.modified] for f in files] for files in (known.files, known.results))
-        row = (label, _told(source), key, json.dumps([known.count, *both, known.faults]))
-        with self._connection:
-            self._connection.execute("insert or replace into entries values (?, ?, ?, ?)", row)
+        files = [[f.path, f.size, f.modified, f.changed] for f in known.files]
+        results = [[f.path, f.size, f.modified, f.changed] for f in known.results]
+        row = (_text(label), _told(source), key, json.dumps([known.count, files, results, known.faults]))
+        self._rows("insert or replace into entries values (?, ?, ?, ?)", *row)
+
+    def _rows(self, query: str, *values: str) -> list[tuple[str, ...]]:
+        if self._connection is None:
+            return []
+        try:
+            with self._connection:
+                return self._connection.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            self.damaged = isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError)
+            self._connection = None
+            return []
+
+
+def _text(label: str) -> str:
+    """A label as text that every database takes: names of files need not be UTF-8."""
+    return os.fsencode(label).decode(errors="backslashreplace")
 
 
 def _told(source: Path) -> str:
@@ -152,8 +194,8 @@ def _known(content: str) -> Known | None:
     try:
         count, files, results, faults = json.loads(content)
         return Known(
-            tuple(FileState(str(p), int(s), int(m)) for p, s, m in files),
-            tuple(FileState(str(p), int(s), int(m)) for p, s, m in results),
+            tuple(FileState(str(p), int(s), int(m), int(c)) for p, s, m, c in files),
+            tuple(FileState(str(p), int(s), int(m), int(c)) for p, s, m, c in results),
             int(count),
             tuple((str(message), int(code)) for message, code in faults),
         )
@@ -163,43 +205,47 @@ def _known(content: str) -> Known | None:
 
 @contextmanager
 def opened(out: Path, write: bool = True) -> Iterator[States]:
-    """The database of a folder of results; a damaged one is begun anew.
+    """The database of a folder of results. Where it cannot be had, nothing is known; a damaged one is begun anew.
 
     Args:
         write: whether it is made where there is none; else what is remembered is forgotten.
-
-    Raises:
-        OutputError: it cannot be written.
     """
     place = out / FOLDER / _FILE
-    if not write and not place.is_file():
-        yield States(_begun(sqlite3.connect(":memory:")))
-        return
+    connection = _connected(place, write) or _begun(sqlite3.connect(":memory:"))
+    states = States(connection)
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        connection = _connected(place)
-    except (OSError, sqlite3.Error) as error:
-        raise OutputError(
-            f"cannot write {place} ({error}): check the folder's permissions or choose another"
-        ) from error
-    try:
-        yield States(connection)
+        yield states
     finally:
         connection.close()
+        if states.damaged and write:
+            with suppress(OSError):
+                place.unlink()
 
 
-def _connected(place: Path) -> sqlite3.Connection:
+def _connected(place: Path, write: bool) -> sqlite3.Connection | None:
+    if not write:
+        try:
+            connection = sqlite3.connect(f"{place.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE)
+            current = connection.execute("pragma user_version").fetchone()[0] == _SCHEMA
+        except (OSError, sqlite3.Error):
+            return None
+        return connection if current else None
     for _ in range(2):
-        connection = sqlite3.connect(place, timeout=60)
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(place, timeout=_PATIENCE)
+        except (OSError, sqlite3.Error):
+            return None
         try:
             return _begun(connection)
-        except sqlite3.OperationalError:  # it is locked, or its folder cannot be written: nothing is wrong with it
+        except sqlite3.OperationalError:  # it is locked, or cannot be written: nothing is wrong with it
             connection.close()
-            raise
+            return None
         except sqlite3.DatabaseError:
             connection.close()
-            place.unlink(missing_ok=True)
-    raise sqlite3.DatabaseError("it is damaged, and damaged again")
+            with suppress(OSError):
+                place.unlink()
+    return None
 
 
 def _begun(connection: sqlite3.Connection) -> sqlite3.Connection:

@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from mipbake.baking.options import BakeOptions
-from mipbake.baking.results import Listener, NotBaked, Result, Unchanged
+from mipbake.baking.results import DEFECT, BakedSet, Listener, NotBaked, Result, Unchanged
 from mipbake.baking.sets import Run, Which
 from mipbake.baking.sources import bake_jobs
 from mipbake.batch.library import Entry
@@ -39,7 +39,7 @@ class Task:
         entry: the source, and where its results lie.
         out: folder of all results.
         options, load: how it is baked and read.
-        which: see `mipbake.baking.sets.Run`. known: the same.
+        which, known, by_name: see `mipbake.baking.sets.Run`.
         touch: whether a result that has not changed gets a new time, so that a build system sees that it was looked at.
     """
 
@@ -49,6 +49,7 @@ class Task:
     load: LoadOptions
     which: Which
     known: bool
+    by_name: bool = False
     touch: bool = False
 
 
@@ -82,23 +83,28 @@ def work(task: Task) -> Done:
                 os.utime(file)
     known = None
     failures = [each for each in results if isinstance(each, NotBaked)]
+    defects = [sentence for each in results if isinstance(each, BakedSet) for sentence in each.defects]
     # Another try would say the same of the same files; not of a full disk, nor where it is not known which files count.
     of_files = all(isinstance(each.error, (InputError, UsageError)) for each in failures)
     if task.which != "none" and of_files and files and not (failures and task.entry.source.suffix == MATERIALX):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
-        faults = tuple((str(each.error), each.error.exit_code) for each in failures)
-        known = Known(tuple(files), written, len(results) - len(failures), faults)
+        faults = [(str(each.error), each.error.exit_code) for each in failures]
+        faults += [(sentence, DEFECT) for sentence in defects]
+        known = Known(tuple(files), written, len(results) - len(failures), tuple(faults))
     return Done(tuple(results), known, time.monotonic() - begun)
 
 
 def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
     """What became of a source, and the files that decide it, as they were before they were read."""
     source = task.entry.source
+    before = states(source)
     with temporary_folder() as scratch:
         found = jobs([os.fspath(source)], task.load, scratch)
-        files = states(source, [path for path in _files(source, found) if not disk.lies_in(path, scratch)])
+        others = [path for path in _files(source, found) if not disk.lies_in(path, scratch)]
+        # What lay there before it was read counts, should it change meanwhile.
+        files = tuple({file.path: file for file in (*states(source, others), *before)}.values())
         tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
-        run = Run(task.options.asked(), Listener(), task.which, task.known)
+        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name)
         run.asked.check_encoder(found)
         return bake_jobs(run, found, task.out / task.entry.home.place(tops)), files
 

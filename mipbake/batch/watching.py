@@ -52,7 +52,7 @@ def changes(folders: Sequence[Path], out: Path) -> Iterator[set[Path] | None]:
                 begun = True
                 yield None
                 continue
-            paths = {Path(path) for _, path in found}
+            paths = {Path(os.path.realpath(path)) for _, path in found}
             if inside := {path for path in paths if not disk.lies_in(path, results)}:
                 yield inside
     except OSError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -13,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from mipbake import memory
 from mipbake._allocator import keep_freed_memory
@@ -20,8 +23,13 @@ from mipbake.baking.results import NotBaked
 from mipbake.batch.results import WorkerError
 from mipbake.batch.task import Done, Task, work
 from mipbake.io.leftovers import remove, unfinished
+from mipbake.io.publish import temporary_folder
 
 TERMINATED = 143  # what shells make of SIGTERM
+
+_STOPPING = (signal.SIGINT, signal.SIGTERM)
+_STARTS = 5
+"""How often in a row it is tried to begin a process."""
 
 _HELD = ExitStack()
 """What holds for as long as a process lives."""
@@ -52,9 +60,10 @@ class Workers:
     that ends its process is known.
     """
 
-    def __init__(self, jobs: int, share: Share) -> None:
+    def __init__(self, jobs: int, share: Share, scratch: Path) -> None:
         self._jobs = jobs
         self._share = share
+        self._scratch = scratch
         self._pool: ProcessPoolExecutor | None = None
         self._lifeline: Connection | None = None
 
@@ -62,39 +71,55 @@ class Workers:
         """Tasks with what was done, in the order in which they end. One whose process dies keeps no other from it."""
         waiting, suspects = deque(tasks), deque[Task]()
         running: dict[Future[Done], Task] = {}
+        starts = 0
         while waiting or suspects or running:
             alone = bool(suspects)
             queue, most = (suspects, 1) if alone else (waiting, self._jobs)
             try:
                 while queue and len(running) < most:
-                    running[self._started().submit(work, queue[0])] = queue[0]
+                    running[self._submitted(queue[0])] = queue[0]
                     queue.popleft()
-            except (BrokenProcessPool, OSError):  # it ended while it began
+            except (BrokenProcessPool, OSError) as refused:  # one ended while it began, or none can be begun
                 suspects.extend(running.values())
                 self._stop()
                 running.clear()
+                starts += 1
+                if starts == _STARTS:
+                    yield from ((task, _failed(task, f" ({refused})")) for task in (*suspects, *waiting))
+                    return
                 continue
+            starts = 0
             ended, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in ended:
                 error = future.exception()
                 if error is None:
                     yield running.pop(future), future.result()
                 elif not isinstance(error, BrokenProcessPool):
-                    yield (task := running.pop(future)), _failed(task, str(error))
+                    yield (task := running.pop(future)), _failed(task, f" ({error})")
             if any(future in running for future in ended):
                 self._stop()
                 if alone:
-                    yield from ((task, _failed(task, "and so did a second one")) for task in running.values())
+                    yield from ((task, _failed(task, ", and so did a second one")) for task in running.values())
                 else:
                     suspects.extend(running.values())
                 running.clear()
+
+    def _submitted(self, task: Task) -> Future[Done]:
+        """A task for a process, which may begin now. Signals wait until it does what `_begin` says."""
+        if sys.platform == "win32":
+            return self._started().submit(work, task)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
+        try:
+            return self._started().submit(work, task)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
             # A fresh interpreter: threads of this process, and what they hold, are not copied into it.
             context = multiprocessing.get_context("spawn")
             theirs, self._lifeline = context.Pipe(duplex=False)
-            self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (self._share, theirs))
+            self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (self._share, theirs, self._scratch))
         return self._pool
 
     def _stop(self) -> None:
@@ -113,18 +138,22 @@ class Workers:
 @contextmanager
 def workers(jobs: int, share: Share) -> Iterator[Workers]:
     """So many processes. They end with the block, and what they are about is not finished when it raises."""
-    made = Workers(jobs, share)
-    try:
-        yield made
-    finally:
-        made.close()
+    with temporary_folder() as scratch:  # theirs lie in it, and go with it, however they end
+        made = Workers(jobs, share, scratch)
+        try:
+            yield made
+        finally:
+            made.close()
 
 
-def _begin(share: Share, lifeline: Connection) -> None:
+def _begin(share: Share, lifeline: Connection, scratch: Path) -> None:
     """What a new process does first."""
+    os.environ["TMPDIR"] = tempfile.tempdir = str(scratch)
     os.environ["MIPBAKE_THREADS"] = os.environ["OMP_NUM_THREADS"] = str(share.threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; who has begun the batch ends it
     signal.signal(signal.SIGTERM, lambda *_: _end())
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOPPING)
     threading.Thread(None, _end_with, None, (lifeline,), daemon=True).start()
     keep_freed_memory(share.memory)
     _HELD.enter_context(memory.limited(share.memory))
@@ -147,7 +176,7 @@ def _end_with(lifeline: Connection) -> None:
 
 def _failed(task: Task, why: str) -> Done:
     error = WorkerError(
-        f"the process that baked it ended before its work, {why}: it may need more memory, so bake fewer at a time "
-        "(--jobs), or hold them to less (--memory)"
+        f"the process that baked it ended before its work{why}: where memory ran out, bake fewer at a time (--jobs), "
+        "or hold them to less (--memory)"
     )
     return Done((NotBaked(task.entry.source, error),), None, 0.0)
