@@ -1,13 +1,9 @@
-"""Batches: what has changed is baked, and nothing else, whatever became of the list of what is known."""
+"""Batches: what has changed is baked, and nothing else."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,72 +14,19 @@ import pytest
 import mipbake
 from mipbake.baking import BakeOptions, NotBaked
 from mipbake.baking.results import BakedSet, Planned, Unchanged
-from mipbake.batch import BatchOptions, Summary, bake_library
-from mipbake.batch import run as batch_run
+from mipbake.batch import BatchOptions, bake_library
 from mipbake.batch import state as batch_state
 from mipbake.batch import task as batch_task
-from mipbake.batch.task import Done, Task, work
 from mipbake.errors import UsageError
 from mipbake.io.options import LoadOptions
 
+from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
 from .command_line import tree, write_png, write_set
 from .gltf_files import png
 from .gltf_results import two_textures
 
-LINEAR = BakeOptions(method="linear", format="png", max_level=1)
-
-
-class Inline:
-    """Workers that do tasks in the process of the test, and remember which."""
-
-    def __init__(self) -> None:
-        self.labels: list[str] = []
-
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
-        for task in tasks:
-            self.labels.append(task.entry.label)
-            yield task, work(task)
-
-    @contextmanager
-    def workers(self, _jobs: int, _share: object) -> Iterator[Inline]:
-        self.labels.clear()
-        yield self
-
-
-@pytest.fixture
-def inline(monkeypatch: pytest.MonkeyPatch) -> Inline:
-    made = Inline()
-    monkeypatch.setattr(batch_run, "workers", made.workers)
-    return made
-
-
-def aged(root: Path, by: float = 10.0) -> Path:
-    """A folder whose files are older, so that their times tell whether they have changed."""
-    then = time.time() - by
-    for path in root.rglob("*"):
-        os.utime(path, (then, then))
-    return root
-
-
-@pytest.fixture
-def library(tmp_path: Path) -> Path:
-    root = tmp_path / "lib"
-    write_set(root / "metals" / "steel")
-    write_set(root / "wood", roughness=np.full((16, 16), 90, np.uint8))
-    return aged(root)
-
-
-def bake(library: Path, options: BakeOptions = LINEAR, **how: Any) -> Summary:
-    return bake_library(library, library.parent / "out", options, None, BatchOptions(**how))
-
-
-def counts(summary: Summary) -> tuple[int, int, int]:
-    return summary.baked, summary.unchanged, len(summary.failures)
-
-
-def only(summary: Summary, kind: type) -> Any:
-    (found,) = [each for entry in summary.entries for each in entry.results if isinstance(each, kind)]
-    return found
+__all__ = ["inline_workers", "small_library"]
+"""Fixtures."""
 
 
 def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) -> None:
@@ -215,17 +158,6 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     assert counts(bake(library)) == (1, 1, 0)
 
 
-@pytest.mark.parametrize("damage", [b"", b"no database at all" * 100, None])
-def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: bytes | None) -> None:
-    bake(library)
-    place = library.parent / "out/.mipbake/batch.sqlite"
-    place.unlink() if damage is None else place.write_bytes(damage)
-    assert counts(bake(library)) == (0, 2, 0)
-    assert inline.labels == ["metals/steel", "wood"]
-    bake(library)
-    assert inline.labels == ["metals/steel", "wood"]  # the fixture forgets them where workers begin
-
-
 def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     write_set(tmp_path / "packed" / "one")
@@ -296,40 +228,3 @@ def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> 
         library.parent / "out/metals/steel",
         library.parent / "out/wood",
     }
-
-
-def test_what_is_wrong_with_files_is_told_again_without_another_try(library: Path, inline: Inline) -> None:
-    (library / "broken").mkdir()
-    write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
-    (library / "lost.gltf").write_text(
-        json.dumps(
-            {
-                "asset": {"version": "2.0"},
-                "images": [{"uri": "images%20here/n.png"}],
-                "textures": [{"source": 0}],
-                "materials": [{"name": "m", "normalTexture": {"index": 0}}],
-            }
-        )
-    )
-    first = bake(aged(library))
-    assert counts(first) == (2, 0, 2) and first.exit_code == 3
-    inline.labels.clear()
-    again = bake(library)
-    assert inline.labels == [] and counts(again) == (0, 2, 2) and again.exit_code == 3
-    assert [str(each.error) for each in again.failures] == [str(each.error) for each in first.failures]
-    assert counts(bake(library, force=True)) == (2, 0, 2)
-    (library / "images here").mkdir()
-    (library / "images here/n.png").write_bytes(png("normal n", 32))
-    inline.labels.clear()
-    assert counts(bake(library)) == (1, 2, 1)
-    assert inline.labels == ["lost.gltf"]
-
-
-def test_a_full_disk_is_tried_again(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise mipbake.OutputError("cannot write: the disk is full")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(batch_task, "bake_jobs", full)
-        assert bake(library).exit_code == 4
-    assert counts(bake(library)) == (2, 0, 0)

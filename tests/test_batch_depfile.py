@@ -77,3 +77,29 @@ def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
     (tmp_path / "lib/wood/ao.png").unlink()
     assert builds(tmp_path)
     assert not builds(tmp_path)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_make_is_quiet_after_a_file_came_and_went(tmp_path: Path) -> None:
+    write_set(tmp_path / "lib" / "wood")
+    (tmp_path / "Makefile").write_text(
+        "out/wood/stack.json: lib/wood\n\tmipbake bake $< -o out --depfile $@.d --quiet "
+        + " ".join(ARGUMENTS)
+        + "\n-include out/wood/stack.json.d\n"
+    )
+    older(tmp_path)
+
+    def makes() -> bool:
+        made = subprocess.run(["make"], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert made.returncode == 0, made.stdout + made.stderr
+        return "up to date" not in made.stdout
+
+    assert makes() and not makes()
+    (tmp_path / "lib/wood/note.tmp").touch()
+    (tmp_path / "lib/wood/note.tmp").unlink()
+    assert makes() and not makes()
+
+
+def test_a_dry_run_writes_no_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    base = ["bake", write_set(tmp_path / "s"), "-o", tmp_path / "out", "--depfile", tmp_path / "d", "--check"]
+    assert "a dry run bakes nothing that --depfile could tell of" in fails(capsys, 2, *base)

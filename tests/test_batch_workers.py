@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -164,3 +165,33 @@ def test_a_log_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixt
     place = tmp_path / "no" / "log.jsonl"
     said = fails(capsys, 4, "bake", library, "-r", "-o", tmp_path / "out", "--json-log", place)
     assert f"cannot write {place}" in said
+
+
+@needs_signals
+def test_no_process_can_be_begun(tmp_path: Path) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    command = [*COMMAND, str(library), "-r", "-o", str(tmp_path / "out"), "--method", "linear"]
+    script = "ulimit -n 12 && exec " + " ".join(map(shlex.quote, command))
+    run = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, timeout=120)
+    assert run.returncode != 0 and "Traceback" not in run.stderr, run.stderr
+
+
+@needs_signals
+def test_a_batch_that_is_stopped_leaves_no_temporary_files(tmp_path: Path) -> None:
+    library, scratch = write_library(tmp_path / "lib", 4), tmp_path / "tmp"
+    scratch.mkdir()
+    command = [*COMMAND, str(library), "-r", "-o", str(tmp_path / "out"), "-j", "2", "--method", "linear"]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(scratch)},
+        start_new_session=True,
+    )
+    end = time.monotonic() + 60
+    while not list(scratch.glob("*/*")) and time.monotonic() < end:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert list(scratch.iterdir()) == [] and "Traceback" not in told, told

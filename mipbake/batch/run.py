@@ -182,7 +182,7 @@ _ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError
 
 
 def _is_among(home: Home, places: Iterable[str]) -> bool:
-    """Whether results that are known lie where those of an entry go."""
+    """Whether results that are known lie where an entry puts its results."""
     place = (home.folder / home.name).as_posix()
     told = (PurePath(each).as_posix() for each in places)
     return any(each == place or each.startswith(f"{place}/") for each in told)

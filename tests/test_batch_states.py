@@ -1,0 +1,203 @@
+"""What a batch knows of the last time, and what it does where that is lost, damaged or not to be trusted."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.baking.results import Planned
+from mipbake.batch import bake_library
+from mipbake.batch import task as batch_task
+
+from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
+from .command_line import tree, write_png, write_set
+from .gltf_files import png
+
+__all__ = ["inline_workers", "small_library"]
+"""Fixtures."""
+
+
+@pytest.mark.parametrize("damage", [b"", b"no database at all" * 100, None])
+def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: bytes | None) -> None:
+    bake(library)
+    place = library.parent / "out/.mipbake/batch.sqlite"
+    place.unlink() if damage is None else place.write_bytes(damage)
+    assert counts(bake(library)) == (0, 2, 0)
+    assert inline.labels == ["metals/steel", "wood"]
+    bake(library)
+    assert inline.labels == ["metals/steel", "wood"]  # the fixture forgets them where workers begin
+
+
+def test_what_is_wrong_with_files_is_told_again_without_another_try(library: Path, inline: Inline) -> None:
+    (library / "broken").mkdir()
+    write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    (library / "lost.gltf").write_text(
+        json.dumps(
+            {
+                "asset": {"version": "2.0"},
+                "images": [{"uri": "images%20here/n.png"}],
+                "textures": [{"source": 0}],
+                "materials": [{"name": "m", "normalTexture": {"index": 0}}],
+            }
+        )
+    )
+    first = bake(aged(library))
+    assert counts(first) == (2, 0, 2) and first.exit_code == 3
+    inline.labels.clear()
+    again = bake(library)
+    assert inline.labels == [] and counts(again) == (0, 2, 2) and again.exit_code == 3
+    assert [str(each.error) for each in again.failures] == [str(each.error) for each in first.failures]
+    assert counts(bake(library, force=True)) == (2, 0, 2)
+    (library / "images here").mkdir()
+    (library / "images here/n.png").write_bytes(png("normal n", 32))
+    inline.labels.clear()
+    assert counts(bake(library)) == (1, 2, 1)
+    assert inline.labels == ["lost.gltf"]
+
+
+def test_a_full_disk_is_tried_again(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise mipbake.OutputError("cannot write: the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(batch_task, "bake_jobs", full)
+        assert bake(library).exit_code == 4
+    assert counts(bake(library)) == (2, 0, 0)
+
+
+def test_a_map_that_is_added_to_tiles_of_a_materialx_document(tmp_path: Path, inline: Inline) -> None:
+    """No list of files says that: a document may stand for files that are new, and include others."""
+    root = tmp_path / "lib"
+    for tile in (1001, 1003):
+        write_set(tmp_path / f"t{tile}")
+        for name in ("normal", "roughness"):
+            (root / "tex").mkdir(parents=True, exist_ok=True)
+            shutil.copy(tmp_path / f"t{tile}/{name}.png", root / "tex" / f"{name}.{tile}.png")
+    file = '<input name="file" type="filename" value="tex/{name}.&lt;UDIM&gt;.png"/>'
+    image = '<{kind} name="{name}" type="{type}">' + file + "</{kind}>"
+    (root / "a.mtlx").write_text(
+        '<?xml version="1.0"?><materialx version="1.38">'
+        + image.format(kind="image", name="roughness", type="float")
+        + image.format(kind="image", name="normal", type="vector3")
+        + '<normalmap name="bumps" type="vector3"><input name="in" type="vector3" nodename="normal"/></normalmap>'
+        '<standard_surface name="s" type="surfaceshader">'
+        '<input name="specular_roughness" type="float" nodename="roughness"/>'
+        '<input name="normal" type="vector3" nodename="bumps"/></standard_surface>'
+        '<surfacematerial name="m" type="material"><input name="surfaceshader" type="surfaceshader" nodename="s"/>'
+        "</surfacematerial></materialx>"
+    )
+    assert bake_library(root / "a.mtlx", tmp_path / "out", LINEAR).baked == 2
+    aged(root)
+    assert bake_library(root / "a.mtlx", tmp_path / "out", LINEAR).baked == 0
+    for name in ("normal", "roughness"):
+        shutil.copy(root / "tex" / f"{name}.1001.png", root / "tex" / f"{name}.1005.png")
+    aged(root)
+    assert bake_library(root / "a.mtlx", tmp_path / "out", LINEAR).baked == 3
+
+
+def test_an_archive_that_changes_while_it_is_read(
+    tmp_path: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_set(tmp_path / "one" / "s")
+    write_set(tmp_path / "two" / "s", roughness=np.full((16, 16), 200, np.uint8))
+    (tmp_path / "lib").mkdir()
+    shutil.make_archive(str(tmp_path / "lib" / "s"), "zip", tmp_path / "one")
+    aged(tmp_path)
+    real = batch_task.jobs
+
+    def slow(*arguments: Any) -> Any:
+        found = real(*arguments)
+        if (tmp_path / "two").exists():
+            shutil.make_archive(str(tmp_path / "lib" / "s"), "zip", tmp_path / "two")
+            shutil.rmtree(tmp_path / "two")
+            aged(tmp_path / "lib", 5.0)
+        return found
+
+    monkeypatch.setattr(batch_task, "jobs", slow)
+    assert bake(tmp_path / "lib").baked == 1
+    assert bake(tmp_path / "lib").baked == 1
+    assert bake(tmp_path / "lib").baked == 0
+
+
+def test_two_sets_of_one_name_one_in_the_other(tmp_path: Path, inline: Inline) -> None:
+    root = write_set(tmp_path / "metals")
+    write_set(root / "metals", roughness=None)
+    summary = bake(root)
+    assert counts(summary) == (1, 0, 1) and summary.exit_code == 3
+    assert [each.entry.label for each in summary.entries] == [".", "metals"]
+
+
+@pytest.mark.parametrize("damage", ["body", "no table", "folder", "file in place of the folder", "locked"])
+def test_a_list_that_cannot_be_used_is_no_list(library: Path, inline: Inline, damage: str) -> None:
+    bake(library)
+    folder = library.parent / "out/.mipbake"
+    place = folder / "batch.sqlite"
+    data = place.read_bytes()
+    if damage == "body":
+        place.write_bytes(data[:100] + b"\xff" * (len(data) - 100))
+    elif damage == "no table":
+        place.unlink()
+        with sqlite3.connect(place) as made:
+            made.execute("pragma user_version = 3")
+    elif damage == "folder":
+        place.unlink()
+        place.mkdir()
+    elif damage == "file in place of the folder":
+        shutil.rmtree(folder)
+        folder.touch()
+    else:
+        holder = sqlite3.connect(place)
+        holder.execute("begin exclusive")
+    assert counts(bake(library, dry_run=True)) == (0, 2, 0)
+    assert counts(bake(library)) == (0, 2, 0)
+    if damage == "locked":
+        holder.close()
+    write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
+    assert counts(bake(library)) == (1, 1, 0)
+
+
+def test_a_name_that_is_not_utf8(library: Path, inline: Inline) -> None:
+    odd = Path(os.fsdecode(os.fsencode(library) + b"/st\xffel"))
+    try:
+        write_set(library.parent / "steel").rename(odd)
+    except OSError:
+        pytest.skip("the file system has no such names")
+    summary = bake(library)
+    assert summary.baked >= 2 and all("UTF-8" in str(each.error) for each in summary.failures)
+
+
+def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
+    bake(library)
+    result = library.parent / "out/wood/normal_mip00.png"
+    data = result.read_bytes()
+    result.write_bytes(b"")
+    assert only(bake(library, dry_run=True), Planned).why == "its result changed"
+    assert counts(bake(library)) == (1, 1, 0)
+    assert result.read_bytes() == data
+
+
+def test_equal_options_are_the_same(library: Path, inline: Inline) -> None:
+    bake(library, replace(LINEAR, strength=1))
+    assert counts(bake(library, replace(LINEAR, strength=1.0))) == (0, 2, 0)
+
+
+def test_a_folder_takes_the_place_of_an_archive(tmp_path: Path, inline: Inline) -> None:
+    write_set(tmp_path / "packed")
+    root = tmp_path / "lib"
+    root.mkdir()
+    shutil.make_archive(str(root / "a"), "zip", tmp_path / "packed")
+    assert bake(root).baked == 1
+    write_set(root / "a", **{name: np.full((16, 16, 3), 9, np.uint8) for name in ("base_color", "roughness")})
+    write_png(root / "a/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    summary = bake(root)
+    assert summary.failures == [] and summary.baked == 2
+    assert {"a/stack.json", "a.zip/a/stack.json"} <= set(tree(tmp_path / "out"))
