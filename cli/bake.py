@@ -30,6 +30,7 @@ from mipbake.packing import PACKINGS, SOURCE
 from mipbake.prefilter import METHODS
 from mipbake.prefilter.search.time_budget import BEST
 from mipbake.presets import PRESETS
+from mipbake.sidecars import SIDECARS
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(
@@ -161,6 +162,15 @@ def bake(
             show_default=f"{DEFAULT_AIM:g}",
         ),
     ] = None,
+    sidecar: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(SIDECARS),
+            help="A file beside the maps that another program takes: ntc lists PNG files of all levels for NVIDIA's "
+            "neural texture compression.",
+            show_default=False,
+        ),
+    ] = None,
     device: Annotated[
         Optional[str],  # noqa: UP045
         options.device(some_of("device")),
@@ -189,6 +199,7 @@ def bake(
         sampler=sampler,
         aim=aim,
         device=device,
+        sidecar=sidecar,
     )
     load = replace(load, alpha_cutoff=alpha_cutoff)
     batch = with_project(batch, sources)

@@ -34,6 +34,7 @@ from mipbake.packing import unpacked
 from mipbake.pixel_filter import filter_named
 from mipbake.prefilter.promise import promise_from
 from mipbake.presets import preset_named, wanted_outputs
+from mipbake.sidecars import FORMAT, check_sidecar, sidecar_named
 
 
 class Measures(Protocol):
@@ -85,6 +86,7 @@ class MipStack(Content):
         preset: str | None = None,
         measured: Measures | None = None,
         known: bool = False,
+        sidecar: str | None = None,
     ) -> list[Path]:
         """Writes the stack into the folder `path` and reads every level back to compare.
 
@@ -110,6 +112,8 @@ class MipStack(Content):
                 the GLB. None measures nothing.
             known: whether the caller knows that an earlier stack there is of the same set. Then it is replaced although
                 all its source files have changed.
+            sidecar: a name in `mipbake.sidecars.SIDECARS`: a file beside the maps that another program takes. It is
+                about the files in PNG.
 
         Returns:
             The files, stack.json first.
@@ -138,7 +142,11 @@ class MipStack(Content):
                     entry["measured"] = measured.files(output, found)
             if glb is not None:
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
+            if sidecar is not None:
+                manifest["outputs"].append(_write_sidecar(folder, sidecar, plans))
 
+        if sidecar is not None:
+            check_sidecar(sidecar)
         manifest = manifest_of(self, plans)
         saved = save_maps(place, manifest_name(self.tile), manifest, write, is_stack_folder)
         progress(1.0)
@@ -186,6 +194,21 @@ class MipStack(Content):
         `beside` other outputs, files that this one's texels cannot hold are left to them.
         """
         return planned(output, self, levels, beside)
+
+
+def _write_sidecar(folder: Path, name: str, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
+    """Writes a sidecar, and returns its output for the manifest."""
+    made = sidecar_named(name, sidecar_files(plans))
+    (folder / made.name).write_text(made.content, encoding="utf-8")
+    return {"format": name, "files": [made.name], "maps": {}}
+
+
+def sidecar_files(plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> list[MapFile]:
+    """The files that a sidecar is about. UsageError where no output has such."""
+    found = [list(files) for output, files in plans if output.container.name == FORMAT]
+    if not found:
+        raise UsageError(f"a sidecar is about files of the format {FORMAT}, which is not asked for: add it")
+    return found[0]
 
 
 def open_stack(path: str | Path) -> MipStack:

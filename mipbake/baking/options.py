@@ -12,9 +12,11 @@ from mipbake.io.uastc import check_encoder
 from mipbake.jobs import Failure, Job
 from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
+from mipbake.packing import SEPARATE
 from mipbake.pixel_filter import filter_named
 from mipbake.prefilter import OPTIONS, method_named
 from mipbake.presets import Preset, preset_named, wanted_outputs
+from mipbake.sidecars import FORMAT, check_sidecar
 from mipbake.texture_set import source_model
 
 
@@ -33,6 +35,8 @@ class BakeOptions:
         packing: a name in `mipbake.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
         max_level: the last level that is written; None for all.
         keep_level0, strength, min_roughness: see `mipbake.adjust.Adjustments`.
+        sidecar: a name in `mipbake.sidecars.SIDECARS`: a list of PNG files for another program. They are written, each
+            map in a file of its own, where no others are.
     """
 
     method: str = DEFAULT_METHOD
@@ -51,6 +55,7 @@ class BakeOptions:
     sampler: str | None = None
     aim: float | None = None
     device: str | None = None
+    sidecar: str | None = None
 
     def asked(self) -> Asked:
         """What that means for every source. UsageError for what no source can be baked with."""
@@ -66,12 +71,16 @@ class BakeOptions:
         if target not in TARGETS:
             raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
         outputs, glb, finer = wanted_outputs(preset, self.format, self.packing, self.write_normals)
+        if self.sidecar is not None:
+            check_sidecar(self.sidecar)
+            if all(output.container.name != FORMAT for output in outputs):
+                outputs = (*outputs, Output(FORMAT, SEPARATE))
         if self.max_level is not None and self.max_level < 0:
             raise UsageError(f"max_level is {self.max_level}: expected 0 or more")
         adjustments = Adjustments(self.keep_level0, self.strength, self.min_roughness)
         for_gltf = target in (AUTO_TARGET, *GLTF_MODELS)
         # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
-        as_maps = self.format or self.packing or self.write_normals or not for_gltf
+        as_maps = self.sidecar or self.format or self.packing or self.write_normals or not for_gltf
         documents = not as_maps and (preset is None or preset.documents)
         check_outputs(outputs, source_model(anisotropic=False) if target == AUTO_TARGET else target)
         if not for_gltf and (glb or adjustments.any):

@@ -29,6 +29,7 @@ from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
 from mipbake.prefilter import METHODS
 from mipbake.presets import Preset
+from mipbake.sidecars import FORMAT, sidecar_named
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings
@@ -150,8 +151,20 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
     files: list[Path] = []
     if outputs or beside:
         known = run.known or run.by_name  # which has been checked before
-        files = stack.save(place, outputs, partial(baking, "write"), asked.level_count, beside, None, check, known)
+        files = stack.save(
+            place,
+            outputs,
+            partial(baking, "write"),
+            asked.level_count,
+            beside,
+            measured=check,
+            known=known,
+            sidecar=asked.options.sidecar,
+        )
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
+    if files and asked.options.sidecar is not None:
+        listed = next(output for output in outputs if output.container.name == FORMAT)
+        left_out = sidecar_named(asked.options.sidecar, stack.files(listed, asked.level_count)).left_out
     blocks = any(not each.container.exact for each in asked.outputs)
     engine: list[str] = []
     if asked.preset:
