@@ -126,7 +126,7 @@ def main(arguments: Sequence[str]) -> int:
     except _PARSING_ERROR as error:
         code = session.fail(_parsing_message(error), EXIT_USAGE)
     except (KeyboardInterrupt, typer.Abort):
-        stopped = EXIT_INTERRUPTED
+        stopped = _Stopped.latest or EXIT_INTERRUPTED  # libraries make one of any signal
     except _Stopped as error:
         stopped = error.code
     except Exception as error:
