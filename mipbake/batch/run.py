@@ -107,19 +107,18 @@ def bake_library(
             project file does: `mipbake.batch.read_project("mipbake.toml").chosen`.
 
     Returns:
-        What became of every entry. An entry that fails keeps no other from being baked.
+        What became of every entry. An entry that fails, as where the folder of all results cannot be written, keeps no
+        other from being baked.
 
     Raises:
         UsageError: an option has a value that it cannot have; nothing is baked then.
         InputError: none of the sources is there, or nothing below them can be baked.
-        OutputError: the folder of all results cannot be written.
     """
-    asked, how = options or BakeOptions(), batch or BatchOptions()
-    asked.asked()  # before anything is made
-    same = Chosen(asked, load or LoadOptions())
+    how = batch or BatchOptions()
+    choose = _chooser(options, load, choose)
     library = found_library(sources, Path(out), how.recursive, how.within)
     with opened(Path(out), write=not how.dry_run) as states:
-        run = Batch(Path(out), choose or (lambda _label: same), how, states, listener)
+        run = Batch(Path(out), choose, how, states, listener)
         plan = run.plan(library)
         jobs = min(how.jobs, len(plan.tasks))
         run.tell(library, plan, jobs)
@@ -148,14 +147,13 @@ def watch_library(
 
     Raises:
         UsageError: as `bake_library`; or the extra `watch` is not installed.
-        InputError, OutputError: as `bake_library`; or the system cannot watch so many files.
+        InputError: as `bake_library`; or the system cannot watch so many files.
     """
-    asked, how = options or BakeOptions(), batch or BatchOptions()
+    how = batch or BatchOptions()
     if how.dry_run:
         raise UsageError("a dry run bakes nothing, so there is nothing to watch for: expected one of the two")
     check_extra("watch", "--watch")
-    asked.asked()  # before anything is made
-    same = Chosen(asked, load or LoadOptions())
+    choose = _chooser(options, load, choose)
     place = Path(out)
 
     def find() -> Library:
@@ -165,7 +163,7 @@ def watch_library(
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
     with opened(place) as states, workers(how.jobs, Share.of(how.jobs, threads(), how.memory)) as pool:
-        run = Batch(place, choose or (lambda _label: same), how, states, listener)
+        run = Batch(place, choose, how, states, listener)
         plan = run.plan(library)
         run.tell(library, plan, min(how.jobs, len(plan.tasks)))
         yield run.bake(plan, pool)
@@ -175,6 +173,13 @@ def watch_library(
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
+
+
+def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choose | None) -> Choose:
+    """What gives options for each entry. UsageError, before anything is made, for options that cannot be."""
+    same = Chosen(options or BakeOptions(), load or LoadOptions())
+    same.options.asked()
+    return choose or (lambda _label: same)
 
 
 _ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError, UsageError, WorkerError)}
