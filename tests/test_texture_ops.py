@@ -348,7 +348,8 @@ def test_half_storage(stack: str, boundary: str, dtype: torch.dtype) -> None:
         if texels:
             torch.testing.assert_close(a, e.to(dtype), rtol=0, atol=0)
         elif stack == "custom":
-            assert torch.equal(a, e)
+            # Each storage has a kernel of its own, in which the compiler fuses other multiply-adds: on AVX2 last bits differ.
+            torch.testing.assert_close(a, e, rtol=1e-5, atol=1e-5)
 
 
 def test_no_lookups_give_empty_results_and_zero_gradients() -> None:
