@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -54,9 +54,7 @@ def bake_batch(
     memory: int | None,
 ) -> None:
     """Bakes a batch, and says what happens."""
-    how = BatchOptions(
-        asked.recursive, asked.jobs or 1, asked.force, asked.dry_run, memory, touch=asked.depfile is not None
-    )
+    how = replace(_how(session, asked, memory), recursive=asked.recursive)
     _bake(session, asked, _Call([Path(each) for each in sources], out, options, load, how))
 
 
@@ -72,16 +70,22 @@ def bake_project(
     """Bakes the library of a project file, and says what happens."""
     project = read_project(asked.config or Path(PROJECT))
     given = settings_of(options, load, session.given, COMMAND_LINE)
-    how = BatchOptions(
-        jobs=asked.jobs or project.jobs or 1,
-        force=asked.force,
-        dry_run=asked.dry_run,
-        memory=memory if project.memory is None or "memory" in session.given else project.memory,
-        within=tuple(map(Path, sources)),
-        touch=asked.depfile is not None,
-    )
+    how = replace(_how(session, asked, memory), within=tuple(map(Path, sources)))
+    if how.cluster is None:  # what a project file says is about one machine
+        how = replace(how, jobs=how.jobs or project.jobs, memory=how.memory or project.memory)
     place = out or project.out
     _bake(session, asked, _Call([project.library], place, how=how, choose=lambda label: project.chosen(label, given)))
+
+
+def _how(session: Session, asked: BatchAsked, memory: int | None) -> BatchOptions:
+    return BatchOptions(
+        jobs=asked.jobs,
+        force=asked.force,
+        dry_run=asked.dry_run,
+        memory=memory if "memory" in session.given else None,
+        touch=asked.depfile is not None,
+        cluster=asked.cluster,
+    )
 
 
 @dataclass(frozen=True)

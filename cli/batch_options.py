@@ -28,6 +28,7 @@ class BatchAsked:
     check: bool = False
     depfile: Path | None = None
     depfile_for: str | None = None
+    cluster: str | None = None
 
     @property
     def any(self) -> bool:
@@ -100,6 +101,15 @@ def batching(
             show_default=False,
         ),
     ] = None,
+    cluster: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="ADDRESS",
+            help="Bake a batch on a Ray cluster: HOST:PORT of its head, or `auto` on one of its machines. --jobs and "
+            "--memory are then for the whole cluster, and for each process.",
+            show_default=False,
+        ),
+    ] = None,
     config: Annotated[
         OptionalPath,
         project_file(
@@ -115,7 +125,9 @@ def batching(
         raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
     if watch and depfile is not None:
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
-    return BatchAsked(recursive, jobs, force, dry_run or check, json_log, config, watch, check, depfile, depfile_for)
+    return BatchAsked(
+        recursive, jobs, force, dry_run or check, json_log, config, watch, check, depfile, depfile_for, cluster
+    )
 
 
 def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from mipbake.errors import UsageError
 
 EXTRAS: Mapping[str, Mapping[str, str]] = {
+    "cluster": {"ray": "ray"},
     "compare": {
         "colour": "colour-science",
         "flip_evaluator": "flip-evaluator",

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePath
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from mipbake import memory
 from mipbake._extras import check_extra
@@ -31,9 +32,9 @@ from mipbake.batch.state import (
     state_of,
     states,
 )
-from mipbake.batch.task import Task
+from mipbake.batch.task import Done, Task
 from mipbake.batch.watching import changes, touched, watched
-from mipbake.batch.workers import Share, Workers, workers
+from mipbake.batch.workers import Share, workers
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
@@ -48,26 +49,31 @@ class BatchOptions:
 
     Args:
         recursive: whether everything below the sources is baked, in a tree like theirs; else the sources themselves.
-        jobs: processes at most. They share the threads and the memory that mipbake may use.
+        jobs: processes at most; None for one, or for as many as fit on a cluster. They share the threads and the memory
+            that mipbake may use.
         force: whether what has not changed is baked as well.
         dry_run: whether nothing is baked, and only told what would be.
-        memory: bytes that all processes together are held to; None for no limit.
+        memory: bytes that all processes together are held to, or each process on a cluster; None for what mipbake takes
+            of a machine by default.
         within: paths, one of which an entry must be or lie in; empty for all entries.
         touch: whether results that have not changed get a new time where a file is younger than they are, as build
             systems need it.
+        cluster: a Ray cluster, whose machines bake: "auto" for the one that this machine belongs to, HOST:PORT of its
+            head, or ray://HOST:PORT; None for this machine alone.
     """
 
     recursive: bool = True
-    jobs: int = 1
+    jobs: int | None = None
     force: bool = False
     dry_run: bool = False
-    memory: int | None = field(default_factory=memory.default)
+    memory: int | None = None
     within: tuple[Path, ...] = ()
     touch: bool = False
+    cluster: str | None = None
 
     def __post_init__(self) -> None:
         """UsageError for values that cannot be."""
-        if self.jobs < 1:
+        if self.jobs is not None and self.jobs < 1:
             raise UsageError(f"the number of jobs is {self.jobs}: expected 1 or more")
         if self.force and self.dry_run:
             raise UsageError("force bakes everything and a dry run nothing: expected one of the two")
@@ -111,8 +117,9 @@ def bake_library(
         other from being baked.
 
     Raises:
-        UsageError: an option has a value that it cannot have; nothing is baked then.
+        UsageError: an option has a value that it cannot have, or there is no such cluster; nothing is baked then.
         InputError: none of the sources is there, or nothing below them can be baked.
+        OutputError: a cluster is to write where this machine cannot.
     """
     how = batch or BatchOptions()
     choose = _chooser(options, load, choose)
@@ -120,11 +127,11 @@ def bake_library(
     with opened(Path(out), write=not how.dry_run) as states:
         run = Batch(Path(out), choose, how, states, listener)
         plan = run.plan(library)
-        jobs = min(how.jobs, len(plan.tasks))
-        run.tell(library, plan, jobs)
         if not plan.tasks:
+            run.tell(library, plan, 0)
             return plan.summary({})
-        with workers(jobs, Share.of(jobs, threads(), how.memory)) as pool:
+        with _pool(how, Path(out), len(plan.tasks)) as pool:
+            run.tell(library, plan, pool.processes(len(plan.tasks)))
             return run.bake(plan, pool)
 
 
@@ -162,10 +169,10 @@ def watch_library(
     library = find()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
-    with opened(place) as states, workers(how.jobs, Share.of(how.jobs, threads(), how.memory)) as pool:
+    with opened(place) as states, _pool(how, place) as pool:
         run = Batch(place, choose, how, states, listener)
         plan = run.plan(library)
-        run.tell(library, plan, min(how.jobs, len(plan.tasks)))
+        run.tell(library, plan, pool.processes(len(plan.tasks)))
         yield run.bake(plan, pool)
         run = replace(run, how=replace(how, force=False))  # once is enough
         for paths in changes(folders, place):
@@ -173,6 +180,31 @@ def watch_library(
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
+
+
+class Pool(Protocol):
+    """What does the tasks of a batch: processes of this machine, or of a cluster."""
+
+    def processes(self, count: int) -> int:
+        """How many processes there are for so many tasks."""
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+        """Tasks with what was done, in the order in which they end."""
+
+
+@contextmanager
+def _pool(how: BatchOptions, out: Path, most: int | None = None) -> Iterator[Pool]:
+    """What does the tasks; there are no more of them than `most`. A dry run, which writes nothing, is done here."""
+    if how.cluster is not None and not how.dry_run:
+        from mipbake.batch.cluster import cluster
+
+        with cluster(how.cluster, how.jobs, how.memory, out) as there:
+            yield there
+        return
+    jobs = min(how.jobs or 1, most or how.jobs or 1)
+    limit = memory.default() if how.memory is None else how.memory
+    with workers(jobs, Share.of(jobs, threads(), limit)) as here:
+        yield here
 
 
 def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choose | None) -> Choose:
@@ -271,7 +303,7 @@ class Batch:
         for each in plan.left.values():
             self.listener.left(each)
 
-    def bake(self, plan: Plan, pool: Workers) -> Summary:
+    def bake(self, plan: Plan, pool: Pool) -> Summary:
         """Does the tasks of a plan."""
         done: dict[str, EntryResult] = {}
         clock = _Clock(plan.tasks)

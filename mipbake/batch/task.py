@@ -71,12 +71,26 @@ class Done:
 def work(task: Task) -> Done:
     """Does a task. Errors are among the results."""
     begun = time.monotonic()
+    return done(task, *tried(task), begun)
+
+
+def tried(task: Task) -> tuple[list[Result], Sequence[FileState]]:
+    """What became of a source, errors among it, and the files that decide it, as they were before they were read; none
+    where that is not known."""
     try:
-        results, files = _baked(task)
+        return _baked(task)
     except MipbakeError as error:
-        results, files = [NotBaked(task.entry.source, error)], ()
+        return [NotBaked(task.entry.source, error)], ()
     except Exception as error:
-        results, files = [NotBaked(task.entry.source, _unforeseen(error))], ()
+        return [NotBaked(task.entry.source, unforeseen(error))], ()
+
+
+def done(task: Task, results: Sequence[Result], files: Sequence[FileState], begun: float) -> Done:
+    """What was done, when the results lie where they belong.
+
+    Args:
+        results, files: see `tried`. begun: when, by time.monotonic.
+    """
     if task.touch:
         for file in result_files([each for each in results if isinstance(each, Unchanged)]):
             if declares(file):
@@ -149,7 +163,8 @@ def _buffers(document: Document) -> Iterator[Path]:
             yield file
 
 
-def _unforeseen(error: Exception) -> WorkerError:
+def unforeseen(error: Exception) -> WorkerError:
+    """What a user is told of an error that no code expects."""
     if isinstance(error, MemoryError):
         return WorkerError(
             "there is not enough memory for it: bake fewer at a time (--jobs), or hold them to less (--memory)"

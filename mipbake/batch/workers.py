@@ -67,6 +67,10 @@ class Workers:
         self._pool: ProcessPoolExecutor | None = None
         self._lifeline: Connection | None = None
 
+    def processes(self, count: int) -> int:
+        """How many processes there are for so many tasks."""
+        return min(self._jobs, count)
+
     def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
         """Tasks with what was done, in the order in which they end. One whose process dies keeps no other from it."""
         waiting, suspects = deque(tasks), deque[Task]()
@@ -151,7 +155,7 @@ def _begin(share: Share, lifeline: Connection, scratch: Path) -> None:
     os.environ["TMPDIR"] = tempfile.tempdir = str(scratch)
     os.environ["MIPBAKE_THREADS"] = os.environ["OMP_NUM_THREADS"] = str(share.threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; who has begun the batch ends it
-    signal.signal(signal.SIGTERM, lambda *_: _end())
+    signal.signal(signal.SIGTERM, lambda *_: end_at_once())
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOPPING)
     threading.Thread(None, _end_with, None, (lifeline,), daemon=True).start()
@@ -159,7 +163,7 @@ def _begin(share: Share, lifeline: Connection, scratch: Path) -> None:
     _HELD.enter_context(memory.limited(share.memory))
 
 
-def _end() -> None:
+def end_at_once() -> None:
     """Ends the process at once, without what it had begun to write."""
     for path in unfinished():
         remove(path)
@@ -171,7 +175,7 @@ def _end_with(lifeline: Connection) -> None:
     try:
         lifeline.recv()
     except (EOFError, OSError):
-        _end()
+        end_at_once()
 
 
 def _failed(task: Task, why: str) -> Done:

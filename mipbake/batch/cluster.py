@@ -1,0 +1,274 @@
+"""The tasks of a batch on the machines of a Ray cluster.
+
+Machines that see the same files read and write them themselves. Where one does not, sources are sent to it and results
+are sent back. A machine or a process that dies keeps nothing from being baked: what it was about is begun elsewhere.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import platform
+import signal
+import socket
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from mipbake import _native, memory
+from mipbake._allocator import keep_freed_memory
+from mipbake._extras import extra
+from mipbake._version import __version__
+from mipbake.baking.results import NotBaked
+from mipbake.batch.parcels import Delivery, Parcel, absolute, as_named, baked_from, packed, unpacked
+from mipbake.batch.results import WorkerError
+from mipbake.batch.state import FOLDER, FileState, states
+from mipbake.batch.task import Done, Task, unforeseen, work
+from mipbake.batch.workers import end_at_once
+from mipbake.errors import MipbakeError, OutputError, UsageError
+from mipbake.io.leftovers import begun, tidy
+
+if TYPE_CHECKING:
+    import ray
+
+THREADS = 4
+"""CPUs of a process, where the number of processes is not said. A guess."""
+
+_TRIES = 2
+"""How often a task whose process or machine died is begun again."""
+
+_AHEAD = 2
+"""Tasks that wait, as a multiple of those that run, so that no machine waits and one that joins has something to do."""
+
+_PATIENCE = 10
+"""Seconds in which the head of a cluster must answer."""
+
+_LEFT = "mipbake-work"
+"""Name of temporary folders, which are tidied up where a process died."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a process of a cluster is asked to do.
+
+    Args:
+        version: of mipbake here. share: CPUs that it may use. memory: bytes that it is held to; None for its part of
+            what mipbake takes of a machine.
+        work: a task for who sees the same files, or a parcel.
+        mark: a file beside the results, which only those see. files: of the source, as they are seen here.
+    """
+
+    version: str
+    share: int
+    memory: int | None
+    work: Task | Parcel
+    mark: Path
+    files: tuple[tuple[str, int], ...] = ()
+
+
+Answer = Done | list[Delivery] | Literal["apart"]
+"""What came of an order; "apart": the machine does not see the same files."""
+
+
+class Cluster:
+    """Does tasks on a cluster, as `mipbake.batch.workers.Workers` does on one machine."""
+
+    def __init__(self, jobs: int | None, limit: int | None, mark: Path) -> None:
+        self._jobs = jobs
+        self._limit = limit
+        self._mark = mark
+        self._apart = False
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+        """Tasks with what was done, in the order in which they end."""
+        import ray
+
+        waiting = deque(tasks)
+        running: dict[ray.ObjectRef[Any], tuple[Task, Sent]] = {}
+        threads, most = self._shape(len(waiting))
+        wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
+        if self._limit is not None:
+            wanted["memory"] = self._limit
+        follow = ray.remote(**wanted)(followed)
+        while waiting or running:
+            while waiting and len(running) < most:
+                task = waiting.popleft()
+                sent = self._sent(task)
+                if isinstance(sent, Done):
+                    yield task, sent
+                else:
+                    order = Order(__version__, threads, self._limit, sent.work, self._mark, sent.seen)
+                    running[follow.remote(order)] = task, sent
+            if not running:
+                continue
+            (reference, *_), _ = ray.wait(list(running), num_returns=1)
+            task, sent = running.pop(reference)
+            answer = _answer(reference)
+            if answer == "apart":
+                self._apart = True
+                waiting.appendleft(task)
+            elif isinstance(answer, Done):
+                yield task, as_named(answer, task)
+            elif isinstance(answer, MipbakeError):
+                yield task, Done((NotBaked(task.entry.source, answer),), None, time.monotonic() - sent.begun)
+            else:
+                yield task, unpacked(task, answer, sent.files, sent.begun)
+
+    def processes(self, count: int) -> int:
+        """How many processes there are for so many tasks, as the cluster is now."""
+        sizes = _sizes()
+        fitting = sum(size // min(THREADS, max(sizes)) for size in sizes)
+        return max(1, min(self._jobs or fitting, count))
+
+    def _shape(self, count: int) -> tuple[int, int]:
+        """CPUs of a process for so many tasks, and how many tasks are given to the cluster at a time."""
+        sizes, jobs = _sizes(), self.processes(count)
+        return max(1, min(sum(sizes) // jobs, max(sizes))), self._jobs or _AHEAD * jobs
+
+    def _sent(self, task: Task) -> Sent | Done:
+        begun = time.monotonic()
+        if not self._apart:
+            seen = tuple((file.path, file.size) for file in states(task.entry.source))
+            return Sent(absolute(task), begun, seen)
+        parcel, files = packed(task)
+        return parcel if isinstance(parcel, Done) else Sent(parcel, begun, files=tuple(files))
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What was given to the cluster.
+
+    Args:
+        work: see `Order`. begun: when, by time.monotonic. seen: see `files` of `Order`.
+        files: that decide the task of a parcel.
+    """
+
+    work: Task | Parcel
+    begun: float
+    seen: tuple[tuple[str, int], ...] = ()
+    files: tuple[FileState, ...] = ()
+
+
+def _sizes() -> list[int]:
+    """CPUs of each machine."""
+    import ray
+
+    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+    return [cpus for node in nodes if node["Alive"] and (cpus := int(node["Resources"].get("CPU", 0)))] or [1]
+
+
+@contextmanager
+def cluster(address: str, jobs: int | None, limit: int | None, out: Path) -> Iterator[Cluster]:
+    """A cluster that does tasks. What it is about is not finished when the block raises.
+
+    Args:
+        address: "auto" for the cluster that this machine belongs to; HOST:PORT of a head, or ray://HOST:PORT.
+        jobs: how many tasks are done at once; None for as many as fit.
+        limit: bytes that each process is held to; None for its part of what mipbake takes of a machine.
+        out: folder of all results.
+
+    Raises:
+        UsageError: Ray is not installed, or no cluster answers. OutputError: the folder cannot be written.
+    """
+    with extra("cluster", "--cluster"):
+        import ray
+    own = not ray.is_initialized()
+    if own:
+        try:
+            _check_address(address)
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        except (OSError, ValueError, RuntimeError, AssertionError, ImportError) as error:
+            told = str(error).strip().partition("\n")[0].rstrip(".")
+            raise UsageError(
+                f"no Ray cluster can be used at {address} ({told}): start one with `ray start --head` and name its "
+                "HOST:PORT, or `auto` on a machine of the cluster"
+            ) from error
+    try:
+        with _marked(Path(os.path.abspath(out)) / FOLDER / "shared") as mark:  # noqa: PTH100  links stay
+            yield Cluster(jobs, limit, mark)
+    finally:
+        if own:
+            ray.shutdown()
+
+
+def _check_address(address: str) -> None:
+    """OSError where nothing answers: Ray itself tries for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdecimal():
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
+
+
+@contextmanager
+def _marked(place: Path) -> Iterator[Path]:
+    """A file that who sees the same files sees."""
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        tidy(place)
+        with begun(place, lambda path: path.touch(exist_ok=False)) as mark:
+            yield mark
+    except OSError as error:
+        raise OutputError(f"cannot write to {place.parent}: {error.strerror or error}") from error
+
+
+def _answer(reference: ray.ObjectRef[Any]) -> Answer | MipbakeError:
+    """What came of an order, or why nothing did."""
+    import ray
+
+    try:
+        answer: Answer = ray.get(reference)
+    except MipbakeError as error:
+        return error
+    except ray.exceptions.RayTaskError as error:
+        return unforeseen(error.cause)
+    except ray.exceptions.RayError as error:
+        told = str(error).strip().splitlines()
+        why = f"{type(error).__name__}: {told[-1] if told else ''}"
+        return WorkerError(
+            f"no process of the cluster has finished it ({why}): see that mipbake {__version__} is installed on all "
+            "machines, and hold processes to less (--memory) where memory ran out"
+        )
+    return answer
+
+
+def followed(order: Order) -> Answer:
+    """Follows an order, in a process of the cluster.
+
+    Raises:
+        UsageError: another version of mipbake is installed there.
+    """
+    if __version__ != order.version:
+        raise UsageError(
+            f"{platform.node()} has mipbake {__version__}, and the batch was begun by {order.version}: install the "
+            "same version on all machines of the cluster"
+        )
+    _native.set_num_threads(order.share)
+    signal.signal(signal.SIGTERM, lambda *_: end_at_once())
+    if order.memory is None:
+        whole = memory.default()
+        limit = None if whole is None else max(1, whole * order.share // (os.cpu_count() or 1))
+    else:
+        limit = order.memory
+    keep_freed_memory(limit)
+    place = Path(tempfile.gettempdir()) / _LEFT
+    before = tempfile.tempdir
+    tidy(place)
+    with begun(place, Path.mkdir) as scratch, memory.limited(limit):
+        tempfile.tempdir = str(scratch)
+        try:
+            if isinstance(order.work, Parcel):
+                return baked_from(order.work)
+            return work(order.work) if _sees(order, order.work) else "apart"
+        finally:
+            tempfile.tempdir = before
+
+
+def _sees(order: Order, task: Task) -> bool:
+    """Whether this machine sees the files of a task, and the folder that results belong into."""
+    if not order.mark.exists():
+        return False
+    return order.files == tuple((file.path, file.size) for file in states(task.entry.source))

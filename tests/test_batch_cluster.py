@@ -1,0 +1,229 @@
+"""Batches on a Ray cluster of two machines, which are processes here."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake.baking import BakeOptions, NotBaked
+from mipbake.batch import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
+from mipbake.batch.cluster import Order, followed
+from mipbake.batch.results import Progress
+from mipbake.batch.task import Task
+from mipbake.cli.main import main
+from mipbake.errors import UsageError
+from mipbake.io.leftovers import OLD, PARTIAL
+from mipbake.io.options import LoadOptions
+
+from .command_line import fails, tree, write_png, write_set
+from .test_batch_workers import LINEAR, content, write_library
+
+ray = pytest.importorskip("ray", reason="the extra `cluster` has no build for this system")
+from ray.cluster_utils import Cluster  # noqa: E402
+
+_NODE = {"num_cpus": 1, "object_store_memory": 100 << 20}
+
+
+@pytest.fixture(name="machines", scope="module")
+def two_machines() -> Iterator[Cluster]:
+    made = Cluster(initialize_head=True, head_node_args={**_NODE, "include_dashboard": False})
+    made.add_node(**_NODE)
+    made.wait_for_nodes()
+    yield made
+    made.shutdown()
+
+
+class Apart(BatchListener):
+    """Takes the mark away by which machines see that they share a disk; so for them they do not."""
+
+    def __init__(self, out: Path) -> None:
+        self.marks = out / ".mipbake"
+        self.processes = 0
+
+    def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
+        del entries, notes
+        self.processes = jobs
+        for mark in self.marks.glob(f".shared.*{PARTIAL}"):
+            mark.unlink()
+
+
+def bake(
+    library: Path | str, out: Path | str, machines: Cluster, listener: BatchListener | None = None, **how: Any
+) -> Summary:
+    options = BatchOptions(cluster=machines.address, **how)
+    return bake_library(library, out, LINEAR, None, options, listener or BatchListener())
+
+
+def counts(summary: Summary) -> tuple[int, int, int]:
+    return summary.baked, summary.unchanged, len(summary.failures)
+
+
+def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paths may be relative: machines of a cluster have working directories of their own."""
+    write_library(tmp_path / "lib", 4)
+    monkeypatch.chdir(tmp_path)
+    listener = Apart(Path("nowhere"))
+    found = bake("lib", "out", machines, listener)
+    assert counts(found) == (4, 0, 1) and listener.processes == 2
+    here = bake_library("lib", "calm", LINEAR)
+    assert content(Path("out")) == content(Path("calm"))
+    assert str(found.failures[0].error) == str(here.failures[0].error)
+    assert [each.results[0].source for each in found.entries] == [each.results[0].source for each in here.entries]
+    baked = [(a.results[0], b.results[0]) for a, b in zip(found.entries, here.entries, strict=True)]
+    for a, b in baked:
+        assert isinstance(a, NotBaked) or Path("calm") / a.out.relative_to("out") == b.out  # type: ignore[union-attr]
+    assert counts(bake("lib", "out", machines)) == (0, 4, 1)
+    assert tree(Path("out/.mipbake")) == ["batch.sqlite"]
+
+
+def test_the_command(tmp_path: Path, machines: Cluster, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also that `auto` finds the cluster of this machine."""
+    library, out = write_library(tmp_path / "lib", 1), tmp_path / "out"
+    assert machines.address
+    assert main(["bake", str(library), "-r", "-o", str(out), "--method", "linear", "--cluster", "auto"]) == 3
+    told = capsys.readouterr().out
+    assert "found 2 sources, baking with 2 processes" in told and "1 set baked, 0 unchanged, 1 failed" in told
+
+
+def test_files_are_sent_where_they_are_not_seen(
+    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_library(tmp_path / "lib", 3)
+    monkeypatch.chdir(tmp_path)
+    sent = bake("lib", "out", machines, Apart(Path("out")))
+    here = bake_library("lib", "calm", LINEAR)
+    assert counts(sent) == (3, 0, 1), [str(each.error) for each in sent.failures]
+    assert content(Path("out")) == content(Path("calm"))
+    assert str(sent.failures[0].error) == str(here.failures[0].error)
+    assert all(each.out.is_dir() for entry in sent.entries for each in entry.results if not isinstance(each, NotBaked))
+    assert counts(bake("lib", "out", machines)) == (0, 3, 1)
+    assert counts(bake("lib", "out", machines, Apart(Path("out")), force=True)) == (3, 0, 1)
+    assert content(Path("out")) == content(Path("calm"))
+
+
+def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machines: Cluster) -> None:
+    write_set(tmp_path / "lib" / "steel")
+    (tmp_path / "out" / "steel").mkdir(parents=True)
+    (tmp_path / "out" / "steel" / "notes.txt").write_text("of somebody")
+    found = bake(tmp_path / "lib", tmp_path / "out", machines, Apart(tmp_path / "out"))
+    assert "files that are not mipbake's" in str(found.failures[0].error)
+    assert tree(tmp_path / "out" / "steel") == ["notes.txt"]
+
+
+def test_an_archive_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
+    import shutil
+
+    write_set(tmp_path / "steel")
+    (tmp_path / "lib").mkdir()
+    shutil.make_archive(str(tmp_path / "lib" / "steel"), "zip", tmp_path / "steel")
+    rock = tmp_path / "lib" / "rock"
+    write_set(rock)
+    for file in list(rock.iterdir()):
+        for tile in (1001, 1002):
+            shutil.copy(file, rock / f"rock_{file.stem}.{tile}.png")
+        file.unlink()
+    found = bake(tmp_path / "lib", tmp_path / "out", machines, Apart(tmp_path / "out"))
+    assert counts(found) == (3, 0, 0), [str(each.error) for each in found.failures]
+    bake_library(tmp_path / "lib", tmp_path / "calm", LINEAR)
+    assert content(tmp_path / "out") == content(tmp_path / "calm")
+
+
+def at_work() -> list[int]:
+    """Processes of the cluster that do a task now."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            if path.read_bytes().startswith(b"ray::followed"):
+                found.append(int(path.parent.name))
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(
+    tmp_path: Path, machines: Cluster, apart: bool
+) -> None:
+    library = write_library(tmp_path / "lib", 4)
+    killed = threading.Event()
+
+    def kill() -> None:
+        end = time.monotonic() + 120
+        while time.monotonic() < end:
+            for process in at_work():
+                os.kill(process, signal.SIGKILL)
+                killed.set()
+                return
+            time.sleep(0.005)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    out = tmp_path / "out"
+    found = bake(library, out, machines, Apart(out if apart else tmp_path / "nowhere"))
+    thread.join()
+    assert killed.is_set() and counts(found) in ((4, 0, 1), (3, 1, 1))  # it may have written its result before
+    bake_library(library, tmp_path / "calm", LINEAR)
+    assert content(out) == content(tmp_path / "calm")
+    assert not [name for name in tree(out) if name.endswith((PARTIAL, OLD))]
+
+
+def test_what_a_machine_leaves_when_it_goes_is_done_by_others(tmp_path: Path, machines: Cluster) -> None:
+    library = write_library(tmp_path / "lib", 4)
+    third = machines.add_node(**_NODE)
+    machines.wait_for_nodes()
+
+    class Removes(BatchListener):
+        done_once = False
+
+        def done(self, result: EntryResult, progress: Progress) -> None:
+            del result, progress
+            if not self.done_once:
+                self.done_once = True
+                machines.remove_node(third)
+
+    assert counts(bake(library, tmp_path / "out", machines, Removes())) in ((4, 0, 1), (3, 1, 1))
+    bake_library(library, tmp_path / "calm", LINEAR)
+    assert content(tmp_path / "out") == content(tmp_path / "calm")
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nonsense"])
+def test_no_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str], address: str) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    said = fails(capsys, 2, "bake", library, "-r", "-o", tmp_path / "out", "--cluster", address, "--quiet")
+    assert f"no Ray cluster can be used at {address}" in said and "ray start --head" in said
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    entry = bake_library(library, tmp_path / "out", LINEAR, None, BatchOptions(dry_run=True)).entries[0].entry
+    task = Task(entry, tmp_path / "out", BakeOptions(), LoadOptions(), "changed", True)
+    order = Order("0.0.1", 1, None, replace(task, which="none"), tmp_path / "mark")
+    with pytest.raises(UsageError, match=r"begun by 0\.0\.1: install the same version"):
+        followed(order)
+
+
+def test_a_dry_run_needs_no_cluster(tmp_path: Path) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    options = BatchOptions(cluster="127.0.0.1:1", dry_run=True)
+    assert bake_library(library, tmp_path / "out", LINEAR, None, options).planned == 1
+
+
+def test_broken_files_are_told_of_with_the_paths_of_the_user(
+    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also what is found when a set is read, which the other machine does."""
+    write_set(tmp_path / "lib" / "steel")
+    write_png(tmp_path / "lib" / "steel" / "normal.png", np.zeros((16, 16, 3), np.uint8))
+    monkeypatch.chdir(tmp_path)
+    sent = bake("lib", "out", machines, Apart(Path("out")))
+    here = bake_library("lib", "calm", LINEAR)
+    assert [str(each.error) for each in sent.failures] == [str(each.error) for each in here.failures] != []
