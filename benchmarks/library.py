@@ -4,7 +4,8 @@
 
 The library is generated: sets of several sizes and kinds, some broken, some of one name. It is baked once without an
 interruption. Then it is baked by a command that is killed at random moments, with all its processes, until it ends.
-What both left must be the same, byte for byte, and nothing may have been baked twice.
+Last it is baked on a Ray cluster of two machines, which are processes here, while processes that bake are killed one
+after the other. What all left must be the same, byte for byte, and nothing may have been baked twice.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -54,7 +56,7 @@ class Baker:
     library: Path
     out: Path
     log: Path
-    jobs: int
+    where: tuple[str, ...]
 
     def __post_init__(self) -> None:
         """Nothing is baked yet."""
@@ -63,7 +65,7 @@ class Baker:
     def run(self, kill_after: float | None = None, number: int = signal.SIGKILL) -> Pass:
         """One call, which may be killed after some seconds."""
         self.log.unlink(missing_ok=True)
-        options = ["-r", "-o", str(self.out), "-j", str(self.jobs), "--method", "linear", "--json-log", str(self.log)]
+        options = ["-r", "-o", str(self.out), *self.where, "--method", "linear", "--json-log", str(self.log)]
         begun = time.monotonic()
         process = subprocess.Popen(
             [*COMMAND, str(self.library), *options, "--quiet"],
@@ -93,6 +95,50 @@ def content(out: Path) -> dict[str, str]:
     return {str(path.relative_to(out)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+def differences(expected: dict[str, str], found: dict[str, str]) -> list[str]:
+    """Files that are not the same in both."""
+    return sorted(name for name in {*expected, *found} if expected.get(name) != found.get(name))
+
+
+def on_cluster(library: Path, folder: Path, kills: int, seconds: float) -> tuple[Pass, int]:
+    """A bake on two machines of one core each, and how many processes were killed meanwhile.
+
+    Args:
+        seconds: that a bake takes; processes are killed within them.
+    """
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 200 << 20}
+    machines = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    over, deaths = threading.Event(), 0
+
+    def kill() -> None:
+        nonlocal deaths
+        rng = random.Random(2)
+        while deaths < kills and not over.wait(rng.uniform(0.3, 1.0) * seconds / kills):
+            if busy := at_work():
+                os.kill(rng.choice(busy), signal.SIGKILL)
+                deaths += 1
+
+    killer = threading.Thread(target=kill)
+    try:
+        machines.add_node(**node)
+        machines.wait_for_nodes()
+        baker = Baker(library, folder / "cluster", folder / "cluster.jsonl", ("--cluster", machines.address))
+        killer.start()
+        return baker.run(), deaths
+    finally:
+        over.set()
+        killer.join()
+        machines.shutdown()
+
+
+def at_work() -> list[int]:
+    """Processes of clusters of this machine that bake now."""
+    named = ((path, path.read_bytes()) for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists())
+    return [int(path.parent.name) for path, name in named if name.startswith(b"ray::followed")]
+
+
 def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, jobs: int) -> dict[str, Any]:
     """Bakes the library in all ways."""
     library = folder / "library"
@@ -100,7 +146,8 @@ def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, job
     then = time.time() - 60
     for path in library.rglob("*"):
         os.utime(path, (then, then))
-    calm = Baker(library, folder / "calm", folder / "calm.jsonl", jobs)
+    here = ("-j", str(jobs))
+    calm = Baker(library, folder / "calm", folder / "calm.jsonl", here)
     whole = calm.run()
     again = calm.run()
     touched = next(library.rglob("normal.png"))
@@ -112,13 +159,15 @@ def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, job
     calm.run()
 
     rng = random.Random(1)
-    killed = Baker(library, folder / "killed", folder / "killed.jsonl", jobs)
+    killed = Baker(library, folder / "killed", folder / "killed.jsonl", here)
     passes = []
     for index in range(kills):
         share = whole.seconds / (kills + 1)
         passes.append(killed.run(rng.uniform(0.7, 1.6) * share + 1.0, SIGNALS[index % len(SIGNALS)]))
     passes.append(killed.run())
     expected, found = content(calm.out), content(killed.out)
+    there, deaths = on_cluster(library, folder, kills, whole.seconds)
+    differing = content(folder / "cluster")
     return {
         "machine": cpu_name(),
         "cores": os.cpu_count(),
@@ -131,9 +180,12 @@ def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, job
         "one changed": asdict(one),
         "killed": [asdict(each) for each in passes],
         "baked twice": sum(each.twice for each in passes),
-        "results": len(expected),
+        "cluster": asdict(there),
+        "cluster deaths": deaths,
+        "files": len(expected),
         "same": expected == found,
-        "differ": sorted(name for name in {*expected, *found} if expected.get(name) != found.get(name))[:20],
+        "same on cluster": expected == differing,
+        "differ": [*differences(expected, found), *differences(expected, differing)][:20],
     }
 
 

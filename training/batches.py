@@ -12,14 +12,16 @@ from mipbake.training.base import Batch
 from mipbake.training.config import TrainingConfig
 from mipbake.training.data import Materials, draw_crops, step_generator
 from mipbake.training.drawing import Drawer
+from mipbake.training.ranks import Ranks
 
 _KEPT = 8  # batches that are kept for another use; a guess
 _REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's; a seed
 
 
-def draw_batch(materials: Materials, config: TrainingConfig, index: int) -> Batch:
-    """Batch 0, 1, ...: a pure function of the materials, the configuration and the index. Encoders take turns."""
-    rng, loss = step_generator(config.run.seed, index), config.loss
+def draw_batch(materials: Materials, config: TrainingConfig, index: int, among: Ranks = Ranks()) -> Batch:  # noqa: B008
+    """Batch 0, 1, ...: a pure function of the materials, the configuration, the index and which process draws among how
+    many. Encoders take turns, and all processes read with the same one."""
+    rng, loss = step_generator(config.run.seed, among.drawn(index)), config.loss
     source = config.network.encoders[index % len(config.network.encoders)]
     patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, source, rng, config.data))
     batch: Batch = loss.draw(patches, source, rng)
@@ -34,11 +36,17 @@ def batch_of(step: int, config: TrainingConfig) -> int:
     return newest - int(np.random.default_rng([config.run.seed, _REUSE, step]).integers(min(_KEPT, newest + 1)))
 
 
-def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterator[Batch]:
+def batches(
+    materials: Materials,
+    config: TrainingConfig,
+    first: int,
+    among: Ranks = Ranks(),  # noqa: B008
+) -> Iterator[Batch]:
     """The batches of steps `first` to the last; new ones are drawn while others are trained on."""
     kept: dict[int, Batch] = {}
     coming = batch_of(first, config)
-    with Drawer(partial(draw_batch, materials, config), coming) as drawer:
+    draw = partial(draw_batch, materials, config, among=among)
+    with Drawer(draw, coming) as drawer:
         drawer.ask(coming)
         for step in range(first, config.run.steps):
             index = batch_of(step, config)
@@ -48,5 +56,5 @@ def batches(materials: Materials, config: TrainingConfig, first: int) -> Iterato
                 coming += 1
                 drawer.ask(coming)
             if index not in kept:  # drawn before a training was resumed
-                kept[index] = draw_batch(materials, config, index)
+                kept[index] = draw(index)
             yield kept[index]

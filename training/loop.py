@@ -8,7 +8,7 @@ import dataclasses
 import os
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
+from mipbake.training.ranks import Ranks, ranks
 from mipbake.training.validation import ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
@@ -62,18 +63,19 @@ class TrainingState:
         """Where the network lies."""
         return next(self.network.parameters()).device
 
-    def advance(self, batch: Batch) -> Tensor:
-        """One optimisation step; returns its loss."""
+    def advance(self, batch: Batch, among: Ranks = Ranks()) -> Tensor:  # noqa: B008
+        """One optimisation step; returns its loss, here alone where several processes train."""
         self.optimiser.zero_grad()
         loss: Tensor = self.config.loss.value(self.network, batch.to(self.device))
         loss.backward()  # type: ignore[no-untyped-call]
+        among.average_(self.optimiser.gradients(batch.source))
         self.optimiser.step(self.step, batch.source)
         self.step += 1
         return loss.detach()
 
-    def save(self, path: Path) -> None:
-        """Writes a checkpoint beside `path` and renames it, so that there is a whole one at any time."""
-        content = {
+    def content(self) -> dict[str, Any]:
+        """What a checkpoint holds."""
+        return {
             "config": plain(self.config),
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
@@ -83,9 +85,12 @@ class TrainingState:
             "best": self.best,
             "commit": self.commit,
         }
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint beside `path` and renames it, so that there is a whole one at any time."""
         temporary = path.with_suffix(".partial")
         try:
-            torch.save(content, temporary)
+            torch.save(self.content(), temporary)
             temporary.replace(path)
         except (OSError, RuntimeError) as error:
             temporary.unlink(missing_ok=True)
@@ -126,18 +131,22 @@ def _state(config: TrainingConfig, network: Network, device: torch.device) -> Tr
 def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
     """The state in a checkpoint, on a device; InputError when it cannot be read as one."""
     try:
-        content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-        config = config_from(content["config"])
-        state = _state(config, config.network.build(), device)
-        state.network.load_state_dict(content["network"])
-        state.average.load_state_dict(content["average"])
-        state.optimiser.load_state_dict(content["optimiser"])
-        state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
-        state.score = content["score"]
+        return state_of(torch.load(path, map_location="cpu", weights_only=True), device)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such checkpoint") from error
     except Exception as error:
         raise InputError(f"{path}: not a checkpoint of this version's training ({error})") from error
+
+
+def state_of(content: dict[str, Any], device: torch.device = _CPU) -> TrainingState:
+    """The state that `TrainingState.content` told, on a device."""
+    config = config_from(content["config"])
+    state = _state(config, config.network.build(), device)
+    state.network.load_state_dict(content["network"])
+    state.average.load_state_dict(content["average"])
+    state.optimiser.load_state_dict(content["optimiser"])
+    state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
+    state.score = content["score"]
     return state
 
 
@@ -210,30 +219,59 @@ def train(
     """Trains to the configured number of steps; a new training from the weights in the checkpoint `start`, if given.
 
     Validations take the usual effort, or `effort`. The network lies on a `device` that `device_named` knows; batches
-    are drawn on the processor. A training may go on on another device than it began on.
+    are drawn on the processor. A training may go on on another device than it began on, and in another number of
+    processes (`mipbake.training.ranks`), each of which adds a batch to every step.
 
-    Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png.
+    Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png. Of
+    several processes the first one reads and writes there.
     """
     if resume and start is not None:
         raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
-    where = device_named(device)
-    last = out / LAST
-    if not resume and last.exists():
+    with ranks(device) as among:
+        where = device_named(among.device(device))
+        train_materials, held_out = load_materials(config)
+        if not among.first:
+            state = state_of(among.of_first(None), where)
+            state.config = config
+            for batch in batches(train_materials, config, state.step, among):
+                state.advance(batch, among)
+            return state
+        _check_folder(out, resume)
+        state = resumed_state(out / LAST, config, where) if resume else new_state(config, where)
+        say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
+        if not resume:
+            state.commit = _commit()
+            fit_whitening(state.network, train_materials, config)
+            if start is not None:
+                new = start_from(state, start)
+                say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
+            state.average.load_state_dict(state.network.state_dict())
+        among.of_first(state.content())
+        _trained(state, out, resume, batches(train_materials, config, state.step, among), among, say, held_out, effort)
+        return state
+
+
+def _check_folder(out: Path, resume: bool) -> None:
+    if not resume and (out / LAST).exists():
         raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
-    state = resumed_state(last, config, where) if resume else new_state(config, where)
-    train_materials, held_out = load_materials(config)
-    say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
-    if not resume:
-        state.commit = _commit()
-        fit_whitening(state.network, train_materials, config)
-        if start is not None:
-            new = start_from(state, start)
-            say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
-        state.average.load_state_dict(state.network.state_dict())
+
+
+def _trained(
+    state: TrainingState,
+    out: Path,
+    resume: bool,
+    coming: Iterator[Batch],
+    among: Ranks,
+    say: Callable[[str], None],
+    held_out: Materials,
+    effort: ValidationEffort | None,
+) -> None:
+    """Trains on the batches that come, and writes what becomes of it."""
+    config = state.config
     validator = Validator(held_out, config.network, config.loss.pixel_filter, effort)
     logs = _Logs(out, config.run, state.step)
 
@@ -251,8 +289,8 @@ def train(
         validate()  # the untrained network makes averages of parameters, or of moments with its first guess
     run, started, first = config.run, time.perf_counter(), state.step
     recent: list[Tensor] = []
-    for batch in batches(train_materials, config, first):
-        recent.append(state.advance(batch))
+    for batch in coming:
+        recent.append(state.advance(batch, among))
         step, done = state.step, state.step == run.steps
         if step % run.log_every == 0 or done:
             loss = float(torch.stack(recent).mean())
@@ -264,9 +302,8 @@ def train(
         if step % run.validate_every == 0 or done:
             validate()
         if step % run.checkpoint_every == 0 or done:
-            state.save(last)
+            state.save(out / LAST)
     logs.close()
-    return state
 
 
 class _Logs:

@@ -63,6 +63,10 @@ class FlatAdam:
         for part in self._parts.values():
             part.gradient.zero_()
 
+    def gradients(self, source: str) -> list[Tensor]:
+        """The gradients that a step takes, a vector each: of all parameters except those that other sources train."""
+        return [part.gradient for name, part in self._parts.items() if name in ("", source)]
+
     def step(self, index: int, source: str) -> None:
         """Moves all parameters except those that other sources alone train; `index` decides the rate."""
         for group in self._adam.param_groups:
