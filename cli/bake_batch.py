@@ -85,6 +85,7 @@ def _how(session: Session, asked: BatchAsked, memory: int | None) -> BatchOption
         memory=memory if "memory" in session.given else None,
         touch=asked.depfile is not None,
         cluster=asked.cluster,
+        shard=asked.shard,
     )
 
 

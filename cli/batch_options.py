@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from mipbake.cli.options import OptionalPath
 from mipbake.errors import UsageError
 from mipbake.io.layout import PROJECT
+
+if TYPE_CHECKING:
+    from mipbake.batch import Shard
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class BatchAsked:
     depfile: Path | None = None
     depfile_for: str | None = None
     cluster: str | None = None
+    shard: Shard | None = None
 
     @property
     def any(self) -> bool:
@@ -110,6 +114,14 @@ def batching(
             show_default=False,
         ),
     ] = None,
+    shard: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="I/N",
+            help="Bake part I of N of a batch, for machines that share the work.",
+            show_default=False,
+        ),
+    ] = None,
     config: Annotated[
         OptionalPath,
         project_file(
@@ -125,9 +137,12 @@ def batching(
         raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
     if watch and depfile is not None:
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
-    return BatchAsked(
-        recursive, jobs, force, dry_run or check, json_log, config, watch, check, depfile, depfile_for, cluster
-    )
+    if shard is not None:
+        from mipbake.batch import Shard
+
+        part = Shard.parsed(shard)
+    logs = (json_log, config, watch, check, depfile, depfile_for)
+    return BatchAsked(recursive, jobs, force, dry_run or check, *logs, cluster, part if shard is not None else None)
 
 
 def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:

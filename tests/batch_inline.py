@@ -28,6 +28,9 @@ class Inline:
     def __init__(self) -> None:
         self.labels: list[str] = []
 
+    def processes(self, _count: int) -> int:
+        return 1
+
     def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
         for task in tasks:
             self.labels.append(task.entry.label)

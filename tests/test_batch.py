@@ -13,8 +13,8 @@ import pytest
 
 import mipbake
 from mipbake.baking import BakeOptions, NotBaked
-from mipbake.baking.results import BakedSet, Planned, Unchanged
-from mipbake.batch import BatchOptions, bake_library
+from mipbake.baking.results import BakedSet, Planned, Result, Unchanged
+from mipbake.batch import BatchOptions, Shard, bake_library
 from mipbake.batch import state as batch_state
 from mipbake.batch import task as batch_task
 from mipbake.errors import UsageError
@@ -228,3 +228,46 @@ def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> 
         library.parent / "out/metals/steel",
         library.parent / "out/wood",
     }
+
+
+def test_a_result_with_a_defect_is_told_in_the_same_way_again(
+    library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = batch_task.bake_jobs
+
+    def defective(*arguments: Any) -> list[Result]:
+        made = plain(*arguments)
+        return [replace(each, defects=("one", "two")) if isinstance(each, BakedSet) else each for each in made]
+
+    monkeypatch.setattr(batch_task, "bake_jobs", defective)
+    first = bake(library)
+    assert (first.baked, first.exit_code) == (2, 1)
+    again = bake(library)
+    assert inline.labels == []
+    assert counts(again) == (0, 0, 2) and again.exit_code == 1
+    assert [str(each.error) for each in again.failures] == ["one; two"] * 2
+
+
+def test_shards_are_the_library(library: Path, inline: Inline) -> None:
+    for name in ("brass", "copper", "tin"):
+        write_set(library / "more" / name)
+    aged(library)
+    told = [
+        [entry.entry.label for entry in bake(library, shard=Shard(number, 3)).entries if entry.results]
+        for number in (1, 2, 3)
+    ]
+    assert [len(each) for each in told] == [2, 2, 1]
+    everything = sorted(label for each in told for label in each)
+    assert everything == ["metals/steel", "more/brass", "more/copper", "more/tin", "wood"]
+    assert counts(bake(library)) == (0, 5, 0)
+    assert bake(library, shard=Shard(9, 9)).entries == ()
+    lists = {path.name for path in (library.parent / "out/.mipbake").iterdir()}
+    assert {"batch.sqlite", *(f"batch-{number}-of-3.sqlite" for number in (1, 2, 3))} <= lists
+    inline.labels.clear()
+    assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/2"])
+def test_a_shard_that_is_none(text: str) -> None:
+    with pytest.raises(UsageError, match="expected I/N"):
+        Shard.parsed(text)

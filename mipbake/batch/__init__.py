@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mipbake.batch.finding import Shard
 from mipbake.batch.library import Entry, Home, Library, entries_below, entries_of
 from mipbake.batch.project import COMMAND_LINE, TEMPLATE, Chosen, Project, read_project, settings_of
 from mipbake.batch.results import BatchListener, EntryResult, Summary
@@ -18,6 +19,7 @@ __all__ = [
     "Home",
     "Library",
     "Project",
+    "Shard",
     "Summary",
     "bake_library",
     "entries_below",

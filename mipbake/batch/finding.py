@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from mipbake.batch.library import Library, entries_below, entries_of
-from mipbake.errors import InputError
+from mipbake.batch.library import Entry, Library, entries_below, entries_of
+from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
 from mipbake.io.archives import MATERIALX
 from mipbake.io.gltf.document import read_document
@@ -20,8 +21,47 @@ from mipbake.io.mtlx.materials import read_materialx
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 
+@dataclass(frozen=True)
+class Shard:
+    """One part of a library, which is baked apart from the others, as on another machine.
+
+    Args:
+        number: from 1. count: how many parts there are.
+
+    Raises:
+        UsageError: there is no such part.
+    """
+
+    number: int
+    count: int
+
+    def __post_init__(self) -> None:
+        """Checks that there is such a part."""
+        if not 1 <= self.number <= self.count:
+            raise UsageError(f"the shard is {self}: expected I/N with I from 1 to N")
+
+    @classmethod
+    def parsed(cls, text: str) -> Shard:
+        """The shard that a user writes as I/N."""
+        found = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+        if found is None:
+            raise UsageError(f"the shard is {text!r}: expected I/N, for example 1/16 and on to 16/16")
+        return cls(int(found[1]), int(found[2]))
+
+    def of(self, entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        """Its entries: every N-th one, because neighbours often take as long as each other."""
+        return tuple(entries[self.number - 1 :: self.count])
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
 def found_library(
-    sources: PathLike | Sequence[PathLike], out: Path, recursive: bool = True, within: Sequence[Path] = ()
+    sources: PathLike | Sequence[PathLike],
+    out: Path,
+    recursive: bool = True,
+    within: Sequence[Path] = (),
+    shard: Shard | None = None,
 ) -> Library:
     """What can be baked.
 
@@ -29,6 +69,7 @@ def found_library(
         sources: what `mipbake.load_all` takes. out: the folder of all results.
         recursive: whether everything below the sources is meant; else the sources themselves.
         within: paths, one of which an entry must be or lie in; empty for all entries.
+        shard: the part of these entries that is meant, which may be empty; None for all of them.
 
     Raises:
         InputError: a source or a path is not there, or nothing can be baked.
@@ -39,8 +80,8 @@ def found_library(
     for place in within:
         if not any(disk.lies_in(entry.source, place) for entry in library.entries):
             raise InputError(f"{place} holds nothing of the library: expected a source in it, or a folder around some")
-    kept = (e for e in library.entries if not within or any(disk.lies_in(e.source, place) for place in within))
-    return replace(library, entries=tuple(kept))
+    kept = [e for e in library.entries if not within or any(disk.lies_in(e.source, place) for place in within)]
+    return replace(library, entries=tuple(kept) if shard is None else shard.of(kept))
 
 
 def _document_files(document: Path) -> list[Path]:

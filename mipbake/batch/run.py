@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePath
 from typing import Protocol, TypeAlias
@@ -18,7 +18,7 @@ from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
 from mipbake.baking.results import NotBaked, Planned
 from mipbake.baking.sets import Which
-from mipbake.batch.finding import PathLike, found_library
+from mipbake.batch.finding import PathLike, Shard, found_library
 from mipbake.batch.library import Entry, Home, Library
 from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
@@ -60,6 +60,7 @@ class BatchOptions:
             systems need it.
         cluster: a Ray cluster, whose machines bake: "auto" for the one that this machine belongs to, HOST:PORT of its
             head, or ray://HOST:PORT; None for this machine alone.
+        shard: the part of the entries that is baked, which may be empty; None for all.
     """
 
     recursive: bool = True
@@ -70,6 +71,7 @@ class BatchOptions:
     within: tuple[Path, ...] = ()
     touch: bool = False
     cluster: str | None = None
+    shard: Shard | None = None
 
     def __post_init__(self) -> None:
         """UsageError for values that cannot be."""
@@ -123,8 +125,8 @@ def bake_library(
     """
     how = batch or BatchOptions()
     choose = _chooser(options, load, choose)
-    library = found_library(sources, Path(out), how.recursive, how.within)
-    with opened(Path(out), write=not how.dry_run) as states:
+    library = found_library(sources, Path(out), how.recursive, how.within, how.shard)
+    with opened(Path(out), _list_name(how), not how.dry_run) as states:
         run = Batch(Path(out), choose, how, states, listener)
         plan = run.plan(library)
         if not plan.tasks:
@@ -164,12 +166,12 @@ def watch_library(
     place = Path(out)
 
     def find() -> Library:
-        return found_library(sources, place, how.recursive, how.within)
+        return found_library(sources, place, how.recursive, how.within, how.shard)
 
     library = find()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
-    with opened(place) as states, _pool(how, place) as pool:
+    with opened(place, _list_name(how)) as states, _pool(how, place) as pool:
         run = Batch(place, choose, how, states, listener)
         plan = run.plan(library)
         run.tell(library, plan, pool.processes(len(plan.tasks)))
@@ -180,6 +182,11 @@ def watch_library(
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
+
+
+def _list_name(how: BatchOptions) -> str:
+    """The list of a shard is its own: shards are baked at the same time, on machines that share a disk."""
+    return "batch" if how.shard is None else f"batch-{how.shard.number}-of-{how.shard.count}"
 
 
 class Pool(Protocol):
@@ -284,18 +291,24 @@ class Batch:
 
     def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
         """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""
-        folders = [entry.source.parent, *([entry.source] if entry.source.is_dir() else [])]
         if self.how.touch and known.results:
-            files = [self.out / file.path for file in known.results if declares(PurePath(file.path))]
-            latest = max(path.stat().st_mtime_ns for path in folders)
-            if any(file.stat().st_mtime_ns <= max(latest, *(f.modified for f in known.files)) for file in files):
-                for file in files:
-                    os.utime(file)
-                results = tuple(state_of(self.out / file.path, self.out, ours=True) for file in known.results)
-                known = replace(known, results=results)
-                self.states.remember(entry.label, entry.source, key, known)
+            with suppress(OSError):  # somebody removes something just now: the next time will see it
+                known = self._touched(entry, known, key)
         faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in known.faults)
         return EntryResult(entry, faults, known.count, known=known)
+
+    def _touched(self, entry: Entry, known: Known, key: str) -> Known:
+        folders = [entry.source.parent, *([entry.source] if entry.source.is_dir() else [])]
+        files = [self.out / file.path for file in known.results if declares(PurePath(file.path))]
+        latest = max(*(path.stat().st_mtime_ns for path in folders), *(file.modified for file in known.files))
+        if all(file.stat().st_mtime_ns > latest for file in files):
+            return known
+        for file in files:
+            os.utime(file)
+        results = tuple(state_of(self.out / file.path, self.out, ours=True) for file in known.results)
+        known = replace(known, results=results)
+        self.states.remember(entry.label, entry.source, key, known)
+        return known
 
     def tell(self, library: Library, plan: Plan, jobs: int) -> None:
         """Tells the listener of what is going to be baked in so many processes, and of what is left."""

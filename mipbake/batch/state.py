@@ -26,7 +26,7 @@ from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.tiles import is_pattern
 
 FOLDER = ".mipbake"
-_FILE = "batch.sqlite"
+_SUFFIX = ".sqlite"
 _SCHEMA = 3
 _PATIENCE = 5  # seconds that another process may write
 
@@ -204,13 +204,14 @@ def _known(content: str) -> Known | None:
 
 
 @contextmanager
-def opened(out: Path, write: bool = True) -> Iterator[States]:
+def opened(out: Path, name: str = "batch", write: bool = True) -> Iterator[States]:
     """The database of a folder of results. Where it cannot be had, nothing is known; a damaged one is begun anew.
 
     Args:
+        name: of the database.
         write: whether it is made where there is none; else what is remembered is forgotten.
     """
-    place = out / FOLDER / _FILE
+    place = out / FOLDER / f"{name}{_SUFFIX}"
     connection = _connected(place, write) or _begun(sqlite3.connect(":memory:"))
     states = States(connection)
     try:

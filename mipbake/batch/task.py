@@ -97,14 +97,14 @@ def done(task: Task, results: Sequence[Result], files: Sequence[FileState], begu
                 os.utime(file)
     known = None
     failures = [each for each in results if isinstance(each, NotBaked)]
-    defects = [sentence for each in results if isinstance(each, BakedSet) for sentence in each.defects]
+    defective = [each for each in results if isinstance(each, BakedSet) and each.defects]
     # Another try would say the same of the same files; not of a full disk, nor where it is not known which files count.
     of_files = all(isinstance(each.error, (InputError, UsageError)) for each in failures)
     if task.which != "none" and of_files and files and not (failures and task.entry.source.suffix == MATERIALX):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
         faults = [(str(each.error), each.error.exit_code) for each in failures]
-        faults += [(sentence, DEFECT) for sentence in defects]
-        known = Known(tuple(files), written, len(results) - len(failures), tuple(faults))
+        faults += [("; ".join(each.defects), DEFECT) for each in defective]
+        known = Known(tuple(files), written, len(results) - len(faults), tuple(faults))
     return Done(tuple(results), known, time.monotonic() - begun)
 
 
