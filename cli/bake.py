@@ -138,9 +138,9 @@ def bake(
     budget: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            metavar=f"30s|2m|{BEST}",
-            help=f"Time that {some_of('budget')} may spend on optimising: a number of seconds or minutes, or {BEST}, "
-            "which goes on until nothing improves.",
+            metavar=f"30s|2m|1h|{BEST}",
+            help=f"Time that {some_of('budget')} may spend on optimising: a number of seconds, minutes or hours, "
+            f"or {BEST}, which goes on until nothing improves. Ctrl-C ends it sooner, with the best so far.",
             show_default="the default of the method",
         ),
     ] = None,
@@ -178,8 +178,10 @@ def bake(
 ) -> None:
     """Bake texture sets into MIP stacks.
 
-    A set that cannot be baked is reported, and the other sets are baked all the same. With --recursive, or
-    any option that says so, it is a batch, which leaves what has not changed since the last time.
+    A set that cannot be baked is reported, and the other sets are baked all the same. A search with a budget is
+    kept in OUT/.<set>.search from time to time: after Ctrl-C or a crash, the same command goes on from there.
+    With --recursive, or any option that says so, it is a batch, which leaves what has not changed since the last
+    time.
     """
     session.in_files = True
     wanted = BakeOptions(

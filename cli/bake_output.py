@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
 from mipbake.baking.options import Asked
 from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
+from mipbake.cli.bake_stopping import Stopping
 from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
 from mipbake.compare.costs import Cost
@@ -19,6 +20,7 @@ from mipbake.glb import output
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
 from mipbake.packing import Normals
+from mipbake.prefilter import Stop
 from mipbake.presets import Preset
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -30,6 +32,17 @@ class Printer(Listener):
     """Prints what happens: for a person on stdout, failures on stderr."""
 
     session: Session
+    stopping: Stopping = field(default_factory=Stopping)
+
+    @contextmanager
+    def descending(self) -> Iterator[Stop]:
+        """See Listener: Ctrl-C stops the search."""
+        with self.stopping.descending() as stop:
+            yield stop
+
+    def ends(self) -> bool:
+        """See Listener."""
+        return self.stopping.asked
 
     @contextmanager
     def timings(self, label: str) -> Iterator[Timings]:

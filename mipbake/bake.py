@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
 
 from mipbake._version import __version__
 from mipbake.content import Provenance, not_finite
@@ -12,7 +15,7 @@ from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.opacity import covering, keeping_coverage, opacity_of, shown
 from mipbake.packing import source_files
 from mipbake.pixel_filter import filter_named, filtered_levels
-from mipbake.prefilter import method_named
+from mipbake.prefilter import METHODS, OPTIONS, Sitting, Stop, discard, method_named
 from mipbake.prefilter.base import say
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -23,6 +26,9 @@ AUTO_TARGET = "auto"
 """`gltf-anisotropic` for a set with an anisotropy map, `gltf` for any other."""
 
 TARGETS = (AUTO_TARGET, *MODELS)
+
+STOPPED = "the search was stopped before it was done"
+"""What the provenance of a stack says then."""
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""
@@ -61,8 +67,13 @@ def bake(
     sampler: str | None = None,
     aim: float | None = None,
     device: str | None = None,
+    checkpoint: str | Path | None = None,
+    stop: Stop | None = None,
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
+
+        enough = threading.Event()  # which another thread sets
+        mipbake.bake(texture_set, "refine", budget="2h", checkpoint="wood.search", stop=enough.is_set)
 
     Args:
         texture_set: from `mipbake.load` or `TextureSet.from_arrays`.
@@ -72,12 +83,17 @@ def bake(
         progress: told phase and share as the work goes on. Where it has a method `note`, methods that optimise tell it
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
-        budget: time for methods that optimise: `30s`, `2m`, or `best`; None for the default of the method.
+        budget: time for methods that optimise: `30s`, `2m`, `1h`, or `best`; None for the default of the method.
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
             for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
         device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card, which needs torch; None for
             `cpu`. Levels of different devices differ by rounding. All but the network runs on the processor.
+        checkpoint: a folder that a method with a budget keeps its search in from time to time. The same bake goes on
+            from there after it was stopped or its process ended, and the time that was spent counts. The folder is
+            removed when the search is done. None: nothing is kept. `auto` without a budget keeps nothing.
+        stop: asked many times a second while texels are optimised; where it says True, the search ends with the best
+            that it has. `auto` without a budget does not ask.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
@@ -87,9 +103,42 @@ def bake(
 
     Raises:
         UsageError: an unknown method, target, filter, weights or sampler, a choice that the method does not have, a
-            budget that cannot be read, an aim that is no number from 0 to 1, or a device that cannot be used.
+            budget that cannot be read, an aim that is no number from 0 to 1, or a device that cannot be used; a
+            checkpoint or a stop for a method without a budget.
     """
-    prefilter = method_named(method, weights, budget, sampler, aim, device)
+    if (checkpoint is not None or stop is not None) and method in METHODS and method not in OPTIONS["budget"]:
+        what = "stop" if checkpoint is None else "checkpoint"
+        raise UsageError(
+            f"method {method} takes no {what}: leave it out, or choose one of {', '.join(OPTIONS['budget'])}"
+        )
+    kept = None if checkpoint is None else Path(checkpoint)
+    sitting = Sitting(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))
+    options = weights, budget, sampler, aim, device
+    stack, stopped = bake_in_sitting(texture_set, method, target, pixel_filter, progress, *options, sitting)
+    if kept is not None and not stopped:
+        discard(kept)
+    return stack
+
+
+def bake_in_sitting(
+    texture_set: TextureSet,
+    method: str,
+    target: str,
+    pixel_filter: str,
+    progress: PhaseProgress,
+    weights: str | None,
+    budget: str | None,
+    sampler: str | None,
+    aim: float | None,
+    device: str | None,
+    sitting: Sitting,
+) -> tuple[MipStack, bool]:
+    """As `bake`, for a search that may be kept and stopped; a checkpoint is left to the caller.
+
+    Returns:
+        The stack, and whether the search was stopped before it was done.
+    """
+    prefilter = method_named(method, weights, budget, sampler, aim, device, sitting)
     model = resolve_target(texture_set, target)
     kernel = filter_named(pixel_filter).name
     source = texture_set.source_model
@@ -109,7 +158,8 @@ def bake(
         if role == "opacity" and texture_set.alpha_cutoff is not None:
             extra[role] = keeping_coverage(extra[role], texture_set.alpha_cutoff)
         progress("other maps", (index + 1) / len(texture_set.plain_maps))
-    return MipStack(
+    warnings = (*texture_set.warnings, *([STOPPED] if result.stopped else []))
+    stack = MipStack(
         name=texture_set.name,
         model=model,
         levels=levels,
@@ -126,9 +176,10 @@ def bake(
             tool_version=__version__,
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
-            warnings=texture_set.warnings,
+            warnings=warnings,
             promise=promise,
             alpha_cutoff=texture_set.alpha_cutoff,
         ),
         source_files=source_files(texture_set),
     )
+    return stack, result.stopped

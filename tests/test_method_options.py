@@ -18,15 +18,16 @@ from mipbake.prefilter.search.stages import Descend
 from mipbake.prefilter.search.time_budget import seconds_of
 
 
-def test_budgets_are_seconds_minutes_or_best() -> None:
+def test_budgets_are_seconds_minutes_hours_or_best() -> None:
     assert [seconds_of(text) for text in ("30s", "2m", " 1.5 m ", "0.5s", "90S")] == [30, 120, 90, 0.5, 90]
+    assert [seconds_of(text) for text in ("2h", "1.5 H")] == [7200, 5400]
     assert seconds_of("best") is None
 
 
-@pytest.mark.parametrize("text", ["", "30", "0s", "-1m", "2h", "soon", "s", "nan s", "1e3s"])
+@pytest.mark.parametrize("text", ["", "30", "0s", "-1m", "2d", "soon", "s", "nan s", "1e3s"])
 def test_other_budgets_say_what_is_expected(text: str) -> None:
     with pytest.raises(
-        UsageError, match=r"expected a time above 0 in seconds or minutes, for example 30s or 2m, or best"
+        UsageError, match=r"a time above 0 in seconds, minutes or hours, for example 30s, 2m or 1h, or best"
     ):
         seconds_of(text)
 

@@ -92,6 +92,11 @@ def _image(document: Document, index: int) -> str:
         return str(error)
 
 
+def stopped(recipe: Recipe) -> Recipe:
+    """The recipe of a result whose search was stopped: whoever bakes what has changed bakes it again."""
+    return {**recipe, "stopped": "yes"}
+
+
 def set_changed(folder: Path, tiles: Iterable[int], recipe: Recipe) -> str:
     """Why the stacks in a folder are not what a recipe makes, in a sentence without its end; "" where they are.
 
@@ -126,6 +131,8 @@ def _difference(found: object, version: object, wanted: Recipe) -> str:
         return "its result does not say what it was made from"
     if version != __version__:
         return f"it was baked by mipbake {version}"
+    if found.get("stopped"):
+        return "its search was stopped before it was done"
     words = {"sources": "its sources changed", "options": "the options changed", "weights": "the weights changed"}
     return next((words[part] for part in words if found.get(part) != wanted[part]), "")
 

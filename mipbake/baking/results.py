@@ -13,6 +13,7 @@ from mipbake.content import Provenance
 from mipbake.errors import MipbakeError
 from mipbake.found import SetReport
 from mipbake.jobs import Failure, Job
+from mipbake.prefilter import Stop
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings
@@ -136,6 +137,15 @@ class Listener:
 
     def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
         """A texture set, or tiles that touch, has been read."""
+
+    @contextmanager
+    def descending(self) -> Iterator[Stop]:
+        """A search optimises texels while the block runs. It asks often whether it shall end with the best so far."""
+        yield lambda: False
+
+    def ends(self) -> bool:
+        """Whether nothing more is to be begun, because the user has stopped what is at work."""
+        return False
 
     def note(self, sentence: str) -> None:
         """Something that a user should know, about what was read last."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -10,9 +10,9 @@ from typing import Literal, TypeAlias
 
 from mipbake import memory
 from mipbake.adjust import adjusted
-from mipbake.bake import bake, resolve_target
+from mipbake.bake import STOPPED, bake_in_sitting, resolve_target
 from mipbake.baking.options import Asked
-from mipbake.baking.recipe import Ingredients
+from mipbake.baking.recipe import Ingredients, stopped
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
 from mipbake.compare.checking import Check
 from mipbake.compare.compression import chosen, chosen_all, part_of
@@ -27,7 +27,7 @@ from mipbake.jobs import Job
 from mipbake.manifest import check_output
 from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
-from mipbake.prefilter import METHODS
+from mipbake.prefilter import METHODS, Sitting, discard, size_of
 from mipbake.presets import Preset
 from mipbake.sidecars import FORMAT, sidecar_named
 from mipbake.stack import MipStack
@@ -50,6 +50,9 @@ class BakedMaterial:
     textures: Encoded
 
 
+SEARCH = ".search"
+"""What the name of a folder ends with that a search is kept in, beside its result."""
+
 Which: TypeAlias = Literal["all", "changed", "none"]
 
 
@@ -65,6 +68,7 @@ class Run:
         known: whether earlier results that lie where results go are known to be of the same sources. Else a stack none
             of whose source files is among the new ones is not replaced.
         by_name: whether files of the same names are enough for that, whatever is in them.
+        keeps: whether searches are kept beside their results, so that they can go on where they were interrupted.
         documents: document to its materials that have been baked so far, which its GLB is written of in the end.
     """
 
@@ -73,6 +77,7 @@ class Run:
     which: Which = "all"
     known: bool = False
     by_name: bool = False
+    keeps: bool = False
     documents: dict[Path, list[BakedMaterial]] = field(default_factory=dict)
 
     @cached_property
@@ -85,8 +90,8 @@ class Run:
         check_output(place, None if self.known else dict.fromkeys(sources, "") if self.by_name else sources)
 
 
-def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
-    """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`."""
+def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
+    """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`; `out`: of all results."""
     asked, listener = run.asked, run.listener
     sources = job.found()
     for found in [] if job.tiled else sources.values():
@@ -107,7 +112,8 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
     options = asked.options
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
-        baked = bake(
+        checkpoint = checkpoint_of(job, out) if run.keeps else None
+        baked, was_stopped = bake_in_sitting(
             whole,
             options.method,
             model,
@@ -118,14 +124,36 @@ def bake_job(run: Run, job: Job, place: Path) -> list[BakedSet]:
             options.sampler,
             options.aim,
             options.device,
+            Sitting(checkpoint, listener.descending, listener.note),
         )
         baked = adjusted(baked, whole, asked.adjustments)
         recipe = run.ingredients.recipe(job, sources, read.sets.values())
+        recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))
-        return [
-            _write(run, job, texture_set, stack, place / texture_set.name, baking)
+        told = [_left_over(checkpoint)] if was_stopped else []
+        made = [
+            _write(run, job, texture_set, stack, place / texture_set.name, baking, told)
             for texture_set, stack in read.stacks(baked)
         ]
+    if checkpoint is not None and not was_stopped:
+        discard(checkpoint)
+    return made
+
+
+def checkpoint_of(job: Job, out: Path) -> Path:
+    """The folder that the search of a job is kept in, beside its result."""
+    return out / f".{'.'.join(filter(None, (job.place, next(iter(job.names.values())))))}{SEARCH}"
+
+
+def _left_over(checkpoint: Path | None) -> str:
+    """A sentence for a search that was stopped: what is left to do, and how."""
+    size = size_of(checkpoint) if checkpoint is not None else 0
+    if not size:
+        return f"{STOPPED}: the result is the best so far, and another bake begins anew"
+    return (
+        f"{STOPPED}: the result is the best so far, and the same command goes on from {checkpoint} "
+        f"({memory.told(size)})"
+    )
 
 
 def _check_memory(method: str, sources: Mapping[int, Discovery]) -> None:
@@ -136,8 +164,16 @@ def _check_memory(method: str, sources: Mapping[int, Discovery]) -> None:
     memory.check(needed, f"a bake of {width} x {height} texels by {method}")
 
 
-def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: Path, baking: Timings) -> BakedSet:
-    """Writes the stack of one set, and measures what was written."""
+def _write(
+    run: Run,
+    job: Job,
+    texture_set: TextureSet,
+    stack: MipStack,
+    place: Path,
+    baking: Timings,
+    told: Sequence[str],
+) -> BakedSet:
+    """Writes the stack of one set, and measures what was written; `told`: what else a user should know."""
     asked = run.asked
     asked_for = asked.outputs if asked.writes_maps(job) else ()
     with_glb = asked.wants_glb(job)
@@ -176,7 +212,12 @@ def _write(run: Run, job: Job, texture_set: TextureSet, stack: MipStack, place: 
         files=tuple(WrittenFile(file, file.stat().st_size) for file in files),
         costs=tuple(costs),
         defects=tuple(check.defects),
-        warnings=(*engine, *left_out, *(line for each in costs for line in each.warnings(_chose(asked.preset, each)))),
+        warnings=(
+            *told,
+            *engine,
+            *left_out,
+            *(line for each in costs for line in each.warnings(_chose(asked.preset, each))),
+        ),
         model=stack.model,
         levels=len(stack.levels[: asked.level_count]),
         provenance=stack.provenance,

@@ -85,7 +85,7 @@ def bake_sources(
         found = jobs([os.fspath(each) for each in given], load or LoadOptions(), scratch)
         asked.check_encoder(found)
         listener.found(asked, found)
-        return bake_jobs(Run(asked, listener), found, Path(out))
+        return bake_jobs(Run(asked, listener, keeps=True), found, Path(out))
 
 
 def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Result]:
@@ -101,8 +101,12 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
         results += left
     found = [*_lost_images(found, run.asked), *found]
     broken = {job.source for job in found if isinstance(job, Failure)}
+    cut_off = False
     for together in _together(found):
         job = together[0]
+        cut_off = run.listener.ends() and job.source not in run.documents
+        if cut_off:  # the user has stopped a search, whose result is written: what is not begun is abandoned
+            break
         if isinstance(job, Job) and job.document and job.source in broken and not run.asked.writes_maps(job):
             run.documents[job.source] = []  # its GLB, all that it is baked for, will not be written
             continue
@@ -112,7 +116,7 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
             if job.tiled:
                 results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
             else:
-                results += bake_job(run, job, out / job.place)
+                results += bake_job(run, job, out / job.place, out)
         except MipbakeError as error:
             results.append(_not_baked(run, job.source, error))
     for source, parts in run.documents.items():
@@ -120,6 +124,8 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
             results.append(_write_document(run, found, source, parts, out))
         except MipbakeError as error:
             results.append(_not_baked(run, source, error))
+    if cut_off:
+        raise KeyboardInterrupt
     return results
 
 
@@ -166,7 +172,7 @@ def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     found = [each for job in groups for each in job.found().values()]
     run.check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
     with published(place, is_stack_folder) as folder:
-        made = [tile for job in groups for tile in bake_job(run, job, folder)]
+        made = [tile for job in groups for tile in bake_job(run, job, folder, out)]
         run.check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
         tiles = [_gathered(tile, folder, place) for tile in made]
     run.listener.gathered(place, tiles)

@@ -13,7 +13,9 @@ from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.rules import RULES
+from mipbake.prefilter.search.checkpoint import discard, size_of
 from mipbake.prefilter.search.methods import Auto, Optimum, Refine
+from mipbake.prefilter.search.sitting import Sitting, Stop
 
 METHODS: Mapping[str, Prefilter] = {m.name: m for m in (Auto(), Neural(), Refine(), Optimum())} | dict(RULES)
 
@@ -28,7 +30,17 @@ OPTIONS: Mapping[str, tuple[str, ...]] = {
 
 _MAKERS: Mapping[str, Callable[..., Prefilter]] = {each.name: each for each in (Auto, Neural, Refine, Optimum)}
 
-__all__ = ["METHODS", "OPTIONS", "Prefilter", "PrefilterResult", "method_named"]
+__all__ = [
+    "METHODS",
+    "OPTIONS",
+    "Prefilter",
+    "PrefilterResult",
+    "Sitting",
+    "Stop",
+    "discard",
+    "method_named",
+    "size_of",
+]
 
 
 def method_named(
@@ -38,18 +50,20 @@ def method_named(
     sampler: str | None = None,
     aim: float | None = None,
     device: str | None = None,
+    sitting: Sitting | None = None,
 ) -> Prefilter:
     """The method of that name, with what was chosen for it.
 
     Args:
         name: a key of METHODS.
         weights: trained weights by name, for methods that use some; None for the weights released as the default.
-        budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds or minutes, or `best`,
-            until nothing improves any more; None for the default of the method.
+        budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds, minutes or hours, or
+            `best`, until nothing improves any more; None for the default of the method.
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
             for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
         device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card; None for `cpu`.
+        sitting: what a search that may take long is given beside its work; other methods do without.
 
     Raises:
         UsageError: an unknown name, with the list of names; an option that the method does not take; unknown weights or
@@ -71,4 +85,6 @@ def method_named(
             raise UsageError(
                 f"method {name} takes no {option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
             )
+    if sitting is not None and name in OPTIONS["budget"]:
+        given["sitting"] = sitting
     return _MAKERS[name](**given) if given else METHODS[name]

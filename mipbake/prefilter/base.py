@@ -42,6 +42,7 @@ class PrefilterResult:
         promise: what was measured while it was made; None for methods that measure nothing.
         sampler: that the levels are made for. aim: from 0, SNR under single lights, to 1, what people see. None for
             methods that take none.
+        stopped: whether a search was stopped before it was done.
     """
 
     levels: list[NDArray[np.float32]]
@@ -50,6 +51,7 @@ class PrefilterResult:
     promise: Promise | None = None
     sampler: BakedSampler | None = None
     aim: float | None = None
+    stopped: bool = False
 
 
 class Prefilter(Protocol):

@@ -102,6 +102,24 @@ def gathered(
         deadline: time.monotonic() by which all ingredients are baked; ingredients that would not be are left out.
         judged_by: what errors count.
     """
+    train, check, witness = _renders(problem, _efforts(effort), seed)
+    bench = Bench(problem, ingredients, (train, check), witness, progress, deadline)
+    lods = range(len(check.lods))
+    fitting, judge = (
+        Judge([bench.asked(which, index, judged_by.looks_worse) for index in lods], judged_by) for which in (0, 1)
+    )
+    return Gathered(bench, train, check, witness, fitting, judge)
+
+
+def judging_renders(problem: Problem, effort: ProbeEffort, seed: int) -> tuple[Scores, Scores]:
+    """The renders that judge, and the witness, as `gathered` draws them."""
+    _, *efforts = _efforts(effort)
+    check, witness = _renders(problem, efforts, seed, first=1)
+    return check, witness
+
+
+def _efforts(effort: ProbeEffort) -> list[ProbeEffort]:
+    """Of the renders that are fitted to, the renders that judge, and the witness."""
     # A handful of shares a level needs fewer points than to settle what is kept of them.
     fewer = replace(
         effort,
@@ -109,18 +127,13 @@ def gathered(
         points=max(1, 3 * effort.points // 4),
         pictures=max(1, effort.pictures // 2),
     )
-    third = replace(effort, groups=max(2, effort.groups // 2), pictures=1)
+    return [fewer, effort, replace(effort, groups=max(2, effort.groups // 2), pictures=1)]
+
+
+def _renders(problem: Problem, made_with: Sequence[ProbeEffort], seed: int, first: int = 0) -> list[Scores]:
     with ThreadPoolExecutor(2) as pool:
-        drawn = [
-            pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate((fewer, effort, third))
-        ]
-        train, check, witness = (each.result() for each in drawn)
-    bench = Bench(problem, ingredients, (train, check), witness, progress, deadline)
-    lods = range(len(check.lods))
-    fitting, judge = (
-        Judge([bench.asked(which, index, judged_by.looks_worse) for index in lods], judged_by) for which in (0, 1)
-    )
-    return Gathered(bench, train, check, witness, fitting, judge)
+        drawn = [pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate(made_with, first)]
+        return [each.result() for each in drawn]
 
 
 def blend(found: Gathered, shares: Sequence[NDArray[np.float32]] | None = None) -> Blend:

@@ -12,6 +12,14 @@ from mipbake.prefilter.search.texel_coordinates import stored_adjoint, to_coordi
 from mipbake.reference.problem import Image, Problem, Region
 
 
+def texels_between(low: float, high: float, size: int) -> slice:
+    """The free texels along an axis of a level of so many texels, from one place to another in units of the texture.
+
+    Rounded alike for neighbours: windows share no texel and leave none out.
+    """
+    return slice(round(low * size), round(high * size))
+
+
 @dataclass
 class Axis:
     """Where the free texels of a level lie along one axis, and what is around them.
@@ -29,9 +37,8 @@ class Axis:
 
     @classmethod
     def of(cls, size: int, low: float, high: float, mode: str, around: int) -> Axis:
-        # Rounded alike for neighbours: windows share no texel and leave none out.
-        first, last = round(low * size), round(high * size)
-        return cls(size, first, last, mode, around)
+        texels = texels_between(low, high, size)
+        return cls(size, texels.start, texels.stop, mode, around)
 
     @property
     def whole(self) -> bool:
@@ -95,6 +102,16 @@ class Crop:
         inside = to_stored(coordinates, self.model)
         self.coordinates = to_coordinates(inside, self.model)
         self.now = self._around.copy()
+        self.now[self.rows.inside, self.columns.inside] = inside
+
+    @property
+    def inside(self) -> Image:
+        """(h, w, C) stored channels of the free texels as they are now."""
+        return self.now[self.rows.inside, self.columns.inside]
+
+    def put(self, coordinates: Image, inside: Image) -> None:
+        """Gives the free texels back what `coordinates` and `inside` were."""
+        self.coordinates, self.now = coordinates, self._around.copy()
         self.now[self.rows.inside, self.columns.inside] = inside
 
     def gradient(self, by_texel: Image) -> Image:

@@ -13,11 +13,16 @@ against every closed form that looks fine. What they measured is the promise tha
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
+from mipbake import memory
 from mipbake._threads import one_blas_thread
 from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, baked_sampler, checked_aim
 from mipbake.device import PROCESSOR
@@ -29,10 +34,12 @@ from mipbake.prefilter.base import PrefilterResult, Progress
 from mipbake.prefilter.neural import Neural
 from mipbake.prefilter.promise import Promise
 from mipbake.prefilter.search.blending import best, blend
+from mipbake.prefilter.search.checkpoint import Checkpoint
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.ingredients import Ingredient, closed_forms, ingredient
 from mipbake.prefilter.search.promising import promised
-from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
+from mipbake.prefilter.search.sitting import ONLY, Sitting
+from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, gone_on
 from mipbake.prefilter.search.time_budget import seconds_of
 from mipbake.reference.problem import Image, Problem
 
@@ -73,6 +80,7 @@ class Searching:
         sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures.
         device: where the network runs (`Neural`); all else runs on the processor.
+        sitting: what a long search is given beside its work.
     """
 
     name: str
@@ -97,18 +105,24 @@ class Searching:
         sampler: str = DEFAULT_SAMPLER,
         aim: float = DEFAULT_AIM,
         device: str = PROCESSOR,
+        sitting: Sitting = ONLY,
     ) -> None:
         self.sampler, self.aim = baked_sampler(sampler), checked_aim(aim)
         self._neural, self._named = Neural(weights, sampler, device), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
         self._seed, self._effort, self._judged_by = seed, effort, judged_by or weights_for(self.aim)
-        self._descent = descent
+        self._descent, self._device, self._sitting = descent, device, sitting
 
     @property
     def steps(self) -> Sequence[Step]:
         """The stages."""
         raise NotImplementedError
+
+    @property
+    def long(self) -> bool:
+        """Whether it may take long enough to be stopped, and kept for a later sitting."""
+        return True
 
     def __call__(
         self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
@@ -118,24 +132,65 @@ class Searching:
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self.networks(problem) if self.learned else ())]
-        search = Search(Work(problem, ingredients, self._seed, clock, progress, self._judged_by))
-        search, promise = self._searched(search, progress)
+        sitting = self._sitting if self.long else ONLY
+        with self._checkpoint(problem) as checkpoint:
+            work = Work(problem, ingredients, self._seed, clock, progress, self._judged_by, sitting, checkpoint)
+            search, promise = self._searched(work, progress)
         progress(1.0)
         taken = any(self._neural.name in sources for sources in search.blend.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None
-        made_for = (self.sampler, self.aim) if self.aims else (None, None)
+        sampler, aim = (self.sampler, self.aim) if self.aims else (None, None)
         return PrefilterResult(
-            search.levels, info.name if info else None, info.sha256 if info else None, promise, *made_for
+            search.levels,
+            info.name if info else None,
+            info.sha256 if info else None,
+            promise,
+            sampler,
+            aim,
+            search.stopped,
         )
 
     @one_blas_thread()
-    def _searched(self, search: Search, progress: Progress) -> tuple[Search, Promise]:
+    def _searched(self, work: Work, progress: Progress) -> tuple[Search, Promise]:
         """All stages, and what the witness found."""
-        done = 0.0
+        done, search = 0.0, gone_on(work, self._effort, self._descending)
         for step in self.steps:
             search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
             done += step.share
         return search, promised(search)
+
+    @property
+    def _descending(self) -> Descend:
+        return next(step.stage for step in self.steps if isinstance(step.stage, Descend))
+
+    @contextmanager
+    def _checkpoint(self, problem: Problem) -> Iterator[Checkpoint | None]:
+        """What the search is kept in, and goes on from; None for nothing."""
+        sitting = self._sitting
+        if sitting.checkpoint is None or not self.long:
+            yield None
+            return
+        options = (
+            *(self.name, problem.target, problem.pixel_filter, problem.sampler, self.aim, self._seed, self._device),
+            *(repr(each) for each in (self._effort, self._descending, self._judged_by)),
+        )
+        of = {
+            "source": _hash(problem.source, problem.wrap, problem.stored),
+            "options": _hash(options),
+            "weights": _hash(self._weights_hash(problem)),
+        }
+        made = Checkpoint(sitting.checkpoint, of, self.seconds is not None, sitting.told)
+        try:
+            yield made
+        finally:
+            made.close()
+
+    def _weights_hash(self, problem: Problem) -> str:
+        """The weights that may take part; "" for none."""
+        try:
+            return self._neural.weights(problem.target, problem.pixel_filter, problem.source).sha256
+        except UsageError:
+            return ""
 
     def networks(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""
@@ -151,6 +206,18 @@ class Searching:
             # whole takes.
             learned.part(problem.stored[:_FIRST, :_FIRST])
         return [learned]
+
+
+def _hash(*content: object) -> str:
+    """Of arrays by their values, of anything else by what Python says of it."""
+    made = hashlib.sha256()
+    for each in content:
+        if isinstance(each, np.ndarray):
+            for rows in memory.some_rows(each):
+                made.update(each[rows].tobytes())
+        else:
+            made.update(repr(each).encode())
+    return made.hexdigest()
 
 
 def _refining(effort: ProbeEffort, descent: DescentEffort | None) -> Sequence[Step]:
@@ -186,9 +253,14 @@ class Auto(Searching):
     )
 
     @property
+    def long(self) -> bool:
+        """Whether it refines."""
+        return self.budgeted
+
+    @property
     def steps(self) -> Sequence[Step]:
         """The stages."""
-        if self.budgeted:
+        if self.long:
             return _refining(self._effort, self._descent)
         return (
             Step(Gather(self._effort), 0.5),
@@ -213,8 +285,10 @@ class Optimum(Searching):
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
         judged_by: Weights | None = None,
+        sitting: Sitting = ONLY,
     ) -> None:
-        super().__init__(None, budget, seed, effort, descent, judged_by or SINGLE_LIGHTS)
+        judged_by = judged_by or SINGLE_LIGHTS
+        super().__init__(None, budget, seed, effort, descent, judged_by, sitting=sitting)
 
     @property
     def steps(self) -> Sequence[Step]:

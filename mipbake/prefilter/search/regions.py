@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mipbake.prefilter.search.crops import texels_between
 from mipbake.reference.problem import Problem, Region
 
 COARSE = 128
 """Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing. A
 guess."""
-
-_OVERHEAD = 1000.0  # texels that would take as long as what a round does for a level of any size; a guess
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,11 @@ class TimedRegion:
     region: Region
     share: float
 
-    def texels(self, problem: Problem) -> float:
-        """How many texels a round works on, with what does not depend on that number."""
-        each = [height * width for height, width in (problem.sizes[level] for level in self.region.levels)]
-        return sum(each) * float(self.region.extent.prod()) + _OVERHEAD * len(self.region.levels)
+
+def window(region: Region, size: tuple[int, int]) -> tuple[slice, slice]:
+    """The texels of a region in a level of a size (height, width): rows and columns."""
+    height, width = size
+    return texels_between(region.top, region.bottom, height), texels_between(region.left, region.right, width)
 
 
 def timed_regions(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> Iterator[TimedRegion]:

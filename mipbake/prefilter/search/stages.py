@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,19 +19,24 @@ from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Array, Score
 from mipbake.judging.weights import Weights
+from mipbake.material import MODELS
 from mipbake.prefilter.base import Progress, say
 from mipbake.prefilter.search.blending import Blend, Gathered, gathered
+from mipbake.prefilter.search.checkpoint import Checkpoint
 from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.prefilter.search.forecast import FEWEST, Forecast
 from mipbake.prefilter.search.ingredients import Ingredient
+from mipbake.prefilter.search.keeping import Keeping, windows_in
+from mipbake.prefilter.search.kept_search import Come, start_of
 from mipbake.prefilter.search.regions import COARSE, TimedRegion, timed_regions
 from mipbake.prefilter.search.settling import between, settle
-from mipbake.prefilter.search.texel_descent import Descent, descend
+from mipbake.prefilter.search.sitting import ONLY, Sitting, Stop, spoken_time
+from mipbake.prefilter.search.texel_descent import Descent, RegionState, Watch, descend
 from mipbake.reference.problem import Image, Problem
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out; a guess.
 _BAKING = 0.75
 _SETTLING = 0.04  # share of the time left after the blend, for judging what was gained; a guess
-_FEWEST = 3  # rounds that are worth beginning with a region; a guess
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve; a guess
 
 
@@ -60,6 +66,7 @@ class Work:
         seed: of all that is drawn.
         progress: told the finished share of all stages, and notes.
         judged_by: what errors count.
+        sitting: who may stop a descent, and who hears of it. checkpoint: what the search is kept in; None for nothing.
     """
 
     problem: Problem
@@ -68,6 +75,8 @@ class Work:
     clock: Clock
     progress: Progress
     judged_by: Weights
+    sitting: Sitting = ONLY
+    checkpoint: Checkpoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +86,8 @@ class Search:
     Args:
         gathered: the ingredients. start: a stack made of them. levels: what became of it.
         before: what the judge's renders say of the start. kept: how much of each level's change was kept.
+        come: how far an earlier sitting has come with the levels; None where there was none.
+        stopped: whether somebody stopped it before it was done.
     """
 
     work: Work
@@ -85,6 +96,8 @@ class Search:
     before: list[Score] = field(default_factory=list)
     levels: list[Image] = field(default_factory=list)
     kept: list[float] = field(default_factory=list)
+    come: Come | None = None
+    stopped: bool = False
 
     @property
     def blend(self) -> Blend:
@@ -112,7 +125,9 @@ class Gather:
     effort: ProbeEffort
 
     def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage."""
+        """See Stage. A search that goes on has a start already."""
+        if search.start is not None:
+            return search
         work = search.work
         deadline = work.clock.until(_BAKING)
         found = gathered(work.problem, work.ingredients, self.effort, work.judged_by, work.seed, progress, deadline)
@@ -126,13 +141,14 @@ class Make:
     way: Callable[[Gathered], Blend]
 
     def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage."""
+        """See Stage. A search that goes on has a start already."""
+        if search.start is not None:
+            return search
         start = self.way(search.ingredients)
         before = start.check.of_stack(start.levels)
         progress(1.0)
         # Nothing after this needs ingredients, whose lookups are hundreds of megabytes.
-        none = [0.0] * len(start.levels)
-        return replace(search, gathered=None, start=start, before=before, levels=start.levels, kept=none)
+        return replace(search, gathered=None, start=start, before=before, levels=start.levels, kept=_none(start))
 
 
 @dataclass(frozen=True)
@@ -153,42 +169,120 @@ class Descend:
     trust: float
     coarse: int = COARSE
 
+    def regions(self, problem: Problem) -> list[TimedRegion]:
+        """All regions, those without anything to do as well."""
+        return list(timed_regions(problem, self.effort.window, self.fine, self.coarse))
+
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
-        work = search.work
+        work, start = search.work, search.blend
         problem, last = work.problem, work.problem.last
         worst = np.array([score.decibels.min() for score in search.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
-        todo = [
-            timed
-            for timed in timed_regions(problem, self.effort.window, self.fine, self.coarse)
-            if any(moving[i] for i in timed.region.levels)
+        every = self.regions(problem)
+        todo = [index for index, timed in enumerate(every) if any(moving[i] for i in timed.region.levels)]
+        moved = {i for index in todo for i in every[index].region.levels}
+        levels = [
+            memory.copied(level) if i in moved and level is start.levels[i] else level
+            for i, level in enumerate(search.levels)
         ]
-        moved = {i for timed in todo for i in timed.region.levels}
-        levels = [memory.copied(level) if i in moved else level for i, level in enumerate(search.levels)]
-        typical = search.blend.typical
-        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, typical) if todo else None
+        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, start.typical) if todo else None
         end = work.clock.until(1.0)
         if work.clock.timed:
             end -= _SETTLING * max(0.0, end - time.monotonic())
-        total, done = sum(timed.share for timed in todo), 0.0
-        pace = 0.0  # seconds that a round takes for a texel
-        for index, timed in enumerate(todo):
-            now, texels = time.monotonic(), timed.texels(problem)
-            rest = sum(each.share for each in todo[index:])
-            until = now + max(0.0, end - now) * timed.share / rest if work.clock.timed else math.inf
-            if descent is not None and not (work.clock.timed and until - now <= _FEWEST * pace * texels):
-                rounds = descend(
-                    descent,
-                    levels,
-                    timed.region,
-                    np.random.default_rng([work.seed, 3, index]),
-                    until,
-                    _RegionProgress(progress, work.progress, timed, done / total, total, last),
-                )
-                pace = (time.monotonic() - now) / max(1, rounds) / texels
-            done += timed.share
-        return replace(search, levels=levels)
+        come = search.come or Come((), -1)
+        kept = Keeping(work.checkpoint, problem, start, every, levels, come, work.clock.began)
+        total, stopped = sum(every[index].share for index in todo), False
+        left = False  # whether the region at work is kept
+        ahead = [index for index in todo if index not in kept.done]
+        forecast = Forecast(
+            problem, self.effort, every, ahead, work.clock.began, work.clock.seconds, end, work.sitting.told
+        )
+        with work.sitting.descending() as stop:
+            for turn, index in enumerate(todo):
+                if index in kept.done or descent is None:
+                    continue
+                stopped = stopped or stop()
+                if stopped and index != kept.waiting:  # rounds that a sitting left are looked at all the same
+                    continue
+                timed, now, state = every[index], time.monotonic(), kept.taken(index)
+                used = state.seconds if state else 0.0
+                rest = sum(every[each].share for each in todo[turn:] if each not in kept.done)
+                # What a region has used already is a part of what it gets.
+                share = (max(0.0, end - now) + used) * timed.share / rest - used
+                until = now + max(0.0, share) if work.clock.timed else math.inf
+                if state is None and work.clock.timed and until - now <= FEWEST * forecast.round_seconds(index):
+                    continue
+                passed = sum(every[each].share for each in todo[:turn]) / total
+                told = _RegionProgress(progress, work.progress, timed, passed, total, last)
+                rng = np.random.default_rng([work.seed, 3, turn])
+                after = [each for each in todo[turn + 1 :] if each not in kept.done]
+                watch = _RegionWatch(kept, index, stop, forecast, after)
+                forecast.begun(index, state.rounds if state else 0, until)
+                descend(descent, levels, timed.region, rng, until, told, watch.made(state))
+                if watch.was_left:
+                    stopped = left = True
+                    continue
+                kept.done.add(index)
+                kept.keep(index)
+        if stopped and not left:
+            kept.keep(-1, now=True)
+        return replace(search, levels=levels, stopped=stopped)
+
+
+def gone_on(work: Work, effort: ProbeEffort, descend: Descend) -> Search:
+    """A search from where its checkpoint has it, or from the beginning.
+
+    Args:
+        effort: of the renders that judge, as `Gather` has it. descend: the stage that is kept.
+    """
+    checkpoint, problem = work.checkpoint, work.problem
+    if checkpoint is None:
+        return Search(work)
+    shapes = [(*size, MODELS[problem.target].channels) for size in problem.sizes]
+    kept = checkpoint.load(shapes, partial(windows_in, problem, descend.regions(problem)))
+    if kept is None:
+        return Search(work)
+    spent = spoken_time(kept.seconds) + (f" of {spoken_time(work.clock.seconds)}" if work.clock.timed else "")
+    work.sitting.told(f"going on from the checkpoint {checkpoint.path}, after {spent}")
+    start = start_of(kept.start, problem, effort, work.judged_by, work.seed)
+    before = start.check.of_stack(start.levels)
+    work = replace(work, clock=replace(work.clock, began=work.clock.began - kept.seconds))
+    return Search(work, None, start, before, kept.levels, _none(start), kept.come)
+
+
+def _none(start: Blend) -> list[float]:
+    """That nothing is kept of any change."""
+    return [0.0] * len(start.levels)
+
+
+@dataclass
+class _RegionWatch:
+    """Watches the descent in a region: keeps it, and tells whether it was left before it was done.
+
+    Args:
+        index: of the region. after: regions that come after it.
+    """
+
+    kept: Keeping
+    index: int
+    stop: Stop
+    forecast: Forecast
+    after: Sequence[int]
+    was_left: bool = False
+
+    def made(self, start: RegionState | None) -> Watch:
+        """What the descent is given."""
+        return Watch(start, self.stop, self._worked, self._left)
+
+    def _worked(self, rounds: int, state: Callable[[], RegionState]) -> None:
+        self.forecast.worked(rounds, self.after)
+        if self.kept.due:
+            self.kept.keep(self.index, state())
+
+    def _left(self, state: RegionState | None) -> None:
+        self.was_left = True
+        self.kept.keep(self.index, state, now=True)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,70 @@
+"""Searches that make little effort in many regions, for the tests of stopping and going on; and the command line with
+one of them.
+
+    python long_searches.py FLAG,... ARGUMENTS
+
+A flag `slow` makes a round take a while, and `hangs` makes the stage Keep hang.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from mipbake import prefilter
+from mipbake.judging.probes import ProbeEffort
+from mipbake.prefilter.search import checkpoint, rounds, stages
+from mipbake.prefilter.search.blending import blend
+from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.prefilter.search.methods import Refine, Step
+from mipbake.prefilter.search.stages import Descend, Gather, Keep, Make
+
+FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
+SOME_ROUNDS = DescentEffort(rounds=6, pairs=8, samples=2, window=16, looks=FEW)
+
+
+class ManyRegions(Refine):
+    """`refine` of a set of 16 x 32 texels: the coarse levels, one window of level 1, and two of level 0."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **{"effort": FEW, "descent": SOME_ROUNDS, **named})
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """The stages."""
+        descend = Descend(self._descent or SOME_ROUNDS, True, 12.0, coarse=8)
+        return Step(Gather(self._effort), 0.1), Step(Make(blend), 0.0), Step(descend, 0.9), Step(Keep(), 0.0)
+
+
+def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None:
+    """Checkpoints are written after every round."""
+    change(checkpoint, "_LEAST_SECONDS", 0.0)
+    change(checkpoint, "_COST", 1e9)
+
+
+def with_many_regions() -> Mapping[str, Any]:
+    """What makes methods, with this search as `refine`."""
+    return {**prefilter._MAKERS, "refine": ManyRegions}
+
+
+def _after(seconds: float, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    begin = time.monotonic()
+    while time.monotonic() < begin + seconds:  # a signal that comes just before a sleep does not end that sleep
+        time.sleep(0.02)
+    return work(*given, **named)
+
+
+if __name__ == "__main__":
+    from mipbake.cli import main
+
+    flags = sys.argv.pop(1).split(",")
+    prefilter._MAKERS = with_many_regions()
+    without_pauses()
+    if "slow" in flags:
+        rounds.work = partial(_after, 0.2, rounds.work)
+    if "hangs" in flags:
+        stages.settle = partial(_after, 600.0, stages.settle)
+    main.run()

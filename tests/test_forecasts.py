@@ -1,0 +1,123 @@
+"""What a long search says is ahead: held against descents whose rounds take a known time, on a clock of the test."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from mipbake.prefilter.search import forecast
+from mipbake.prefilter.search.forecast import FEWEST, Forecast, cost_of_round
+from mipbake.prefilter.search.methods import REFINING
+from mipbake.prefilter.search.regions import timed_regions
+from mipbake.prefilter.search.sitting import spoken_time
+from mipbake.reference.problem import Problem
+
+PROBLEM = Problem(np.zeros((2048, 1024, 8), np.float32), "gltf", "gltf", "gaussian", ("wrap", "wrap"))
+REGIONS = list(timed_regions(PROBLEM, REFINING.window, True))
+COSTS = [cost_of_round(PROBLEM, timed, REFINING) for timed in REGIONS]
+PACE = 7e-7
+ALL = (REFINING.rounds + 1) * sum(COSTS) * PACE
+"""Seconds of all rounds, where what comes before a region takes as long as a round."""
+
+
+class Clock:
+    now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0.0, slower: float = 1.0):  # type: ignore[no-untyped-def]
+    """Sentences with their times, rounds of each window of level 0, and when it ended.
+
+    Args:
+        before: seconds before the descent. slower: factor of the time of rounds of level 0.
+    """
+    clock, told, reached = Clock(), list[tuple[float, str]](), list[int]()
+    monkeypatch.setattr(forecast, "time", clock)
+    clock.now = before
+    made = Forecast(
+        PROBLEM,
+        REFINING,
+        REGIONS,
+        range(len(REGIONS)),
+        0.0,
+        seconds,
+        seconds,
+        lambda each: told.append((clock.now, each)),
+    )
+    for index, timed in enumerate(REGIONS):
+        finest = timed.region.levels.start == 0
+        one = COSTS[index] * PACE * (slower if finest else 1)
+        share = timed.share / sum(each.share for each in REGIONS[index:])
+        until = clock.now + max(0.0, seconds - clock.now) * share if math.isfinite(seconds) else math.inf
+        rounds = 0
+        if until - clock.now > FEWEST * made.round_seconds(index):
+            made.begun(index, 0, until)
+            clock.now += one
+            while rounds < REFINING.rounds and clock.now + one / 2 <= until:
+                rounds, clock.now = rounds + 1, clock.now + one
+                made.worked(rounds, range(index + 1, len(REGIONS)))
+        reached += [rounds] if finest else []
+    return told, reached, clock.now
+
+
+def test_regions_cost_what_their_renders_do() -> None:
+    levels = [timed.region.levels.start for timed in REGIONS]
+    assert levels == [4, 3, 2, *[1] * 2, *[0] * 8]
+    by_level = dict(zip(levels, COSTS, strict=True))
+    assert by_level[0] < by_level[1] < 1.5 * by_level[0]  # as many pixels, with more samples of the reference
+    assert by_level[3] < by_level[2] < by_level[1]
+
+
+def test_without_a_limit_the_most_that_it_takes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, _, end = descended(monkeypatch, math.inf)
+    assert end == pytest.approx(ALL)
+    ((when, sentence),) = told
+    assert 10 <= when < 20
+    assert sentence == (
+        f"all 60 rounds of every level would take about {spoken_time(end - when)} from now: the search takes at most "
+        "so long, and less where nothing moves any more"
+    )
+
+
+@pytest.mark.parametrize("part", [0.03, 0.1, 0.3, 0.7])
+def test_it_is_told_how_far_the_budget_reaches(monkeypatch: pytest.MonkeyPatch, part: float) -> None:
+    told, reached, _ = descended(monkeypatch, part * ALL + 5, before=5.0)
+    when, sentence = told[0]
+    assert when <= 20 and len(told) == 1
+    found = re.fullmatch(
+        r"the budget reaches (no|about (\d+) of 60) rounds of level 0: all 60 rounds of every level would take a "
+        r"budget of about (.+)",
+        sentence,
+    )
+    assert found and abs(int(found[2] or 0) - np.mean(reached)) <= 0.1 * np.mean(reached) + 1, (sentence, reached)
+    assert found[3] in {spoken_time(ALL + 5 + more) for more in np.linspace(-0.03, 0.03, 31) * ALL}
+
+
+def test_a_budget_that_is_enough_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, reached, end = descended(monkeypatch, 4 * ALL)
+    ((when, sentence),) = told
+    assert set(reached) == {60}
+    assert sentence.startswith("the budget reaches all 60 rounds of every level, which take at most about ")
+    assert sentence.endswith(f" {spoken_time(end - when)} from now")
+
+
+def test_a_forecast_that_turns_out_to_be_wrong_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, _, end = descended(monkeypatch, math.inf, slower=4.0)
+    assert 1 < len(told) < 5
+    left = re.search(r"about (.+) h from now", told[-1][1])
+    minutes = re.search(r"about (.+) min from now", told[-1][1])
+    seconds = float(left[1]) * 3600 if left else float(minutes[1]) * 60 if minutes else 0.0
+    assert abs(seconds - (end - told[-1][0])) < 0.5 * end
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0 s"), (9.96, "10 s"), (59.9, "1 min"), (45, "45 s"), (725, "12 min"), (5400, "1.5 h"), (50_000, "14 h")],
+)
+def test_times_are_told_in_two_digits(seconds: float, text: str) -> None:
+    assert spoken_time(seconds) == text
