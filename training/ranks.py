@@ -3,7 +3,7 @@
 Each draws batches of its own. A step takes the mean of all their gradients, as one process would find it in all their
 batches together. So the networks of all processes stay the same, and any one of them can go on alone.
 
-`torchrun` begins the processes, and tells each its rank in the environment.
+`torchrun` begins the processes, and the environment tells which one each is.
 """
 
 from __future__ import annotations

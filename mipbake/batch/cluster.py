@@ -86,8 +86,7 @@ class Cluster:
 
     def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
         """Tasks with what was done, in the order in which they end."""
-        import ray
-
+        ray = _ray()
         waiting = deque(tasks)
         running: dict[ray.ObjectRef[Any], tuple[Task, Sent]] = {}
         threads, most = self._shape(len(waiting))
@@ -106,9 +105,9 @@ class Cluster:
                     running[follow.remote(order)] = task, sent
             if not running:
                 continue
-            (reference, *_), _ = ray.wait(list(running), num_returns=1)
-            task, sent = running.pop(reference)
-            answer = _answer(reference)
+            (handle, *_), _ = ray.wait(list(running), num_returns=1)
+            task, sent = running.pop(handle)
+            answer = _answer(handle)
             if answer == "apart":
                 self._apart = True
                 waiting.appendleft(task)
@@ -154,11 +153,16 @@ class Sent:
     files: tuple[FileState, ...] = ()
 
 
+def _ray() -> Any:
+    """The library; UsageError where it is not installed."""
+    with extra("cluster", "--cluster"):
+        import ray
+    return ray
+
+
 def _sizes() -> list[int]:
     """CPUs of each machine."""
-    import ray
-
-    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+    nodes: list[dict[str, Any]] = _ray().nodes()
     return [cpus for node in nodes if node["Alive"] and (cpus := int(node["Resources"].get("CPU", 0)))] or [1]
 
 
@@ -175,8 +179,7 @@ def cluster(address: str, jobs: int | None, limit: int | None, out: Path) -> Ite
     Raises:
         UsageError: Ray is not installed, or no cluster answers. OutputError: the folder cannot be written.
     """
-    with extra("cluster", "--cluster"):
-        import ray
+    ray = _ray()
     own = not ray.is_initialized()
     if own:
         try:
@@ -215,12 +218,11 @@ def _marked(place: Path) -> Iterator[Path]:
         raise OutputError(f"cannot write to {place.parent}: {error.strerror or error}") from error
 
 
-def _answer(reference: ray.ObjectRef[Any]) -> Answer | MipbakeError:
+def _answer(handle: ray.ObjectRef[Any]) -> Answer | MipbakeError:
     """What came of an order, or why nothing did."""
-    import ray
-
+    ray = _ray()
     try:
-        answer: Answer = ray.get(reference)
+        answer: Answer = ray.get(handle)
     except MipbakeError as error:
         return error
     except ray.exceptions.RayTaskError as error:

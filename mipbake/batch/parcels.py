@@ -171,5 +171,6 @@ def absolute(task: Task) -> Task:
 def as_named(value: T, task: Task) -> T:
     """What was said of `absolute(task)`, with the paths that the task itself has."""
     far = absolute(task)
-    pairs = ((far.entry.source, task.entry.source), (far.entry.source.parent, task.entry.source.parent))
-    return moved(value, {str(there): str(here) for there, here in (*pairs, (far.out, task.out))})
+    there = (far.entry.source, far.entry.source.parent, far.out)
+    here = (task.entry.source, task.entry.source.parent, task.out)
+    return moved(value, {str(before): str(after) for before, after in zip(there, here, strict=True)})
