@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from mipbake import _native, memory
 from mipbake._allocator import keep_freed_memory
@@ -32,9 +32,6 @@ from mipbake.batch.task import Done, Task, unforeseen, work
 from mipbake.batch.workers import end_at_once
 from mipbake.errors import MipbakeError, OutputError, UsageError
 from mipbake.io.leftovers import begun, tidy
-
-if TYPE_CHECKING:
-    import ray
 
 THREADS = 4
 """CPUs of a process, where the number of processes is not said. A guess."""
@@ -88,7 +85,7 @@ class Cluster:
         """Tasks with what was done, in the order in which they end."""
         ray = _ray()
         waiting = deque(tasks)
-        running: dict[ray.ObjectRef[Any], tuple[Task, Sent]] = {}
+        running: dict[Any, tuple[Task, Sent]] = {}
         threads, most = self._shape(len(waiting))
         wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
         if self._limit is not None:
@@ -218,7 +215,7 @@ def _marked(place: Path) -> Iterator[Path]:
         raise OutputError(f"cannot write to {place.parent}: {error.strerror or error}") from error
 
 
-def _answer(handle: ray.ObjectRef[Any]) -> Answer | MipbakeError:
+def _answer(handle: Any) -> Answer | MipbakeError:
     """What came of an order, or why nothing did."""
     ray = _ray()
     try:
