@@ -43,8 +43,8 @@ def test_hours(views: ModuleType) -> None:
     machine = views.Machine("m", cores=8, memory=64, disk=100.0)
     assert views.hours(FOUND, "linear", machine) == (pytest.approx(10_000 * 7.2 / 4 / 3600), "cores")
     assert views.hours(FOUND, "linear", views.Machine("m", 8, 4, 100.0)) == (pytest.approx(20.0), "memory")
-    assert views.hours(FOUND, "linear", views.Machine("m", 8, 64, 0.1))[1] == "disk"
-    assert views.hours(FOUND, "linear", views.Machine("m", 8, 64, 0.1))[0] == pytest.approx(15_000 / 3600)
+    assert views.hours(FOUND, "linear", views.Machine("m", 8, 64, 0.05))[1] == "disk"
+    assert views.hours(FOUND, "linear", views.Machine("m", 8, 64, 0.05))[0] == pytest.approx(30_000 / 3600)
     free = views.Machine("m", 8, 64, 100.0, network_free=True)
     assert views.hours(FOUND, "neural", free)[0] == pytest.approx(10_000 * 3.6 / 6.4 / 3600)
     assert views.hours(FOUND, "linear", free) == views.hours(FOUND, "linear", machine)
