@@ -25,6 +25,8 @@ from mipbake.io.leftovers import OLD, PARTIAL
 from mipbake.io.options import LoadOptions
 
 from .command_line import fails, tree, write_png, write_set
+from .gltf_files import png
+from .gltf_results import two_textures
 from .test_batch_workers import LINEAR, content, write_library
 
 ray = pytest.importorskip("ray", reason="the extra `cluster` has no build for this system")
@@ -119,22 +121,29 @@ def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machi
     assert tree(tmp_path / "out" / "steel") == ["notes.txt"]
 
 
-def test_an_archive_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
+def test_an_archive_a_document_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
     import shutil
 
     write_set(tmp_path / "steel")
     (tmp_path / "lib").mkdir()
     shutil.make_archive(str(tmp_path / "lib" / "steel"), "zip", tmp_path / "steel")
+    two_textures(png("normal n"), png("mr")).write(tmp_path / "lib" / "scene")
     rock = tmp_path / "lib" / "rock"
     write_set(rock)
     for file in list(rock.iterdir()):
         for tile in (1001, 1002):
             shutil.copy(file, rock / f"rock_{file.stem}.{tile}.png")
         file.unlink()
-    found = bake(tmp_path / "lib", tmp_path / "out", machines, Apart(tmp_path / "out"))
-    assert counts(found) == (3, 0, 0), [str(each.error) for each in found.failures]
-    bake_library(tmp_path / "lib", tmp_path / "calm", LINEAR)
+    options = BakeOptions(method="linear", max_level=1)
+    how = BatchOptions(cluster=machines.address)
+    found = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
+    assert counts(found) == (4, 0, 0), [str(each.error) for each in found.failures]
+    assert found.documents == 1 and (tmp_path / "out" / "scene.glb").is_file()
+    bake_library(tmp_path / "lib", tmp_path / "calm", options)
     assert content(tmp_path / "out") == content(tmp_path / "calm")
+    shutil.rmtree(tmp_path / "out" / ".mipbake")
+    again = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
+    assert (again.baked, again.documents, again.failures) == (0, 0, [])
 
 
 def at_work() -> list[int]:

@@ -16,7 +16,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -85,7 +85,7 @@ class Cluster:
         """Tasks with what was done, in the order in which they end."""
         ray = _ray()
         waiting = deque(tasks)
-        running: dict[Any, tuple[Task, Sent]] = {}
+        running: dict[Any, tuple[Task, Sent]] = {}  # without the bytes of parcels, which Ray holds
         threads, most = self._shape(len(waiting))
         wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
         if self._limit is not None:
@@ -99,7 +99,8 @@ class Cluster:
                     yield task, sent
                 else:
                     order = Order(__version__, threads, self._limit, sent.work, self._mark, sent.seen)
-                    running[follow.remote(order)] = task, sent
+                    running[follow.remote(order)] = task, replace(sent, work=task)
+                    del order, sent
             if not running:
                 continue
             (handle, *_), _ = ray.wait(list(running), num_returns=1)
