@@ -268,6 +268,22 @@ def test_shards_are_the_library(library: Path, inline: Inline) -> None:
     assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
 
 
+def test_a_set_that_comes_into_another_shard_is_still_its_own(library: Path, inline: Inline) -> None:
+    """Its list does not know it, and its maps are others: the lists beside it tell that the place is free."""
+    for number in (1, 2):
+        bake(library, shard=Shard(number, 2))
+    write_set(library / "a")
+    for folder in ("metals/steel", "wood"):
+        for name, value in (("roughness", 7), ("base_color", 9)):
+            shape = (16, 16, 3) if name == "base_color" else (16, 16)
+            write_png(library / folder / f"{name}.png", np.full(shape, value, np.uint8))
+        write_png(library / folder / "normal.png", np.tile(np.uint8([130, 128, 255]), (16, 16, 1)))
+    found = [bake(library, shard=Shard(number, 2)) for number in (1, 2)]
+    assert [str(each.error) for one in found for each in one.failures] == []
+    assert sum(one.baked for one in found) == 3
+    assert inline.labels
+
+
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/2"])
 def test_a_shard_that_is_none(text: str) -> None:
     with pytest.raises(UsageError, match="expected I/N"):
