@@ -1,18 +1,19 @@
-"""How many texture sets an hour are baked, by size, method and number of processes, beside maketx on the same maps.
+"""How many texture sets an hour are baked, by size, method, format and number of processes, beside maketx.
 
-    python benchmarks/throughput.py [--sizes 512 1024 2048] [--sets 4] [--methods linear lean neural auto]
+    python benchmarks/throughput.py [--results FILE] [--sizes 512 1024 2048 4096] [--methods linear lean neural auto]
 
 The sets are generated (examples/generate.py), and written by every method as half floats with all levels: `exr:half`
 of mipbake, and `.exr` of maketx, which comes with OpenImageIO. maketx makes plain MIP maps of single files, and is
 called once for each map, so many at once as mipbake has processes. Its time is the floor: it filters each map for
-itself, and measures nothing. Prints a Markdown table and the facts about the machine.
+itself, and measures nothing. One size is baked into other formats as well. Of one set of the largest size the parts
+are told: what its phases take, the processor's time, the peak of memory, and bytes read and written.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
-import platform
 import shutil
 import subprocess
 import sys
@@ -21,12 +22,18 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from bake import ENVIRONMENT, generator
 from timing import cpu_name
 
 COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 JOBS = (1, 2)
+FORMATS = ("exr:half", "png", "ktx2:bc", "ktx2:uastc")
+FORMATS_SIZE = 1024
+
+SETS = {512: 8, 1024: 6, 2048: 4}
+"""Sets of each size; two of all others."""
 
 
 def make(root: Path, size: int, count: int) -> None:
@@ -39,6 +46,7 @@ def make(root: Path, size: int, count: int) -> None:
     examples = sorted(path for path in made.iterdir() if path.is_dir())
     for index in range(count):
         shutil.copytree(examples[index % len(examples)], root / f"set{index:02}")
+    shutil.rmtree(made)
 
 
 def timed(commands: Sequence[Sequence[str]], at_once: int) -> float:
@@ -63,36 +71,77 @@ def maketx(library: Path, out: Path, jobs: int) -> float:
     return timed(commands, jobs)
 
 
-def bake(library: Path, out: Path, method: str, jobs: int) -> float:
+def bake(library: Path, out: Path, method: str, jobs: int, container: str = FORMATS[0]) -> float:
     """Seconds that a batch takes."""
-    options = ["-r", "-o", str(out), "-j", str(jobs), "--method", method, "--format", "exr:half", "--quiet"]
+    options = ["-r", "-o", str(out), "-j", str(jobs), "--method", method, "--format", container, "--quiet"]
     return timed([[*COMMAND, str(library), *options]], 1)
+
+
+def rates(library: Path, sets: int, program: str, container: str = FORMATS[0]) -> dict[str, float]:
+    """Sets an hour, by the number of processes."""
+    found = {}
+    for jobs in JOBS:
+        out = library.with_name("out")
+        seconds = maketx(library, out, jobs) if program == "maketx" else bake(library, out, program, jobs, container)
+        shutil.rmtree(out)
+        found[str(jobs)] = round(3600 * sets / seconds, 1)
+    return found
+
+
+def parts(source: Path, method: str) -> dict[str, Any]:
+    """What one bake by one process takes, and what of it goes where."""
+    out = source.parent.with_name("out")
+    command = [*COMMAND, str(source), "-o", str(out), "--method", method, "--format", FORMATS[0], "--json"]
+    begun = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=ENVIRONMENT)
+    assert process.stdout is not None
+    told = json.loads(process.stdout.read())
+    _, status, usage = os.wait4(process.pid, 0)
+    assert status == 0, method
+    found = {
+        "seconds": round(time.perf_counter() - begun, 2),
+        "processor": round(usage.ru_utime + usage.ru_stime, 2),
+        "phases": {name: round(value, 2) for name, value in told["results"][0]["seconds"].items()},
+        "memory": usage.ru_maxrss * 1024,
+        "read": sum(file.stat().st_size for file in source.iterdir()),
+        "written": told["results"][0]["bytes"],
+    }
+    shutil.rmtree(out)
+    return found
+
+
+def measured(folder: Path, sizes: Sequence[int], methods: Sequence[str]) -> dict[str, Any]:
+    """Everything."""
+    found: dict[str, Any] = {"machine": cpu_name(), "cores": os.cpu_count(), "sizes": {}, "formats": {}, "parts": {}}
+    for size in sizes:
+        library, sets = folder / f"library{size}", SETS.get(size, 2)
+        make(library, size, sets)
+        row = found["sizes"][str(size)] = {"sets": sets}
+        for program in ("maketx", *methods):
+            row[program] = rates(library, sets, program)
+            print(size, program, row[program], flush=True)
+        if size == FORMATS_SIZE:
+            for container in FORMATS:
+                found["formats"][container] = rates(library, sets, methods[0], container)
+                print(size, container, found["formats"][container], flush=True)
+        if size == max(sizes):
+            found["parts"] = {method: parts(library / "set00", method) for method in methods}
+        shutil.rmtree(library)
+    return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[512, 1024, 2048])
-    parser.add_argument("--sets", type=int, default=4)
+    parser.add_argument("--results", type=Path)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[512, 1024, 2048, 4096])
     parser.add_argument("--methods", nargs="+", default=["linear", "lean", "neural", "auto"])
     options = parser.parse_args()
-    print(f"{cpu_name()}, {platform.system()}, Python {platform.python_version()}; {options.sets} sets of each size\n")
-    print("| size | program | sets an hour, 1 process | 2 processes | gain | of maketx, 1 process |")
-    print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:
-        for size in options.sizes:
-            library = Path(name) / f"library{size}"
-            make(library, size, options.sets)
-            floor = 0.0
-            for program in ("maketx", *options.methods):
-                rates = []
-                for jobs in JOBS:
-                    out = Path(name) / "out"
-                    seconds = maketx(library, out, jobs) if program == "maketx" else bake(library, out, program, jobs)
-                    shutil.rmtree(out)
-                    rates.append(3600 * options.sets / seconds)
-                floor = floor or rates[0]
-                told = [f"{rate:.0f}" for rate in rates] + [f"{rates[1] / rates[0]:.2f}", f"{rates[0] / floor:.2f}"]
-                print(f"| {size} | {program} | {' | '.join(told)} |", flush=True)
+        found = measured(Path(name), options.sizes, options.methods)
+    if options.results is not None:
+        options.results.parent.mkdir(parents=True, exist_ok=True)
+        options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -28,3 +28,15 @@ def keep_freed_memory(limit: int | None = None) -> None:
         return
     for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
         mallopt(option, _MOST if limit is None else min(_MOST, limit // _SHARE))
+
+
+def give_back_freed_memory() -> None:
+    """Has glibc give what is freed back to the system.
+
+    Threads that come and go each leave memory to the allocator, which it keeps for other threads. A process that bakes
+    one set after the other would hold more and more of it.
+    """
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (OSError, AttributeError, TypeError):
+        return

@@ -140,6 +140,13 @@ _ALL = (
         notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
     ),
     Preset(
+        "bevy",
+        "Bevy",
+        (Output("ktx2:bc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES, finer=("rgba8", "rgba16f")),),
+        sides="multiples of 4",
+        notes=("set metallic and perceptual_roughness to 1, and the address modes of the sampler to Repeat",),
+    ),
+    Preset(
         "arnold",
         "Arnold",
         (Output("tx:half", SEPARATE, OPENGL, _SET_FILE),),

@@ -118,6 +118,14 @@ def dds_header(data: bytes) -> dict[str, int]:
     return {name: struct.unpack_from("<I", data, at)[0] for name, at in places.items()}
 
 
+def as_dds(levels: Sequence[bytes], side: int, dxgi: int) -> bytes:
+    """A DDS file of square levels of blocks, for readers that know no KTX 2; fields after Microsoft's reference."""
+    flags, caps = 0x1 | 0x2 | 0x4 | 0x1000 | 0x20000 | 0x80000, 0x8 | 0x1000 | 0x400000
+    head = [124, flags, side, side, len(levels[0]), 0, len(levels), *[0] * 11]
+    head += [32, 4, int.from_bytes(b"DX10", "little"), 0, 0, 0, 0, 0, caps, 0, 0, 0, 0]
+    return b"DDS " + struct.pack("<36I", *head, dxgi, 3, 0, 1, 0) + b"".join(levels)
+
+
 def openimageio_levels(path: Any, channels: int, kind: str = "uint8") -> list[np.ndarray]:
     """Every level of a file as OpenImageIO reads it, colours as they are stored, whatever alpha is."""
     import OpenImageIO

@@ -242,6 +242,7 @@ def test_a_result_with_a_defect_is_told_in_the_same_way_again(
     monkeypatch.setattr(batch_task, "bake_jobs", defective)
     first = bake(library)
     assert (first.baked, first.exit_code) == (2, 1)
+    inline.labels.clear()
     again = bake(library)
     assert inline.labels == []
     assert counts(again) == (0, 0, 2) and again.exit_code == 1
@@ -265,6 +266,22 @@ def test_shards_are_the_library(library: Path, inline: Inline) -> None:
     assert {"batch.sqlite", *(f"batch-{number}-of-3.sqlite" for number in (1, 2, 3))} <= lists
     inline.labels.clear()
     assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
+
+
+def test_a_set_that_comes_into_another_shard_is_still_its_own(library: Path, inline: Inline) -> None:
+    """Its list does not know it, and its maps are others: the lists beside it tell that the place is free."""
+    for number in (1, 2):
+        bake(library, shard=Shard(number, 2))
+    write_set(library / "a")
+    for folder in ("metals/steel", "wood"):
+        for name, value in (("roughness", 7), ("base_color", 9)):
+            shape = (16, 16, 3) if name == "base_color" else (16, 16)
+            write_png(library / folder / f"{name}.png", np.full(shape, value, np.uint8))
+        write_png(library / folder / "normal.png", np.tile(np.uint8([130, 128, 255]), (16, 16, 1)))
+    found = [bake(library, shard=Shard(number, 2)) for number in (1, 2)]
+    assert [str(each.error) for one in found for each in one.failures] == []
+    assert sum(one.baked for one in found) == 3
+    assert inline.labels
 
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/2"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -17,15 +18,18 @@ import pytest
 from mipbake.baking import BakeOptions, NotBaked
 from mipbake.batch import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
 from mipbake.batch.cluster import Order, followed
+from mipbake.batch.parcels import moved
 from mipbake.batch.results import Progress
 from mipbake.batch.task import Task
 from mipbake.cli.main import main
-from mipbake.errors import UsageError
+from mipbake.errors import InputError, UsageError
 from mipbake.io.leftovers import OLD, PARTIAL
 from mipbake.io.options import LoadOptions
 
 from .command_line import fails, tree, write_png, write_set
-from .test_batch_workers import LINEAR, content, write_library
+from .gltf_files import png
+from .gltf_results import two_textures
+from .test_batch_workers import COMMAND, LINEAR, content, write_library
 
 ray = pytest.importorskip("ray", reason="the extra `cluster` has no build for this system")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -119,22 +123,29 @@ def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machi
     assert tree(tmp_path / "out" / "steel") == ["notes.txt"]
 
 
-def test_an_archive_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
+def test_an_archive_a_document_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
     import shutil
 
     write_set(tmp_path / "steel")
     (tmp_path / "lib").mkdir()
     shutil.make_archive(str(tmp_path / "lib" / "steel"), "zip", tmp_path / "steel")
+    two_textures(png("normal n"), png("mr")).write(tmp_path / "lib" / "scene")
     rock = tmp_path / "lib" / "rock"
     write_set(rock)
     for file in list(rock.iterdir()):
         for tile in (1001, 1002):
             shutil.copy(file, rock / f"rock_{file.stem}.{tile}.png")
         file.unlink()
-    found = bake(tmp_path / "lib", tmp_path / "out", machines, Apart(tmp_path / "out"))
-    assert counts(found) == (3, 0, 0), [str(each.error) for each in found.failures]
-    bake_library(tmp_path / "lib", tmp_path / "calm", LINEAR)
+    options = BakeOptions(method="linear", max_level=1)
+    how = BatchOptions(cluster=machines.address)
+    found = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
+    assert counts(found) == (4, 0, 0), [str(each.error) for each in found.failures]
+    assert found.documents == 1 and (tmp_path / "out" / "scene.glb").is_file()
+    bake_library(tmp_path / "lib", tmp_path / "calm", options)
     assert content(tmp_path / "out") == content(tmp_path / "calm")
+    shutil.rmtree(tmp_path / "out" / ".mipbake")
+    again = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
+    assert (again.baked, again.documents, again.failures) == (0, 0, [])
 
 
 def at_work() -> list[int]:
@@ -193,6 +204,84 @@ def test_what_a_machine_leaves_when_it_goes_is_done_by_others(tmp_path: Path, ma
     assert counts(bake(library, tmp_path / "out", machines, Removes())) in ((4, 0, 1), (3, 1, 1))
     bake_library(library, tmp_path / "calm", LINEAR)
     assert content(tmp_path / "out") == content(tmp_path / "calm")
+
+
+def test_paths_are_moved_where_they_are_paths() -> None:
+    places = {"/a/p": ".", "/a/p/steel": "steel", "/a/p-baked": "../p-baked"}
+    for before, after in (
+        ("/a/p/steel/normal.png cannot be read", "steel/normal.png cannot be read"),
+        ("'/a/p/brass' and (/a/p-baked/x): no", "'./brass' and (../p-baked/x): no"),
+        ("/a/p.zip, /b/a/p, /a/p2", "/a/p.zip, /b/a/p, /a/p2"),
+    ):
+        assert moved(before, places) == after
+    assert moved((Path("/a/p-baked/s"), {"k": Path("/a/p/steel")}), places) == (
+        Path("../p-baked/s"),
+        {"k": Path("steel")},
+    )
+    assert moved(InputError("/a/p/steel: no"), places).args == ("steel: no",)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_links_and_other_folders(
+    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch, apart: bool
+) -> None:
+    """As on one machine: a set and a map that are links, `..` after a link, a map beside the working directory."""
+    write_set(tmp_path / "store" / "steel_v3")
+    (tmp_path / "store" / "more").mkdir()
+    chair = tmp_path / "store" / "chair" / "v3"
+    chair.mkdir(parents=True)
+    two_textures(png("normal n"), png("mr")).write(chair / "chair", "gltf")
+    work = tmp_path / "work"
+    (work / "lib").mkdir(parents=True)
+    (work / "lib" / "steel").symlink_to(tmp_path / "store" / "steel_v3")
+    (work / "lib" / "chair").symlink_to(chair)
+    write_set(work / "lib" / "wood", roughness=None)
+    (work / "lib" / "wood" / "wood_height.png").symlink_to(tmp_path / "store" / "steel_v3" / "roughness.png")
+    (work / "more").mkdir()
+    write_png(work / "more" / "r.png", np.full((16, 16), 99, np.uint8))
+    monkeypatch.chdir(work)
+    load = LoadOptions(maps={"roughness": "more/r.png:R"})
+    how = BatchOptions(cluster=machines.address)
+    listener = Apart(Path("out")) if apart else BatchListener()
+    for name, options in (("lib/wood", load), ("lib/steel", LoadOptions()), ("../work/lib/chair", LoadOptions())):
+        there = bake_library(name, "out", LINEAR, options, how, listener)
+        here = bake_library(name, "calm", LINEAR, options)
+        assert [str(each.error) for each in there.failures] == [str(each.error) for each in here.failures] == []
+    assert content(Path("out")) == content(Path("calm")) != {}
+
+
+def test_more_memory_than_there_is(tmp_path: Path, machines: Cluster) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    with pytest.raises(UsageError, match="the largest machine of the cluster gives"):
+        bake(library, tmp_path / "out", machines, memory=1 << 46)
+    assert not list((tmp_path / "out" / ".mipbake").glob("*shared*"))
+
+
+def slow() -> None:
+    time.sleep(60)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster, number: int) -> None:
+    """Also where nothing comes from the cluster, because it is at work for others."""
+    library, out = write_library(tmp_path / "lib", 2), tmp_path / "out"
+    ray.init(address=machines.address, log_to_driver=False)
+    try:
+        busy = [ray.remote(num_cpus=1)(slow).remote() for _ in range(2)]
+        arguments = [str(library), "-r", "-o", str(out), "--method", "linear", "--cluster", str(machines.address)]
+        process = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+        end = time.monotonic() + 60
+        while not list((out / ".mipbake").glob("*shared*")) and time.monotonic() < end:
+            time.sleep(0.05)
+        time.sleep(1)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=30)
+        assert process.returncode == 128 + number, said
+        assert "nothing unfinished" in said and "PC:" not in said, said
+        assert not list((out / ".mipbake").glob("*shared*"))
+        del busy
+    finally:
+        ray.shutdown()
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nonsense"])

@@ -22,7 +22,7 @@ from mipbake.presets import PRESETS, preset_named
 from mipbake.stack import MipStack
 
 from . import packed_sets
-from .gpu_textures import basis_levels, dds_header, openimageio_levels, read_ktx2
+from .gpu_textures import as_dds, basis_levels, dds_header, openimageio_levels, read_ktx2
 from .input_files import encoded
 from .packed_sets import NORMALS, grey, waves
 
@@ -38,6 +38,7 @@ MASK = ("metallic 0", "occlusion 0", "1", "smoothness")
 ANISOTROPY = ("anisotropy 0", "anisotropy 1", "anisotropy 2")
 
 VULKAN_SRGB, VULKAN_NONE = 2, 0
+VULKAN_BLOCKS = {139: "BC4", 145: "BC7", 146: "BC7 sRGB"}
 DXGI = {"RGBA8": 28, "RGBA8 sRGB": 29, "BC4": 80, "BC5": 83, "BC7": 98, "BC7 sRGB": 99}
 
 GLTF_FILES = {
@@ -81,6 +82,13 @@ EXPECTED = {
         "wood_orm.dds": (ORM, "BC7"),
         "wood_emission.dds": (EMISSION, "BC7 sRGB"),
         "wood_height.dds": (("height 0",), "BC4"),
+    },
+    "bevy": {
+        "wood_baseColor.ktx2": ((*COLOURS, "opacity 0"), "BC7 sRGB"),
+        "wood_normal.ktx2": (XYZ, "BC7"),
+        "wood_occlusionRoughnessMetallic.ktx2": (ORM, "BC7"),
+        "wood_emissive.ktx2": (EMISSION, "BC7 sRGB"),
+        "wood_height.ktx2": (("height 0",), "BC4"),
     },
     "arnold": {f"{name}.tx": (channels, "half") for name, channels in PLAIN_FILES.items()},
     "renderman": {
@@ -155,6 +163,14 @@ def texels(path: Path) -> tuple[list[np.ndarray], str]:
         if found.vk_format == 0:
             assert found.descriptor[12] == 166  # the colour model of UASTC
             return basis_levels(data, SIZE, SIZE), f"UASTC{space}"
+        if found.vk_format in VULKAN_BLOCKS:
+            name = VULKAN_BLOCKS[found.vk_format]
+            inflated = [zstandard.decompress(data[at : at + length]) for at, length, _ in found.levels]
+            twin = path.with_suffix(".dds")
+            twin.write_bytes(as_dds(inflated, SIZE, DXGI[name]))
+            levels = openimageio_levels(twin, 4)
+            twin.unlink()
+            return levels, name
         kind = {37: np.uint8, 43: np.uint8, 97: np.float16}[found.vk_format]
         inflated = [zstandard.decompress(data[at : at + length]) for at, length, _ in found.levels]
         sides = [max(1, SIZE >> index) for index in range(len(inflated))]
@@ -195,7 +211,9 @@ def test_files_and_their_texels(written: Written, preset: str) -> None:
     assert {name for name in names if not levels.search(name)} == set(EXPECTED[preset])
     for name, (_, wanted) in EXPECTED[preset].items():
         kind = texels(written.folder / name)[1]
-        finer = [re.sub(r"UASTC|BC\d", each, wanted) for each in ("RGBA8", "half") if preset in ("three", "godot")]
+        finer = [
+            re.sub(r"UASTC|BC\d", each, wanted) for each in ("RGBA8", "half") if preset in ("three", "godot", "bevy")
+        ]
         assert kind in (wanted, *finer), name
 
 
@@ -204,7 +222,7 @@ def test_every_channel_of_every_level(written: Written, preset: str) -> None:
     lose a quarter of it, more where a block holds whole waves, whose mean is still right; other texels lose half a step
     of 8 or 16 bits or of a half float.
     """
-    blocks = "blocks" if preset in ("three", "babylon", "filament", "unity", "godot") else ""
+    blocks = "blocks" if preset in ("three", "babylon", "filament", "unity", "godot", "bevy") else ""
     near = {"dds": 0.002, "tx": 2.5e-4, "exr": 2.5e-4}
     near["png"] = 0.5 / 65535 + 1e-6
     for name, (channels, kind) in EXPECTED[preset].items():
@@ -253,7 +271,7 @@ def test_the_stack_opens(written: Written) -> None:
     assert np.sqrt(np.mean(np.square(found.levels[0] - written.stack.levels[0]))) < 0.1
 
 
-SIDES = dict.fromkeys(("three", "babylon", "filament", "unity"), "multiples of 4")
+SIDES = dict.fromkeys(("three", "babylon", "filament", "unity", "bevy"), "multiples of 4")
 SIDES |= dict.fromkeys(("unreal", "godot"), "powers of two")
 
 
@@ -365,6 +383,7 @@ def table_of_engines() -> dict[str, list[str]]:
 
 SPOKEN_FILES = {
     "KTX2 UASTC": "ktx2:uastc",
+    "KTX2 BC7": "ktx2:bc",
     "DDS RGBA8": "dds:rgba8",
     "DDS BC7": "dds:bc",
     "`.tx` half": "tx:half",

@@ -19,9 +19,9 @@ _REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's; a s
 
 
 def draw_batch(materials: Materials, config: TrainingConfig, index: int, among: Ranks = Ranks()) -> Batch:  # noqa: B008
-    """Batch 0, 1, ...: a pure function of the materials, the configuration, the index and which process draws among how
-    many. Encoders take turns, and all processes read with the same one."""
-    rng, loss = step_generator(config.run.seed, among.drawn(index)), config.loss
+    """Batch 0, 1, ...: a pure function of the materials, the configuration, the index and which process draws it.
+    Encoders take turns, and all processes read with the same one."""
+    rng, loss = step_generator(config.run.seed, index, among.rank), config.loss
     source = config.network.encoders[index % len(config.network.encoders)]
     patches = torch.from_numpy(draw_crops(materials, loss.crops, loss.crop_size, source, rng, config.data))
     batch: Batch = loss.draw(patches, source, rng)

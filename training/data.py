@@ -146,6 +146,7 @@ def draw_crops(
     return np.where((rng.random(count) < data.plain)[:, None, None, None], plain, patches)
 
 
-def step_generator(seed: int, step: int) -> np.random.Generator:
-    """The random numbers of one step: a pure function of seed and step, so that a resumed run draws the same."""
-    return np.random.default_rng([seed, step])
+def step_generator(seed: int, step: int, rank: int = 0) -> np.random.Generator:
+    """The random numbers of one step: a pure function of seed and step, so that a resumed run draws the same; and of
+    the process, where several draw for one step."""
+    return np.random.default_rng([seed, step, rank] if rank else [seed, step])

@@ -25,7 +25,7 @@ from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
-from mipbake.training.ranks import Ranks, ranks
+from mipbake.training.ranks import Ranks, on_processor, ranks
 from mipbake.training.validation import ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
@@ -246,7 +246,7 @@ def train(
                 new = start_from(state, start)
                 say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
             state.average.load_state_dict(state.network.state_dict())
-        among.of_first(state.content())
+        among.of_first(on_processor(state.content()))
         _trained(state, out, resume, batches(train_materials, config, state.step, among), among, say, held_out, effort)
         return state
 

@@ -3,7 +3,7 @@
 Each draws batches of its own. A step takes the mean of all their gradients, as one process would find it in all their
 batches together. So the networks of all processes stay the same, and any one of them can go on alone.
 
-`torchrun` begins the processes, and tells each its rank in the environment.
+`torchrun` begins the processes, and the environment tells which one each is.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 import torch.distributed as dist
@@ -40,10 +40,6 @@ class Ranks:
     def first(self) -> bool:
         """Whether it is the process that writes and speaks."""
         return self.rank == 0
-
-    def drawn(self, index: int) -> int:
-        """Index of the random numbers that this process draws the batch of an index with: no other one draws it."""
-        return index * self.count + self.rank
 
     def device(self, name: str) -> str:
         """The device of this process, where a user asked for one: of a machine's graphics cards each gets its own."""
@@ -92,3 +88,14 @@ def ranks(device: str) -> Iterator[Ranks]:
         yield made
     finally:
         dist.destroy_process_group()
+
+
+def on_processor(content: Any) -> Any:
+    """The same dictionaries and lists, with their tensors on the processor: other processes have other cards."""
+    if isinstance(content, Tensor):
+        return content.cpu()
+    if isinstance(content, dict):
+        return {key: on_processor(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return type(content)(on_processor(value) for value in content)
+    return content

@@ -61,6 +61,10 @@ def _timing(script: str, about: str, *options: str) -> Known:
     return Known(about, (f"benchmarks/{script}.py", *options), None)
 
 
+def _measured(script: str, about: str, *options: str) -> Known:
+    return Known(about, (f"benchmarks/{script}.py", "--results", OUT, *options), None)
+
+
 KNOWN: Mapping[str, Known] = {
     "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
     "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
@@ -168,6 +172,9 @@ KNOWN: Mapping[str, Known] = {
         ),
         None,
     ),
+    "library": _measured("library", "a library that is baked, killed again and again, and gone on with"),
+    "throughput": _measured("throughput", "sets an hour by size, method, format and processes, beside maketx"),
+    "soak": _measured("soak", "many small sets in one process: memory, open files, threads, time"),
     "timing-fit": _timing("fit_cost", "what a step of a fit costs, by its parts"),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),
     "timing-shading-bare": _timing("shading", "the kernels of both models", "--bare", "--rounds", "30"),

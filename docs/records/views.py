@@ -10,6 +10,7 @@ from records.views_cards import CARD_VIEWS
 from records.views_films import FILM_VIEWS
 from records.views_fit import FIT_VIEWS
 from records.views_results import in_three, results_table, results_words
+from records.views_scaling import SCALING_VIEWS
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
@@ -171,6 +172,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
     **FIT_VIEWS,
     **CARD_VIEWS,
+    **SCALING_VIEWS,
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }
 """Name of a block to what makes its text. The part before the slash is the record that it is about."""

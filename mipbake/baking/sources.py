@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from mipbake._allocator import give_back_freed_memory
 from mipbake.baking.leaving import together_at, without_left
 from mipbake.baking.options import Asked, BakeOptions
 from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
@@ -119,6 +120,7 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
                 results += bake_job(run, job, out / job.place, out)
         except MipbakeError as error:
             results.append(_not_baked(run, job.source, error))
+        give_back_freed_memory()
     for source, parts in run.documents.items():
         try:
             results.append(_write_document(run, found, source, parts, out))

@@ -12,13 +12,14 @@ import platform
 import signal
 import socket
 import tempfile
+import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from mipbake import _native, memory
 from mipbake._allocator import keep_freed_memory
@@ -32,9 +33,7 @@ from mipbake.batch.task import Done, Task, unforeseen, work
 from mipbake.batch.workers import end_at_once
 from mipbake.errors import MipbakeError, OutputError, UsageError
 from mipbake.io.leftovers import begun, tidy
-
-if TYPE_CHECKING:
-    import ray
+from mipbake.io.publish import reason
 
 THREADS = 4
 """CPUs of a process, where the number of processes is not said. A guess."""
@@ -44,6 +43,9 @@ _TRIES = 2
 
 _AHEAD = 2
 """Tasks that wait, as a multiple of those that run, so that no machine waits and one that joins has something to do."""
+
+_LOOK = 0.5
+"""Seconds after which it is looked for signals. A guess."""
 
 _PATIENCE = 10
 """Seconds in which the head of a cluster must answer."""
@@ -71,8 +73,9 @@ class Order:
     files: tuple[tuple[str, int], ...] = ()
 
 
-Answer = Done | list[Delivery] | Literal["apart"]
-"""What came of an order; "apart": the machine does not see the same files."""
+Answer = Done | list[Delivery] | Literal["apart", "unlike"]
+"""What came of an order. "apart": the machine does not see where results belong. "unlike": it does, but it does not see
+the same files of the source."""
 
 
 class Cluster:
@@ -84,59 +87,79 @@ class Cluster:
         self._mark = mark
         self._apart = False
 
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
-        """Tasks with what was done, in the order in which they end."""
-        import ray
+    def processes(self, count: int) -> int:
+        """How many processes there are for so many tasks, as the cluster is now."""
+        sizes = _sizes()
+        return max(1, min(self._jobs or count, count, _fitting(sizes, self._threads(sizes, count))))
 
-        waiting = deque(tasks)
-        running: dict[ray.ObjectRef[Any], tuple[Task, Sent]] = {}
-        threads, most = self._shape(len(waiting))
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+        """Tasks with what was done, in the order in which they end.
+
+        Raises:
+            UsageError: no machine has as much memory as each process is to hold to.
+        """
+        ray = _ray()
+        waiting = deque((task, False) for task in tasks)
+        running: dict[Any, tuple[Task, Sent]] = {}  # without the bytes of parcels, which Ray holds
+        threads = self._threads(_sizes(), len(waiting))
         wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
         if self._limit is not None:
+            _check_memory(self._limit)
             wanted["memory"] = self._limit
         follow = ray.remote(**wanted)(followed)
         while waiting or running:
+            most = self._jobs or _AHEAD * max(1, _fitting(_sizes(), threads))
             while waiting and len(running) < most:
-                task = waiting.popleft()
-                sent = self._sent(task)
+                task, unlike = waiting.popleft()
+                sent = self._sent(task, unlike)
                 if isinstance(sent, Done):
                     yield task, sent
                 else:
                     order = Order(__version__, threads, self._limit, sent.work, self._mark, sent.seen)
-                    running[follow.remote(order)] = task, sent
-            if not running:
-                continue
-            (reference, *_), _ = ray.wait(list(running), num_returns=1)
-            task, sent = running.pop(reference)
-            answer = _answer(reference)
-            if answer == "apart":
-                self._apart = True
-                waiting.appendleft(task)
-            elif isinstance(answer, Done):
-                yield task, as_named(answer, task)
-            elif isinstance(answer, MipbakeError):
-                yield task, Done((NotBaked(task.entry.source, answer),), None, time.monotonic() - sent.begun)
-            else:
-                yield task, unpacked(task, answer, sent.files, sent.begun)
+                    running[follow.remote(order)] = task, replace(sent, work=task)
+                    del order, sent
+            # Ray looks for no signals while it waits.
+            ended = ray.wait(list(running), num_returns=1, timeout=_LOOK)[0] if running else []
+            for handle in ended:
+                task, sent = running.pop(handle)
+                answer = _answer(handle)
+                if isinstance(answer, str):
+                    self._apart = self._apart or answer == "apart"
+                    waiting.appendleft((task, True))
+                elif isinstance(answer, Done):
+                    yield task, as_named(answer, task)
+                elif isinstance(answer, MipbakeError):
+                    yield task, Done((NotBaked(task.entry.source, answer),), None, time.monotonic() - sent.begun)
+                else:
+                    yield task, unpacked(task, answer, sent.files, sent.begun)
 
-    def processes(self, count: int) -> int:
-        """How many processes there are for so many tasks, as the cluster is now."""
-        sizes = _sizes()
-        fitting = sum(size // min(THREADS, max(sizes)) for size in sizes)
-        return max(1, min(self._jobs or fitting, count))
+    def _threads(self, sizes: Sequence[int], count: int) -> int:
+        """CPUs of a process for so many tasks: the most with which as many processes fit as there shall be."""
+        jobs = self._jobs or sum(max(1, size // THREADS) for size in sizes)
+        jobs = max(1, min(jobs, count, sum(sizes)))
+        return next(threads for threads in range(max(sizes), 0, -1) if _fitting(sizes, threads) >= jobs)
 
-    def _shape(self, count: int) -> tuple[int, int]:
-        """CPUs of a process for so many tasks, and how many tasks are given to the cluster at a time."""
-        sizes, jobs = _sizes(), self.processes(count)
-        return max(1, min(sum(sizes) // jobs, max(sizes))), self._jobs or _AHEAD * jobs
-
-    def _sent(self, task: Task) -> Sent | Done:
+    def _sent(self, task: Task, unlike: bool) -> Sent | Done:
         begun = time.monotonic()
-        if not self._apart:
+        if not self._apart and not unlike:
             seen = tuple((file.path, file.size) for file in states(task.entry.source))
             return Sent(absolute(task), begun, seen)
         parcel, files = packed(task)
         return parcel if isinstance(parcel, Done) else Sent(parcel, begun, files=tuple(files))
+
+
+def _fitting(sizes: Sequence[int], threads: int) -> int:
+    """How many processes of so many CPUs fit on machines."""
+    return sum(size // threads for size in sizes)
+
+
+def _check_memory(limit: int) -> None:
+    most = max((int(node["Resources"].get("memory", 0)) for node in _nodes()), default=0)
+    if most < limit:
+        raise UsageError(
+            f"each process is to hold to {memory.told(limit)}, and the largest machine of the cluster gives "
+            f"{memory.told(most)}: give less with --memory, or leave it out"
+        )
 
 
 @dataclass(frozen=True)
@@ -154,12 +177,21 @@ class Sent:
     files: tuple[FileState, ...] = ()
 
 
+def _ray() -> Any:
+    """The library; UsageError where it is not installed."""
+    with extra("cluster", "--cluster"):
+        import ray
+    return ray
+
+
 def _sizes() -> list[int]:
     """CPUs of each machine."""
-    import ray
+    return [cpus for node in _nodes() if (cpus := int(node["Resources"].get("CPU", 0)))] or [1]
 
-    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-    return [cpus for node in nodes if node["Alive"] and (cpus := int(node["Resources"].get("CPU", 0)))] or [1]
+
+def _nodes() -> list[dict[str, Any]]:
+    """What Ray says of each machine that is there."""
+    return [node for node in _ray().nodes() if node["Alive"]]
 
 
 @contextmanager
@@ -175,13 +207,13 @@ def cluster(address: str, jobs: int | None, limit: int | None, out: Path) -> Ite
     Raises:
         UsageError: Ray is not installed, or no cluster answers. OutputError: the folder cannot be written.
     """
-    with extra("cluster", "--cluster"):
-        import ray
+    ray = _ray()
     own = not ray.is_initialized()
     if own:
         try:
             _check_address(address)
-            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            with _own_signals():
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (OSError, ValueError, RuntimeError, AssertionError, ImportError) as error:
             told = str(error).strip().partition("\n")[0].rstrip(".")
             raise UsageError(
@@ -204,35 +236,50 @@ def _check_address(address: str) -> None:
 
 
 @contextmanager
+def _own_signals() -> Iterator[None]:
+    """Leaves signals to who has handled them before: Ray takes SIGTERM for itself."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    if before is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
 def _marked(place: Path) -> Iterator[Path]:
     """A file that who sees the same files sees."""
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        tidy(place)
-        with begun(place, lambda path: path.touch(exist_ok=False)) as mark:
-            yield mark
-    except OSError as error:
-        raise OutputError(f"cannot write to {place.parent}: {error.strerror or error}") from error
+    with ExitStack() as mark:
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            tidy(place)
+            path = mark.enter_context(begun(place, lambda path: path.touch(exist_ok=False)))
+        except OSError as error:
+            raise OutputError(f"cannot write to {place.parent}: {reason(error)}") from error
+        yield path
 
 
-def _answer(reference: ray.ObjectRef[Any]) -> Answer | MipbakeError:
+def _answer(handle: Any) -> Answer | MipbakeError:
     """What came of an order, or why nothing did."""
-    import ray
-
+    ray = _ray()
     try:
-        answer: Answer = ray.get(reference)
-    except MipbakeError as error:
-        return error
+        answer: Answer = ray.get(handle)
     except ray.exceptions.RayTaskError as error:
-        return unforeseen(error.cause)
+        if isinstance(error.cause, MipbakeError):
+            return error.cause
+        if not isinstance(error.cause, (ImportError, AttributeError, ray.exceptions.RayError)):
+            return unforeseen(error.cause)
+        return _unfinished(error.cause)
     except ray.exceptions.RayError as error:
-        told = str(error).strip().splitlines()
-        why = f"{type(error).__name__}: {told[-1] if told else ''}"
-        return WorkerError(
-            f"no process of the cluster has finished it ({why}): see that mipbake {__version__} is installed on all "
-            "machines, and hold processes to less (--memory) where memory ran out"
-        )
+        return _unfinished(error)
     return answer
+
+
+def _unfinished(error: Exception) -> WorkerError:
+    told = [line for line in str(error).splitlines() if line.strip()]
+    return WorkerError(
+        f"no process of the cluster has finished it ({type(error).__name__}: {told[0].strip() if told else ''}): see "
+        f"that mipbake {__version__} is installed on all machines, and hold processes to less (--memory) where memory "
+        "ran out"
+    )
 
 
 def followed(order: Order) -> Answer:
@@ -250,7 +297,7 @@ def followed(order: Order) -> Answer:
     signal.signal(signal.SIGTERM, lambda *_: end_at_once())
     if order.memory is None:
         whole = memory.default()
-        limit = None if whole is None else max(1, whole * order.share // (os.cpu_count() or 1))
+        limit = None if whole is None else whole * order.share // max(order.share, _own_size())
     else:
         limit = order.memory
     keep_freed_memory(limit)
@@ -262,13 +309,19 @@ def followed(order: Order) -> Answer:
         try:
             if isinstance(order.work, Parcel):
                 return baked_from(order.work)
-            return work(order.work) if _sees(order, order.work) else "apart"
+            if not order.mark.exists():
+                return "apart"
+            return work(order.work) if _sees(order, order.work) else "unlike"
         finally:
             tempfile.tempdir = before
 
 
 def _sees(order: Order, task: Task) -> bool:
-    """Whether this machine sees the files of a task, and the folder that results belong into."""
-    if not order.mark.exists():
-        return False
+    """Whether this machine sees the files of a task."""
     return order.files == tuple((file.path, file.size) for file in states(task.entry.source))
+
+
+def _own_size() -> int:
+    """CPUs that this machine has for the cluster."""
+    own = _ray().get_runtime_context().get_node_id()
+    return next((int(node["Resources"].get("CPU", 1)) for node in _nodes() if node["NodeID"] == own), 1)

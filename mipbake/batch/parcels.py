@@ -7,10 +7,12 @@ said of them names the paths of this machine all the same.
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import lru_cache
 from pathlib import Path, PurePath
 from typing import Any, TypeVar, cast
 
@@ -22,6 +24,7 @@ from mipbake.batch.task import Done, Task, done, tried
 from mipbake.errors import MipbakeError
 from mipbake.glb import check_file
 from mipbake.io import disk
+from mipbake.io.options import MapChoice
 from mipbake.io.publish import published, replaced_file, temporary_files, temporary_folder
 from mipbake.manifest import is_stack_folder
 
@@ -34,12 +37,14 @@ class Parcel:
 
     Args:
         task: with absolute paths of this machine.
-        root: the folder here that the paths of files are relative to.
+        root: the folder here that the paths of files are relative to, without links.
+        source: of the task, relative to it.
         files: path to content, of the source and of what it refers to.
     """
 
     task: Task
     root: Path
+    source: str
     files: Mapping[str, bytes]
 
 
@@ -73,29 +78,62 @@ def packed(task: Task) -> tuple[Parcel | Done, Sequence[FileState]]:
 
 def _parcel(task: Task, files: Sequence[FileState]) -> Parcel:
     task = absolute(task)
-    around = task.entry.source.parent
-    paths = [Path(os.path.normpath(around / file.path)) for file in files if file.size >= 0]
-    root = Path(os.path.commonpath([around, *(path.parent for path in paths)]))
-    return Parcel(task, root, {str(path.relative_to(root)): disk.read_bytes(path) for path in paths})
+    source, around = task.entry.source, task.entry.source.parent
+    paths = [around / file.path for file in files if file.size >= 0]
+    real = {_real(path): path for path in paths}
+    root = Path(os.path.commonpath([_real_source(source).parent, *(path.parent for path in real)]))
+    content = {str(place.relative_to(root)): disk.read_bytes(path) for place, path in real.items()}
+    return Parcel(task, root, str(_real_source(source).relative_to(root)), content)
+
+
+def _real(path: Path) -> Path:
+    """Where a file lies, links in the way to it followed; by its own name, which says what map it is."""
+    return disk.resolved(path.parent) / path.name
+
+
+def _real_source(source: Path) -> Path:
+    """The same of a source; a folder's own name is that of the folder which it leads to."""
+    return disk.resolved(source) if source.is_dir() else _real(source)
 
 
 def baked_from(parcel: Parcel) -> list[Delivery]:
     """Bakes what a parcel holds, on the machine that has got it."""
     with temporary_folder() as folder:
-        inside, out = folder / "in", folder / "out"
+        inside, out = disk.resolved(folder) / "in", folder / "out"
         with temporary_files():
             for name, content in parcel.files.items():
                 (inside / name).parent.mkdir(parents=True, exist_ok=True)
                 (inside / name).write_bytes(content)
-        task, source = parcel.task, parcel.task.entry.source
-        there = inside / source.relative_to(parcel.root)
-        results, _ = tried(replace(task, entry=replace(task.entry, source=there), out=out, which="all"))
-        back = {str(inside): str(parcel.root), str(out): str(task.out)}
+        task, there = parcel.task, inside / parcel.source
+        load = replace(task.load, maps={role: _named(each, parcel, inside) for role, each in task.load.maps.items()})
+        own = replace(task, entry=replace(task.entry, source=there), out=out, load=load, which="all")
+        results, _ = tried(own)
+        source = task.entry.source
+        back = {str(there): str(source), str(there.parent): str(source.parent)}
+        back |= {str(inside): str(parcel.root), str(out): str(task.out)}
         failed = [Delivery((moved(each, back),)) for each in results if isinstance(each, NotBaked)]
         return failed + [
             Delivery(tuple(moved(each, back) for each in lying), place.relative_to(out), _content(place))
             for place, lying in result_places(results).items()
         ]
+
+
+def _named(choice: MapChoice, parcel: Parcel, inside: Path) -> MapChoice:
+    """What fills a map, with the path that its file has in the parcel."""
+    for file, channels in _readings(choice):
+        if Path(file).is_absolute() and Path(file).is_file():
+            place = _real(Path(file))
+            if place.is_relative_to(parcel.root) and str(place.relative_to(parcel.root)) in parcel.files:
+                return f"{inside / place.relative_to(parcel.root)}{channels}"
+    return choice
+
+
+def _readings(choice: MapChoice) -> list[tuple[str, str]]:
+    """How the text of a choice may be read: as a file, or as a file and its channels."""
+    if not isinstance(choice, str):
+        return []
+    file, colon, channels = choice.rpartition(":")
+    return [(choice, ""), *([(file, colon + channels)] if file else [])]
 
 
 def _content(place: Path) -> bytes | dict[str, bytes] | None:
@@ -141,14 +179,15 @@ def moved(value: T, places: Mapping[str, str]) -> T:
     """The same value, with the paths in it that begin with one place beginning with another one.
 
     Args:
-        value: of dataclasses, errors, sequences, mappings, paths and text. places: the first that fits counts.
+        value: of dataclasses, errors, sequences, mappings, paths and text. places: the longest that fits counts.
     """
     found: Any = value
     if isinstance(value, str):
-        for before, after in places.items():
-            found = found.replace(before, after)
+        found = _pattern(tuple(places)).sub(lambda match: places[match[0]], value)
     elif isinstance(value, PurePath):
-        found = type(value)(moved(str(value), places))
+        longest = sorted(places, key=len, reverse=True)
+        place = next((each for each in longest if value.is_relative_to(each)), None)
+        found = value if place is None else type(value)(places[place]) / value.relative_to(place)
     elif isinstance(value, MipbakeError):
         found = type(value)(*moved(value.args, places))
     elif is_dataclass(value) and not isinstance(value, type):
@@ -162,14 +201,34 @@ def moved(value: T, places: Mapping[str, str]) -> T:
     return cast(T, found)
 
 
+@lru_cache(maxsize=8)
+def _pattern(places: tuple[str, ...]) -> re.Pattern[str]:
+    """Places where they stand in text as paths, or as the beginning of paths; the longest first."""
+    some = "|".join(re.escape(place) for place in sorted(places, key=len, reverse=True))
+    return re.compile(rf"(?<![^\s'\"(\[,;=])(?:{some})(?=$|[/\s'\",;:)\]])")
+
+
 def absolute(task: Task) -> Task:
     """The same task, whatever the working directory is. Links stay."""
-    source, out = (Path(os.path.abspath(path)) for path in (task.entry.source, task.out))  # noqa: PTH100
-    return replace(task, entry=replace(task.entry, source=source), out=out)
+    here = Path.cwd()
+    entry, load = task.entry, task.load
+    maps = {role: _found(choice, entry.source, here) for role, choice in load.maps.items()}
+    load = replace(load, maps=maps) if maps != load.maps else load
+    return replace(task, entry=replace(entry, source=here / entry.source), out=here / task.out, load=load)
+
+
+def _found(choice: MapChoice, source: Path, here: Path) -> MapChoice:
+    """What fills a map, whatever the working directory is."""
+    folder = source if source.is_dir() else source.parent
+    for file, channels in _readings(choice):
+        if not (folder / file).is_file() and (here / file).is_file():
+            return f"{here / file}{channels}"
+    return choice
 
 
 def as_named(value: T, task: Task) -> T:
     """What was said of `absolute(task)`, with the paths that the task itself has."""
     far = absolute(task)
-    pairs = ((far.entry.source, task.entry.source), (far.entry.source.parent, task.entry.source.parent))
-    return moved(value, {str(there): str(here) for there, here in (*pairs, (far.out, task.out))})
+    there = (far.entry.source.parent, far.entry.source, far.out)
+    here = (task.entry.source.parent, task.entry.source, task.out)
+    return moved(value, {str(before): str(after) for before, after in zip(there, here, strict=True)})

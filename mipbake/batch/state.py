@@ -12,7 +12,7 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -131,11 +131,15 @@ def _same(file: FileState, folder: Path, ours: bool = False) -> bool:
 class States:
     """The database. It is written by one process at a time.
 
+    Args:
+        beside: databases of the same folder, of other parts of the library.
+
     It is a shortcut, so nothing ends where it cannot be read or written: then it knows nothing, and remembers nothing.
     """
 
-    def __init__(self, connection: sqlite3.Connection) -> None:
+    def __init__(self, connection: sqlite3.Connection, beside: Sequence[Path] = ()) -> None:
         self._connection: sqlite3.Connection | None = connection
+        self._beside = beside
         self.damaged = False
 
     def known(self, label: str, source: Path, key: str) -> Known | None:
@@ -157,7 +161,8 @@ class States:
             sources: of the library.
         """
         own = {_told(source) for source in sources}
-        rows = self._rows("select source, content from entries")
+        query = "select source, content from entries"
+        rows = self._rows(query) + [row for path in self._beside for row in _rows_of(path, query)]
         free = [_known(content) for source, content in rows if source in own or not os.path.lexists(source)]
         found = {PurePath(file.path).parent.as_posix() for each in free if each for file in each.results}
         return found if rows else None
@@ -179,6 +184,12 @@ class States:
             self.damaged = isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError)
             self._connection = None
             return []
+
+
+def _rows_of(path: Path, query: str) -> list[tuple[str, ...]]:
+    """Rows of another database, as far as it can be read."""
+    found = _read_only(path)
+    return [] if found is None else States(found)._rows(query)
 
 
 def _text(label: str) -> str:
@@ -213,7 +224,8 @@ def opened(out: Path, name: str = "batch", write: bool = True) -> Iterator[State
     """
     place = out / FOLDER / f"{name}{_SUFFIX}"
     connection = _connected(place, write) or _begun(sqlite3.connect(":memory:"))
-    states = States(connection)
+    beside = [path for path in sorted(place.parent.glob(f"*{_SUFFIX}")) if path != place]
+    states = States(connection, beside)
     try:
         yield states
     finally:
@@ -225,12 +237,7 @@ def opened(out: Path, name: str = "batch", write: bool = True) -> Iterator[State
 
 def _connected(place: Path, write: bool) -> sqlite3.Connection | None:
     if not write:
-        try:
-            connection = sqlite3.connect(f"{place.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE)
-            current = connection.execute("pragma user_version").fetchone()[0] == _SCHEMA
-        except (OSError, sqlite3.Error):
-            return None
-        return connection if current else None
+        return _read_only(place)
     for _ in range(2):
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -247,6 +254,15 @@ def _connected(place: Path, write: bool) -> sqlite3.Connection | None:
             with suppress(OSError):
                 place.unlink()
     return None
+
+
+def _read_only(place: Path) -> sqlite3.Connection | None:
+    try:
+        connection = sqlite3.connect(f"{place.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE)
+        current = connection.execute("pragma user_version").fetchone()[0] == _SCHEMA
+    except (OSError, sqlite3.Error):
+        return None
+    return connection if current else None
 
 
 def _begun(connection: sqlite3.Connection) -> sqlite3.Connection:

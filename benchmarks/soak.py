@@ -1,0 +1,105 @@
+"""Many small texture sets baked in one process: what the process holds, and how long each bake takes.
+
+    python benchmarks/soak.py --results build/soak.json [--sets 500] [--methods linear neural auto]
+
+The sets are generated anew for each bake (library_sets.py), of all sizes in turn, and the folder of each is removed
+after it. What lies in memory is what Linux counts as the process's own: file-backed pages, which come and go as the
+system likes, are not part of it. The first bakes load code, weights and caches; the rest must hold what these left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from library_sets import SIZES, maps_of, write
+from timing import cpu_name
+
+WINDOWS = 10
+"""Parts of a run that are told apart."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a run.
+
+    Args:
+        bakes: so far. seconds: median of the bakes in it, over all sizes. memory: anonymous bytes at its end.
+        handles, threads: at its end.
+    """
+
+    bakes: int
+    seconds: float
+    memory: int
+    handles: int
+    threads: int
+
+
+def held() -> tuple[int, int, int]:
+    """Anonymous bytes, open files and threads of this process."""
+    gc.collect()
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    memory = int(status["RssAnon"].split()[0]) * 1024
+    return memory, len(os.listdir("/proc/self/fd")), int(status["Threads"])  # noqa: PTH208
+
+
+def soak(method: str, sets: int) -> list[Window]:
+    """Bakes so many sets in this process, one after the other."""
+    import mipbake
+
+    rng, windows, seconds = np.random.default_rng(3), list[Window](), list[float]()
+    with tempfile.TemporaryDirectory() as folder:
+        for index in range(sets):
+            source, out = Path(folder) / f"set{index}", Path(folder) / "out"
+            write(source, maps_of(rng, SIZES[index % len(SIZES)]))
+            begun = time.perf_counter()
+            mipbake.bake_all(source, out, method=method)
+            seconds.append(time.perf_counter() - begun)
+            shutil.rmtree(source)
+            shutil.rmtree(out)
+            if (index + 1) % max(1, sets // WINDOWS) == 0:
+                memory, handles, threads = held()
+                windows.append(Window(index + 1, statistics.median(seconds), memory, handles, threads))
+                seconds.clear()
+    return windows
+
+
+def in_a_process_of_its_own(method: str, sets: int) -> list[dict[str, Any]]:
+    """The windows of a run that nothing ran before."""
+    command = [sys.executable, __file__, "--alone", method, "--sets", str(sets)]
+    found: list[dict[str, Any]] = json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path)
+    parser.add_argument("--sets", type=int, default=500)
+    parser.add_argument("--methods", nargs="+", default=["linear", "neural", "auto"])
+    parser.add_argument("--alone", metavar="METHOD", help="one method in this process; prints JSON")
+    options = parser.parse_args()
+    if options.alone:
+        print(json.dumps([asdict(window) for window in soak(options.alone, options.sets)]))
+        return
+    made = {method: in_a_process_of_its_own(method, options.sets) for method in options.methods}
+    found = {"machine": cpu_name(), "sets": options.sets, "methods": made}
+    if options.results is not None:
+        options.results.parent.mkdir(parents=True, exist_ok=True)
+        options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()
