@@ -399,3 +399,21 @@ def test_the_list_of_what_is_unrecorded_shrinks_alone(module: Callable[[str], Mo
     assert pages.unrecorded(tmp_path / "list.json") == shrunk
     assert pages.grown(shrunk, ["README.md"], tmp_path).given == {"README.md": ["1 GB", "9 s"]}
     assert dataclasses.asdict(shrunk).keys() == json.loads((tmp_path / "list.json").read_text()).keys()
+
+
+def test_a_sample_of_fits_is_compared_set_by_set(module: Callable[[str], ModuleType]) -> None:
+    fits = module("records.fits")
+    sums = {method: [100.0, 1.0, 0.5] for method in ("linear", "lean", "auto", "fitted")}
+    off = {**sums, "fitted": [100.0, 1.05, 0.5]}
+
+    def data(*sets: tuple[str, dict[str, list[float]]]) -> dict[str, Any]:
+        view = {name: [{"view": "v", "sums": {m: each for m in ("snr", "snr-displayed")}}] for name, each in sets}
+        return {"renderers": {"gl clearcoat": {name: {"scales": {"far": views}} for name, views in view.items()}}}
+
+    record, sample = data(("a", sums), ("b", sums)), data(("b", off))
+    assert fits.sets(record) == ["a", "b"]
+    found = fits.differences(record, sample)
+    assert len(found) == 8 and all(each.name.startswith("gl clearcoat, b, snr") for each in found)
+    wrong = {each.name: each.share for each in found if each.share > 1}
+    assert set(wrong) == {f"gl clearcoat, b, {m}, far, fitted" for m in ("snr", "snr-displayed")}
+    assert fits.differences(record, data(("c", off))) == []

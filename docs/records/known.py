@@ -133,6 +133,7 @@ KNOWN: Mapping[str, Known] = {
             ("mipbake-2",),
             files=("mipbake/fitting/shaders/*.glsl", "mipbake/fitting/three_page/*.js"),
         ),
+        sample=1,
         pictures="docs",
     ),
     "commands": Known(

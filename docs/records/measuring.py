@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from records import films, results
+from records import films, fits, results
 from records.code import ROOT, hashes, together
 from records.known import MATERIALS, OUT, WORK, Known
 from records.record import Confirmed, Difference, Measured, Record, confirmed, drawn, rounded
@@ -25,6 +25,9 @@ Run = Callable[[str, Known, "Path | None", Path, Sequence[str], Path], Any]
 
 FILMS = "films"
 """The record of films, whose sets have files of their own as results have."""
+
+FIT = "fit"
+"""The record of fits, whose sets lie below renderers."""
 
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
@@ -59,10 +62,11 @@ def confirm(
     """
     check_built(root)
     now = hashes(known.entry) if known.entry else {}
-    names = drawn(list(record.data["sets"]), known.sample, now)
+    every = fits.sets(record.data) if record.name == FIT else list(record.data["sets"])
+    names = drawn(every, known.sample, now)
     with tempfile.TemporaryDirectory() as scratch:
         sample = (measured or run)(record.name, known, materials, Path(scratch), ("--plans", *names), root)
-    compared = films.differences if record.name == FILMS else results.differences
+    compared = {FILMS: films.differences, FIT: fits.differences}.get(record.name, results.differences)
     found = compared(record.data, sample)
     lines = [f"{record.name}: {', '.join(names)} measured again, {len(found)} figures"]
     wrong = [each for each in found if each.share > 1]
