@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from mipbake import prefilter
 from mipbake.judging.probes import ProbeEffort
 from mipbake.prefilter.search import checkpoint, rounds, stages
 from mipbake.prefilter.search.blending import blend
@@ -41,13 +40,23 @@ class ManyRegions(Refine):
 
 def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None:
     """Checkpoints are written after every round."""
-    change(checkpoint, "_LEAST_SECONDS", 0.0)
-    change(checkpoint, "_COST", 1e9)
+    change(checkpoint, "LEAST_SECONDS", 0.0)
+    change(checkpoint, "COST", 1e9)
 
 
-def with_many_regions() -> Mapping[str, Any]:
-    """What makes methods, with this search as `refine`."""
-    return {**prefilter._MAKERS, "refine": ManyRegions}
+def with_many_regions(change: Callable[[object, str, Any], None] = setattr) -> None:
+    """Bakes by `refine` make this search."""
+    module = sys.modules["mipbake.bake"]
+    plain = module.method_named
+
+    def named(name: str, *options: Any) -> Any:
+        if name != "refine":
+            return plain(name, *options)
+        keywords = ("weights", "budget", "sampler", "aim", "device", "sitting")
+        given = {key: each for key, each in zip(keywords, options, strict=True) if each is not None}
+        return ManyRegions(**given)
+
+    change(module, "method_named", named)
 
 
 def _after(seconds: float, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
@@ -61,7 +70,7 @@ if __name__ == "__main__":
     from mipbake.cli import main
 
     flags = sys.argv.pop(1).split(",")
-    prefilter._MAKERS = with_many_regions()
+    with_many_regions()
     without_pauses()
     if "slow" in flags:
         rounds.work = partial(_after, 0.2, rounds.work)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,6 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake import prefilter
 from mipbake.baking import Listener, bake_sources
 from mipbake.cli.bake_stopping import Stopping
 from mipbake.errors import UsageError
@@ -129,6 +129,7 @@ def damages(path: Path) -> Iterator[tuple[Path, bytes]]:
 def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterResult) -> None:
     path = tmp_path / "kept"
     stopped(path, 300)
+    of = checkpoint.read_about(path / "about.json")["of"]
     good = {file: file.read_bytes() for file in path.iterdir()}
     kinds = {file.name.partition("-")[0] for file in good}
     assert kinds == {"about.json", "lock", "start.npz", "region", "state"}
@@ -137,7 +138,7 @@ def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterR
         file.write_bytes(data)
         told: list[str] = []
         if number:  # whole searches would take long
-            kept = _checkpoint(path, told)
+            kept = _checkpoint(path, of, told)
             assert kept.load(shapes, windows) is None, file
             kept.close()
         else:
@@ -148,7 +149,7 @@ def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterR
         for each, before in good.items():
             each.write_bytes(before)
     told = []
-    kept = _checkpoint(path, told)
+    kept = _checkpoint(path, of, told)
     assert kept.load(shapes, windows) is not None and not told
     kept.close()
 
@@ -164,14 +165,14 @@ def _windows() -> Any:
     return partial(windows_in, problem, list(timed_regions(problem, SOME_ROUNDS.window, True, 8)))
 
 
-def _checkpoint(path: Path, told: list[str]) -> Checkpoint:
-    """As the search makes it."""
-    method = ManyRegions(budget="best", sitting=Sitting(path, told=told.append))
-    from mipbake.reference.problem import Problem
+def _checkpoint(path: Path, of: Mapping[str, str], told: list[str]) -> Checkpoint:
+    return Checkpoint(path, of, False, told.append)
 
-    with method._checkpoint(Problem(STORED, "gltf", "gltf", "gaussian", WRAP)) as made:
-        assert made is not None
-        return made
+
+def rewrite(path: Path, about: dict[str, Any]) -> None:
+    """Changes what a checkpoint says of itself."""
+    text = json.dumps({"sum": checkpoint.checksum(about), "about": about})
+    (path / "about.json").write_text(text, encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -185,15 +186,16 @@ def _checkpoint(path: Path, told: list[str]) -> Checkpoint:
         ({"version": "0"}, "it was made by mipbake"),
     ],
 )
-def test_a_checkpoint_of_another_search_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], why: str
-) -> None:
+def test_a_checkpoint_of_another_search_is_not_used(tmp_path: Path, change: dict[str, Any], why: str) -> None:
     path, told = tmp_path / "kept", list[str]()
     stopped(path)
-    if change.pop("weights", None):
-        monkeypatch.setattr(ManyRegions, "_weights_hash", lambda *_: "other")
-    if change.pop("version", None):
-        monkeypatch.setattr(checkpoint, "__version__", "0")
+    weights, version = change.get("weights"), change.get("version")
+    if weights is not None or version is not None:
+        about = checkpoint.read_about(path / "about.json")
+        about["version"] = version or about["version"]
+        about["of"]["weights"] = weights or about["of"]["weights"]
+        rewrite(path, about)
+        change = {}
     found = searched(path, lambda: True, told.append, **change)
     assert found.stopped
     assert told[0].startswith(f"the checkpoint {path} is not used, because {why}")
@@ -219,13 +221,11 @@ def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_
     assert "limit of time" in told[0]
 
 
-def test_time_that_was_spent_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_that_was_spent_counts(tmp_path: Path) -> None:
     path, told = tmp_path / "kept", list[str]()
     found = searched(path, After(200), budget="1h")
-    about = checkpoint._read_about(path / "about.json")
-    about["seconds"] = 3601.0
-    text = checkpoint.json.dumps({"sum": checkpoint._sum(about), "about": about})
-    (path / "about.json").write_text(text, encoding="utf-8")
+    about = checkpoint.read_about(path / "about.json")
+    rewrite(path, {**about, "seconds": 3601.0})
     rest = searched(path, told=told.append, budget="1h")
     # No round is worked any more: what was best is kept, and the search is done.
     assert told == [f"going on from the checkpoint {path}, after 1 h of 1 h"]
@@ -248,7 +248,7 @@ def test_a_full_disk_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: PrefilterResult) -> None:
     path, told = tmp_path / "kept", list[str]()
     stopped(path)
-    lock = checkpoint._lock(path)
+    lock = checkpoint.lock_of(path)
     assert lock is not None
     before = {file: file.read_bytes() for file in path.iterdir()}
     try:
@@ -261,17 +261,18 @@ def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: Prefilte
 
 
 def test_checkpoints_are_no_more_often_than_they_may_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoint, "_COST", 0.02)
+    monkeypatch.setattr(checkpoint, "COST", 0.02)
     written: list[float] = []
-    write = Checkpoint._write
+    write = checkpoint.write_arrays
 
-    def slow(self: Checkpoint, *given: Any) -> None:
+    def slow(path: Path, arrays: Any) -> int:
         begin = time.monotonic()
-        write(self, *given)
+        size = write(path, arrays)
         time.sleep(0.05)
         written.append(time.monotonic() - begin)
+        return size
 
-    monkeypatch.setattr(Checkpoint, "_write", slow)
+    monkeypatch.setattr(checkpoint, "write_arrays", slow)
     begin = time.monotonic()
     searched(tmp_path / "kept")
     assert written, "the first writing seems cheap"
@@ -279,7 +280,7 @@ def test_checkpoints_are_no_more_often_than_they_may_cost(tmp_path: Path, monkey
 
 
 def test_arrays_are_read_as_they_were_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_arrays, "_AT_ONCE", 100)
+    monkeypatch.setattr(kept_arrays, "AT_ONCE", 100)
     rng = np.random.default_rng(0)
     arrays = {
         "a": rng.random((33, 5, 3)).astype(np.float32),
@@ -350,7 +351,7 @@ class Stops(Listener):
 def test_sets_after_a_search_that_was_stopped_are_not_begun(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(prefilter, "_MAKERS", with_many_regions())
+    with_many_regions(monkeypatch.setattr)
     other = write_set(tmp_path / "other", **bumps(16, 32))
     options = mipbake.BakeOptions(method="refine", budget="best")
     with pytest.raises(KeyboardInterrupt):
@@ -359,7 +360,7 @@ def test_sets_after_a_search_that_was_stopped_are_not_begun(
 
 
 def test_a_program_stops_a_search_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prefilter, "_MAKERS", with_many_regions())
+    with_many_regions(monkeypatch.setattr)
 
     def bake(**options: Any) -> mipbake.MipStack:
         return mipbake.bake(set_in_memory(), "refine", budget="best", **options)

@@ -34,9 +34,12 @@ BEYOND = (
     "mipbake.io.gpu_format", "mipbake.io.blocks", "mipbake.io.bc7", "mipbake.io.uastc", "mipbake.io.decode",
     "mipbake.io.containers", "mipbake.io.map_files", "mipbake.io.layout", "mipbake.io.quantise",
     "mipbake.io.messages", "mipbake.prefilter.search.time_budget", "mipbake.render.cache",
+    "mipbake.prefilter.search.checkpoint", "mipbake.prefilter.search.kept_arrays",
+    "mipbake.prefilter.search.kept_search", "mipbake.prefilter.search.sitting",
 )  # fmt: skip
 """Modules that records of quality import and that cannot change a figure: they write stacks, read documents that no
-measured set has, or say which package is missing. Levels are measured as they are in memory."""
+measured set has, keep searches that are interrupted, or say which package is missing. Levels are measured as they are
+in memory."""
 
 _FOLDERS = {name: folder for name, folder in folders().items() if name.startswith("mipbake.")}
 """Rooms that the build maps into the package."""

@@ -92,7 +92,7 @@ def _real(path: Path) -> Path:
 
 
 def _real_source(source: Path) -> Path:
-    """The same of a source; a folder's own name is that of the folder which it leads to."""
+    """The same of a source. A folder is called as the folder is that a link leads to."""
     return disk.resolved(source) if source.is_dir() else _real(source)
 
 

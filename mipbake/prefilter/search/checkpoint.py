@@ -39,8 +39,12 @@ if sys.platform != "win32":
 
 _ABOUT, _LOCK, _START = "about.json", "lock", "start.npz"
 _FORMAT = 1  # of the files; not tuned
-_LEAST_SECONDS = 10.0  # between two writings; a guess
-_COST = 0.02  # share of the time that writing may take; a guess
+LEAST_SECONDS = 10.0
+"""Between two writings. A guess."""
+
+COST = 0.02
+"""Share of the time that writing may take. A guess."""
+
 _RATE = 2e8  # bytes that a disk writes in a second, before it is measured; a guess
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, IndexError, zipfile.BadZipFile, zlib.error)
 _WORDS = {"source": "the set changed", "options": "the options changed", "weights": "the weights changed"}
@@ -98,7 +102,7 @@ class Checkpoint:
         try:
             if not self.path.is_dir() or not self._locked():
                 return None
-            about = _read_about(self.path / _ABOUT)
+            about = read_about(self.path / _ABOUT)
             why = self._other(about)
             kept = None if why else self._read(about, shapes, windows)
         except FileNotFoundError:  # a process was killed before it had written all of the first one
@@ -111,7 +115,7 @@ class Checkpoint:
 
     def due(self) -> bool:
         """Whether so long has passed that it may be worth to keep something."""
-        return not self._useless and time.monotonic() - self._last >= _LEAST_SECONDS
+        return not self._useless and time.monotonic() - self._last >= LEAST_SECONDS
 
     def keep(
         self,
@@ -135,7 +139,7 @@ class Checkpoint:
         moved = {index: {level: levels[level][at] for level, at in windows(index).items()} for index in new}
         size = sum(each.bytes for each in (state, begun) if each is not None)
         size += sum(each.nbytes for some in moved.values() for each in some.values())
-        if not now and time.monotonic() - self._last < size / self._rate / _COST:
+        if not now and time.monotonic() - self._last < size / self._rate / COST:
             return
         begin = time.monotonic()
         try:
@@ -249,7 +253,7 @@ class Checkpoint:
         }
         partial = self.path / f"{_ABOUT}.partial"
         with partial.open("w", encoding="utf-8") as out:
-            json.dump({"sum": _sum(about), "about": about}, out)
+            json.dump({"sum": checksum(about), "about": about}, out)
             out.flush()
             os.fsync(out.fileno())
         partial.replace(self.path / _ABOUT)
@@ -262,7 +266,7 @@ class Checkpoint:
     def _locked(self) -> bool:
         """Whether this process has the folder; else nothing is kept."""
         if self._lock is None and not self._useless:
-            self._lock = _lock(self.path)
+            self._lock = lock_of(self.path)
             if self._lock is None:
                 self._useless = True
                 self._told(f"another process has the checkpoint {self.path}: this search is not kept")
@@ -273,15 +277,15 @@ class Checkpoint:
         self._regions, self._start, self._state = {}, None, None
 
 
-def _read_about(path: Path) -> dict[str, Any]:
+def read_about(path: Path) -> dict[str, Any]:
     found = json.loads(path.read_bytes())
     about: dict[str, Any] = found["about"]
-    if found["sum"] != _sum(about):
+    if found["sum"] != checksum(about):
         raise ValueError("its description is damaged")
     return about
 
 
-def _sum(about: Mapping[str, Any]) -> str:
+def checksum(about: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 
@@ -289,7 +293,7 @@ def discard(path: Path) -> None:
     """Removes a checkpoint, where there is one that no process works with."""
     if not path.is_dir():
         return
-    lock = _lock(path)
+    lock = lock_of(path)
     if lock is not None:
         try:
             _remove(path)
@@ -314,7 +318,7 @@ def _remove(path: Path, folder: bool = True) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _lock(path: Path) -> int | None:
+def lock_of(path: Path) -> int | None:
     """A handle that holds the lock of a folder until it is closed; None where another process has it."""
     handle = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     if sys.platform == "win32":

@@ -15,7 +15,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-_AT_ONCE = 1 << 22  # bytes that are copied at a time; a guess
+AT_ONCE = 1 << 22
+"""Bytes that are copied at a time. A guess."""
 
 Make = Callable[[tuple[int, ...], np.dtype[Any]], NDArray[Any]]
 """Makes an array of a shape and a dtype, whose values are then read; ValueError where no such array is expected."""
@@ -77,7 +78,7 @@ def _read(stream: IO[bytes], make: Make, size: int) -> NDArray[Any]:
 
 def _some_rows(array: NDArray[Any]) -> list[Any]:
     """Parts of an array along its first axis, as indices."""
-    if array.ndim == 0 or array.nbytes <= _AT_ONCE:
+    if array.ndim == 0 or array.nbytes <= AT_ONCE:
         return [...]
-    step = max(1, _AT_ONCE * len(array) // array.nbytes)
+    step = max(1, AT_ONCE * len(array) // array.nbytes)
     return [slice(start, start + step) for start in range(0, len(array), step)]
