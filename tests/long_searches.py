@@ -8,6 +8,7 @@ A flag `slow` makes a round take a while, and `hangs` makes the stage Keep hang.
 
 from __future__ import annotations
 
+import importlib
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -46,7 +47,7 @@ def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None
 
 def with_many_regions(change: Callable[[object, str, Any], None] = setattr) -> None:
     """Bakes by `refine` make this search."""
-    module = sys.modules["mipbake.bake"]
+    module = importlib.import_module("mipbake.bake")
     plain = module.method_named
 
     def named(name: str, *options: Any) -> Any:
