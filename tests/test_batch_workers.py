@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -195,3 +196,33 @@ def test_a_batch_that_is_stopped_leaves_no_temporary_files(tmp_path: Path) -> No
     os.killpg(process.pid, signal.SIGINT)
     _, told = process.communicate(timeout=60)
     assert list(scratch.iterdir()) == [] and "Traceback" not in told, told
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the signals of a process from /proc")
+def test_signals_wait_from_the_first_moment_of_a_process(tmp_path: Path) -> None:
+    script = """
+        import multiprocessing, threading, time
+        from pathlib import Path
+        from mipbake.batch import BatchOptions, bake_library
+        from mipbake.baking import BakeOptions
+
+        def watch():
+            while not (begun := multiprocessing.active_children()):
+                time.sleep(0.001)
+            status = Path(f"/proc/{begun[0].pid}/status").read_text()
+            blocked = next(line for line in status.splitlines() if line.startswith("SigBlk"))
+            print("blocked", int(blocked.split()[1], 16))
+
+        if __name__ == "__main__":
+            watcher = threading.Thread(target=watch)
+            watcher.start()
+            bake_library(LIBRARY, OUT, BakeOptions(method="linear", format="png", max_level=1), BatchOptions(jobs=2))
+            watcher.join()
+    """
+    library = write_library(tmp_path / "lib", 2)
+    place = tmp_path / "batch.py"
+    script = textwrap.dedent(script).replace("LIBRARY", repr(str(library))).replace("OUT", repr(str(tmp_path / "out")))
+    place.write_text(script)
+    run = subprocess.run([sys.executable, str(place)], capture_output=True, text=True, check=True, timeout=120)
+    (mask,) = (int(line.split()[1]) for line in run.stdout.splitlines() if line.startswith("blocked"))
+    assert all(mask & 1 << (number - 1) for number in (signal.SIGINT, signal.SIGTERM)), run.stdout

@@ -110,11 +110,12 @@ class Workers:
 
     def _submitted(self, task: Task) -> Future[Done]:
         """A task for a process, which may begin now. Signals wait until it does what `_begin` says."""
+        pool = self._started()  # before the signals wait: its queues begin a process, after which Python lets them through
         if sys.platform == "win32":
-            return self._started().submit(work, task)
+            return pool.submit(work, task)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
         try:
-            return self._started().submit(work, task)
+            return pool.submit(work, task)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
