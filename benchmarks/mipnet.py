@@ -1,6 +1,6 @@
 """MIPNet, re-implemented (mipnet_network.py), as a baseline: trains it, and makes weights that results.py measures.
 
-    python benchmarks/mipnet.py train --target ggx --data SETS --out FOLDER [--resume]
+    python benchmarks/mipnet.py train --target ggx --data SETS --out FOLDER [--resume] [--device cuda]
     python benchmarks/mipnet.py export FOLDER/best.pt NAME [--out benchmarks/baselines]
     python benchmarks/results.py SETS RESULTS --kinds models --weights benchmarks/baselines
 
@@ -66,6 +66,7 @@ def trained(arguments: Sequence[str]) -> int:
     parser.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister of the target)")
     parser.add_argument("--steps", type=int, help="(default: as many as CONFIG has)")
     parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.pt, with its configuration")
+    parser.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")
     options = parser.parse_args(arguments)
     if options.resume:
         config = load_state(options.out / LAST).config
@@ -75,7 +76,7 @@ def trained(arguments: Sequence[str]) -> int:
     config = replace(config, data=replace(config.data, folder=options.data))
     keep_freed_memory()
     torch.set_num_threads(threads_beside_batches())
-    train(config, options.out, options.resume)
+    train(config, options.out, options.resume, device=options.device)
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import signal
+import time
 from dataclasses import dataclass
 
 import pytest
@@ -51,6 +52,24 @@ def test_batches_arrive_whole_and_in_order(system: str, monkeypatch: pytest.Monk
     # Later batches do not overwrite those that are kept.
     assert all(same(found, batch(index)) for index, found in enumerate(kept))
     kept[0].patches.add_(1)  # nor are they read-only
+
+
+@pytest.mark.parametrize("system", ["Linux", "Darwin"])
+def test_several_are_drawn_at_a_time(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if system == "Linux" != platform.system():
+        pytest.skip("no processes are forked here")
+    monkeypatch.setattr(platform, "system", lambda: system)
+    with Drawer(late_if_even, 0, ahead=3) as drawer:
+        for index in range(3):
+            drawer.ask(index)
+        for index in range(6):
+            assert same(drawer.take(), batch(index))
+            drawer.ask(index + 3)
+
+
+def late_if_even(index: int) -> Batch:
+    time.sleep(0.05 * (index % 2 == 0))  # the next one is there first
+    return batch(index)
 
 
 def fails(index: int) -> Batch:

@@ -41,20 +41,22 @@ def batches(
     config: TrainingConfig,
     first: int,
     among: Ranks = Ranks(),  # noqa: B008
+    ahead: int = 1,
 ) -> Iterator[Batch]:
-    """The batches of steps `first` to the last; new ones are drawn while others are trained on."""
+    """The batches of steps `first` to the last; `ahead` new ones are drawn while others are trained on."""
     kept: dict[int, Batch] = {}
     coming = batch_of(first, config)
     draw = partial(draw_batch, materials, config, among=among)
-    with Drawer(draw, coming) as drawer:
-        drawer.ask(coming)
+    with Drawer(draw, coming, ahead) as drawer:
+        for index in range(coming, coming + ahead):
+            drawer.ask(index)
         for step in range(first, config.run.steps):
             index = batch_of(step, config)
             while index >= coming:
                 kept[coming] = drawer.take()
                 kept.pop(coming - _KEPT, None)
+                drawer.ask(coming + ahead)
                 coming += 1
-                drawer.ask(coming)
             if index not in kept:  # drawn before a training was resumed
                 kept[index] = draw(index)
             yield kept[index]

@@ -1,4 +1,4 @@
-"""Batches drawn beside the training: in a process of their own where the system can fork one, else in a thread.
+"""Batches drawn beside the training: in processes of their own where the system can fork them, else in threads.
 
 Drawing and training both are many short calls. Two threads of one interpreter would wait for each other at every one of
 them; two processes share nothing but the memory that a batch is handed over in.
@@ -12,6 +12,7 @@ import multiprocessing
 import pickle
 import platform
 import signal
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
@@ -21,6 +22,7 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import Tensor
 
+from mipbake._threads import threads
 from mipbake.errors import MipbakeError
 
 T = TypeVar("T")
@@ -57,41 +59,46 @@ class Drawer(Generic[T]):
     Args:
         draw: the batch of an index, a pure function.
         example: an index; no batch is much larger than the batch of this index.
+        ahead: batches that are drawn at a time, each by a process or a thread of its own. So many may be asked for
+            until the first of them is taken.
     """
 
-    def __init__(self, draw: Callable[[int], T], example: int) -> None:
+    def __init__(self, draw: Callable[[int], T], example: int, ahead: int = 1) -> None:
+        self.ahead = ahead
         self._threads: ThreadPoolExecutor | None = None
         if platform.system() != "Linux":
-            self._threads = ThreadPoolExecutor(1, initializer=_one_thread)
-            self._draw, self._pending = draw, list[Future[T]]()
+            self._threads = ThreadPoolExecutor(ahead, initializer=_one_thread)
+            self._draw, self._pending = draw, deque[Future[T]]()
             return
         _, buffers = pack(draw(example))
-        self._memory = mmap.mmap(-1, 2 * _places([len(b) for b in buffers])[1] + mmap.PAGESIZE)  # shared with the fork
-        context = multiprocessing.get_context("fork")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(draw, theirs, self._pipe, self._memory), daemon=True)
-        self._process.start()
-        theirs.close()
+        room = 2 * _places([len(b) for b in buffers])[1] + mmap.PAGESIZE
+        share = max(1, threads() // ahead)
+        self._idle = deque[_Process](_Process(draw, room, share) for _ in range(ahead))
+        self._asked = deque[_Process]()
 
     def ask(self, index: int) -> None:
-        """Has a batch drawn; one at a time until it is taken."""
+        """Has a batch drawn."""
         if self._threads is not None:
             self._pending.append(self._threads.submit(self._draw, index))
-        else:
-            self._pipe.send(index)
+            return
+        process = self._idle.popleft()
+        process.pipe.send(index)
+        self._asked.append(process)
 
     def take(self) -> T:
-        """The batch that was asked for; raises what its drawing raised."""
+        """The batch that was asked for first; raises what its drawing raised."""
         if self._threads is not None:
-            return self._pending.pop(0).result()
+            return self._pending.popleft().result()
+        process = self._asked.popleft()
+        self._idle.append(process)
         try:
-            answer, sizes = self._pipe.recv()
+            answer, sizes = process.pipe.recv()
         except EOFError as error:
             raise MipbakeError("the process that draws batches has died; continue with --resume") from error
         if isinstance(answer, BaseException):
             raise answer
         places, end = _places(sizes)
-        own = memoryview(bytearray(memoryview(self._memory)[:end]))
+        own = memoryview(bytearray(memoryview(process.memory)[:end]))
         batch: T = pickle.loads(answer, buffers=[own[place] for place in places])
         return batch
 
@@ -104,7 +111,28 @@ class Drawer(Generic[T]):
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
             return
-        self._pipe.close()
+        for process in (*self._idle, *self._asked):
+            process.end()
+
+
+class _Process:
+    """A process that draws a batch at a time.
+
+    Args:
+        room: bytes for the numbers of a batch. share: threads that kernels may use.
+    """
+
+    def __init__(self, draw: Callable[[int], Any], room: int, share: int) -> None:
+        self.memory = mmap.mmap(-1, room)  # shared with the fork
+        context = multiprocessing.get_context("fork")
+        self.pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(draw, theirs, self.pipe, self.memory, share), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def end(self) -> None:
+        """Ends it, whatever it is about."""
+        self.pipe.close()
         self._process.terminate()
         self._process.join()
 
@@ -114,10 +142,13 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
-def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memory: mmap.mmap) -> None:
+def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memory: mmap.mmap, share: int) -> None:
+    from mipbake import _native
+
     theirs.close()  # the parent's end, which its death is to close
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to handle
     _one_thread()
+    _native.set_num_threads(share)
     shared = memoryview(memory)
     while True:
         try:

@@ -40,6 +40,12 @@ def threads_beside_batches() -> int:
     return int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, (os.cpu_count() or 2) - 1)
 
 
+def batches_ahead(device: torch.device) -> int:
+    """Batches that are drawn at a time, a core each. On the processor one, because training takes the other cores.
+    Beside a graphics card as many as there are other cores, up to eight: a guess."""
+    return 1 if device.type == "cpu" else max(1, min(8, (os.cpu_count() or 2) - 1))
+
+
 @dataclass
 class TrainingState:
     """All that a training carries from step to step; randomness needs nothing but the step's index.
@@ -233,7 +239,7 @@ def train(
         if not among.first:
             state = state_of(among.of_first(None), where)
             state.config = config
-            for batch in batches(train_materials, config, state.step, among):
+            for batch in batches(train_materials, config, state.step, among, batches_ahead(where)):
                 state.advance(batch, among)
             return state
         _check_folder(out, resume)
@@ -247,7 +253,8 @@ def train(
                 say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
             state.average.load_state_dict(state.network.state_dict())
         among.of_first(on_processor(state.content()))
-        _trained(state, out, resume, batches(train_materials, config, state.step, among), among, say, held_out, effort)
+        coming = batches(train_materials, config, state.step, among, batches_ahead(where))
+        _trained(state, out, resume, coming, among, say, held_out, effort)
         return state
 
 

@@ -183,7 +183,8 @@ def render_loss(texels: Tensor, model: str, views: Views, noisy_reference: Tenso
 
 
 class _RenderLoss(torch.autograd.Function):
-    """One level of detail at a time, backwards at once: its renders are used while they are near a core."""
+    """Backwards at once. On the processor a level of detail at a time: its renders are used while they are near a core.
+    On a graphics card all levels of detail together: calls are few, and renders fit."""
 
     @staticmethod
     def forward(ctx: Any, texels: Tensor, model: str, views: Views, noisy_reference: Tensor) -> Tensor:
@@ -191,17 +192,22 @@ class _RenderLoss(torch.autograd.Function):
         renders = noisy_reference.shape[0] * noisy_reference.shape[1] * noisy_reference.shape[2]
         total = texels.new_zeros(())
         gradient = torch.empty_like(texels) if needed else None
-        for lod in range(texels.shape[1]):
-            part = texels[:, lod].detach().requires_grad_(needed)
+        lods, points = texels.shape[1:3]
+        together = 1 if texels.device.type == "cpu" else lods
+        for first in range(0, lods, together):
+            lod = slice(first, first + together)
+            part = texels[:, lod].flatten(1, 2).detach().requires_grad_(needed)
             with torch.set_grad_enabled(needed):
                 prediction = shade(model, part, views.light, views.view)
-            render = prediction.detach()
-            norm = relative_norms(render)
+            apart = (*prediction.shape[:2], together, points, 3)
+            render = prediction.detach().reshape(apart).movedim(2, 1)  # as the noisy reference
+            norm = relative_norms(render.flatten(0, 1))
             error = render - noisy_reference[:, lod]
-            total += (energies(error) / norm).sum() / renders
+            total += (energies(error.flatten(0, 1)) / norm).sum() / renders
             if gradient is not None:
-                error *= (2 / renders / norm)[..., None, None]
-                (gradient[:, lod],) = torch.autograd.grad(prediction, part, error)
+                error *= (2 / renders / norm).reshape(len(texels), together, -1, 1, 1)
+                (found,) = torch.autograd.grad(prediction, part, error.movedim(1, 2).flatten(2, 3))
+                gradient[:, lod] = found.reshape(gradient[:, lod].shape)
         ctx.save_for_backward(gradient)
         return total
 

@@ -185,6 +185,9 @@ KNOWN: Mapping[str, Known] = {
     "timing-pyramid": _timing("pyramid", "plain pyramids beside a copy"),
     "timing-texture": _timing("texture", "texture lookups beside torch's"),
     "timing-raster": _timing("raster", "rasterize, interpolate, antialias"),
+    "timing-card": _timing("card", "a graphics card beside the processor of its machine"),
+    "timing-card-texture": _timing("texture", "texture lookups on a graphics card", "--device", "cuda"),
+    "timing-card-raster": _timing("raster", "rasterize, interpolate, antialias on a graphics card", "--device", "cuda"),
     "timing-render": _timing("render", "renders of meshes"),
     "timing-stochastic": _timing("stochastic", "soups and meshes by stochastic gradients", "--clock", "processor"),
 }

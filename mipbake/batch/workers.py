@@ -110,7 +110,7 @@ class Workers:
 
     def _submitted(self, task: Task) -> Future[Done]:
         """A task for a process, which may begin now. Signals wait until it does what `_begin` says."""
-        pool = self._started()  # before the signals wait: its queues begin a process, after which Python lets them through
+        pool = self._started()  # before the signals wait: its queues begin a process, and that lets signals through
         if sys.platform == "win32":
             return pool.submit(work, task)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
