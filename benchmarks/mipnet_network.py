@@ -175,7 +175,8 @@ class MipnetNetwork(Network):
             others = _boxed(_filled(others, 2))
             levels.append(_TEXELS[self.target](others, each))
         if self.target == "gltf-anisotropic":
-            levels[0] = torch.cat([stored, stored.new_tensor([1.0, 0.0, 0.0]).expand(*stored.shape[:-1], 3)], -1)
+            along = torch.ones_like(stored[..., :1])
+            levels[0] = torch.cat([stored, along, torch.zeros_like(along), torch.zeros_like(along)], -1)
         return {self.target: agreeing(levels, self.target, ("wrap", "wrap"))}
 
     def _states(self, state: Tensor) -> list[Tensor]:

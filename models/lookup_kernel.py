@@ -58,10 +58,17 @@ def periodic_matrices(
     return tuple(out)
 
 
+@lru_cache(maxsize=64)
+def _there(size: int, pixel_filter: str, sharp: bool, sampler: str | None, device: torch.device) -> tuple[Tensor, ...]:
+    """`periodic_matrices` on a device."""
+    with torch.inference_mode(False):
+        return tuple(each.to(device) for each in periodic_matrices(size, pixel_filter, sharp, sampler))
+
+
 def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True, sampler: str | None = None) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
-    matrices = [each.to(image) for each in periodic_matrices(size, pixel_filter, sharp, sampler)]
+    matrices = [each.to(image) for each in _there(size, pixel_filter, sharp, sampler, image.device)]
     rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
     rows = rows.reshape(batch, -1, size, channels)
     parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)

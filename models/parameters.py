@@ -18,12 +18,13 @@ metal is 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake import directions
@@ -175,28 +176,70 @@ def _lobe(log_tensor: Tensor) -> dict[Kind, Tensor]:
     }
 
 
+@dataclass(frozen=True)
+class Agreement:
+    """What makes directions agree, constants to the gradient.
+
+    Args:
+        signs: (B, H_L, W_L) of each level, 1 or -1. shares: (B, H_L, W_L) of each level, of the anisotropy that texels
+            keep, from 0 to 1; None for a level that keeps all of it.
+    """
+
+    signs: Sequence[Tensor]
+    shares: Sequence[Tensor | None]
+
+
+Finder = Callable[[list[Tensor], MaterialModel, Wrap], Agreement]
+"""Finds the agreement of (B, H_L, W_L, C) levels of a model that stores directions."""
+
+
+def agreement(levels: list[Tensor], model: MaterialModel, wrap: Wrap) -> Agreement:
+    """By `mipbake.directions`, on the processor."""
+    lines = model.lines
+    assert lines is not None
+    found = [level[..., lines.channels].detach().cpu().numpy() for level in levels]
+    signs = directions.signs(found, wrap)
+    shares = directions.shares([each[..., :2] * s[..., None] for each, s in zip(found, signs, strict=True)], wrap)
+    there = levels[0].device
+    return Agreement(
+        [torch.from_numpy(each).to(there) for each in signs],
+        [None if (each == 1).all() else torch.from_numpy(each).to(there) for each in shares],
+    )
+
+
+_FINDER: ContextVar[Finder] = ContextVar("finder", default=agreement)
+
+
+@contextmanager
+def agreements_by(finder: Finder) -> Iterator[None]:
+    """Inside, `agreeing` takes what a finder finds: a training on a graphics card finds it apart."""
+    before = _FINDER.set(finder)
+    try:
+        yield
+    finally:
+        _FINDER.reset(before)
+
+
 def agreeing(levels: list[Tensor], model: str, wrap: Wrap) -> list[Tensor]:
     """`mipbake.directions.agreeing` of (B, H_L, W_L, C) levels; signs and shares are constants.
 
     Differentiable: the gradients of roughness and strength meet along cuts, and are their own elsewhere.
     """
-    lines = model_named(model).lines
-    if lines is None:
+    layout = model_named(model)
+    if layout.lines is None:
         return levels
-    found = [level[..., lines.channels].detach().cpu().numpy() for level in levels]
-    sign = directions.signs(found, wrap)
-    share = directions.shares([each[..., :2] * s[..., None] for each, s in zip(found, sign, strict=True)], wrap)
-    return [_eased(*each, model_named(model)) for each in zip(levels, sign, share, strict=True)]
+    found = _FINDER.get()(levels, layout, wrap)
+    return [_eased(*each, layout) for each in zip(levels, found.signs, found.shares, strict=True)]
 
 
-def _eased(level: Tensor, sign: NDArray[np.float32], share: NDArray[np.float32], layout: MaterialModel) -> Tensor:
+def _eased(level: Tensor, sign: Tensor, share: Tensor | None, layout: MaterialModel) -> Tensor:
     """(B, H, W, C) with other signs, and a share of the anisotropy where it is below 1."""
     lines = layout.lines
     assert lines is not None
-    direction = level[..., lines.direction] * level.new_tensor(sign)[..., None]
-    if (share == 1).all():
+    direction = level[..., lines.direction] * sign[..., None]
+    if share is None:
         return _with(level, layout, {Kind.DIRECTION: direction})
-    kept = level.new_tensor(share)[..., None]
+    kept = share[..., None]
     roughness, strength = level[..., lines.roughness], level[..., lines.strength]
     across = roughness.clamp(min=MIN_ROUGHNESS).square()
     along = across + (1 - across) * strength.square()

@@ -296,7 +296,8 @@ def _band_loss(
     pairs, single = batch.pairs, batch.pairs.weights.shape[2]
     prediction = rendered(levels, seen, pairs.light, pairs.view, model)
     weights = pairs.weights[..., None]  # (2, B, K, 1)
-    share = weights.new_tensor([config.mirror_weight, config.hemisphere_weight])[:, None, None, None]
+    # Filled there and not copied: a recorded step copies nothing from the processor.
+    share = torch.stack([weights.new_full((1, 1, 1), w) for w in (config.mirror_weight, config.hemisphere_weight)])
     difference, other = prediction - seen.noisy_reference, (prediction - seen.independent).detach()
     error = _squares(difference, seen.lods)
     with torch.no_grad():

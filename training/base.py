@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
@@ -31,23 +32,33 @@ class Batch:
 
     def to(self, device: torch.device) -> Self:
         """The same on a device; itself where all of it is there."""
-        return self if self.patches.device == device else _moved(self, device)
+        return self if self.patches.device == device else _mapped(self, lambda tensor: tensor.to(device))
+
+    def tensors(self) -> list[Tensor]:
+        """All tensors, in an order of their own."""
+        found: list[Tensor] = []
+        _mapped(self, found.append)
+        return found
+
+    def kind(self) -> str:
+        """What batches share that a network and a loss do the same with: everything but the numbers in tensors."""
+        return repr(_mapped(self, lambda tensor: (tensor.dtype, tuple(tensor.shape))))
 
 
 _Part = TypeVar("_Part")
 
 
-def _moved(part: _Part, device: torch.device) -> _Part:
-    """Tensors, and what holds tensors, on a device; anything else as it is."""
-    moved: Any = part
+def _mapped(part: _Part, change: Callable[[Tensor], object]) -> _Part:
+    """Tensors, and tensors in what holds them, changed; anything else as it is."""
+    made: Any = part
     if isinstance(part, Tensor):
-        moved = part.to(device)
+        made = change(part)
     elif isinstance(part, tuple):
-        each = [_moved(inner, device) for inner in part]
-        moved = type(part)(*each) if hasattr(part, "_fields") else tuple(each)
+        each = [_mapped(inner, change) for inner in part]
+        made = type(part)(*each) if hasattr(part, "_fields") else tuple(each)
     elif is_dataclass(part) and not isinstance(part, type):
-        moved = replace(part, **{field.name: _moved(getattr(part, field.name), device) for field in fields(part)})
-    return cast(_Part, moved)
+        made = replace(part, **{field.name: _mapped(getattr(part, field.name), change) for field in fields(part)})
+    return cast(_Part, made)
 
 
 AnyBatch = TypeVar("AnyBatch", bound=Batch)

@@ -26,6 +26,7 @@ from mipbake.training.config import RunConfig, TrainingConfig, config_from, plai
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.ranks import Ranks, on_processor, ranks
+from mipbake.training.recorded import RecordedSteps
 from mipbake.training.validation import ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
@@ -53,6 +54,7 @@ class TrainingState:
     Args:
         network: being optimised. average: moving average of its weights, or the network itself without one.
         step: steps done. score: of the last validation. best: highest one so far.
+        recorded: makes losses and gradients on a graphics card; None on other devices.
     """
 
     config: TrainingConfig
@@ -63,6 +65,7 @@ class TrainingState:
     score: float = float("-inf")
     best: float = float("-inf")
     commit: str = "unknown"
+    recorded: RecordedSteps | None = None
 
     @property
     def device(self) -> torch.device:
@@ -71,12 +74,17 @@ class TrainingState:
 
     def advance(self, batch: Batch, among: Ranks = Ranks()) -> Tensor:  # noqa: B008
         """One optimisation step; returns its loss, here alone where several processes train."""
-        self.optimiser.zero_grad()
-        loss: Tensor = self.config.loss.value(self.network, batch.to(self.device))
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss = (self.recorded or self._losses)(batch)
         among.average_(self.optimiser.gradients(batch.source))
         self.optimiser.step(self.step, batch.source)
         self.step += 1
+        return loss
+
+    def _losses(self, batch: Batch) -> Tensor:
+        """The loss, and the gradients of all parameters where they lie."""
+        self.optimiser.zero_grad()
+        loss: Tensor = self.config.loss.value(self.network, batch.to(self.device))
+        loss.backward()  # type: ignore[no-untyped-call]
         return loss.detach()
 
     def content(self) -> dict[str, Any]:
@@ -131,7 +139,8 @@ def _state(config: TrainingConfig, network: Network, device: torch.device) -> Tr
     network.to(device)
     average = copy.deepcopy(network).requires_grad_(False) if settings.ema_decay else network
     optimiser = FlatAdam(network, average if settings.ema_decay else None, settings)
-    return TrainingState(config, network, average, optimiser)
+    recorded = RecordedSteps(network, config.loss, optimiser.zero_grad) if device.type == "cuda" else None
+    return TrainingState(config, network, average, optimiser, recorded=recorded)
 
 
 def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:

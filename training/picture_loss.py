@@ -154,11 +154,13 @@ def _means(squares: Tensor) -> Tensor:
     return squares.sum((1, 2, 3)) / WEIGHT
 
 
-_CONSTANTS = OPPONENT, COSINES, SENSITIVITY
+@lru_cache(maxsize=4)
+def _constants(device: torch.device) -> tuple[Tensor, ...]:
+    return tuple(torch.from_numpy(each).to(device) for each in (OPPONENT, COSINES, SENSITIVITY))
 
 
 def _bands(contrasts: Tensor) -> Tensor:
     """`metrics.visible.bands` with a gradient."""
-    matrix, basis, sensitivity = (torch.from_numpy(each).to(contrasts.device) for each in _CONSTANTS)
+    matrix, basis, sensitivity = _constants(contrasts.device)
     opponent = torch.einsum("ck,nyxk->ncyx", matrix, contrasts)
     return sensitivity * (basis @ opponent @ basis.T)
