@@ -1,6 +1,6 @@
 """A graphics card beside the processor of its machine: shading, the network of a bake, steps of a training.
 
-    python benchmarks/card.py [--device cuda] [--rounds 7] [--steps 1000]
+    python benchmarks/card.py [--device cuda] [--rounds 5] [--steps 300]
 
 Shading is the batch of Kemppinen et al. 2023: 64 light-view pairs x 5120 texels of `ggx`, and the gradient of the
 material. The network is that of the default method; an image goes to the card and its levels come back, which is part
@@ -97,8 +97,8 @@ def main() -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser(description="Times a graphics card beside the processor of its machine.")
     parser.add_argument("--device", default="cuda", help="cuda, or cuda:1 (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=7, help="times that each is measured (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=1000, help="measured steps of trainings (default: %(default)s)")
+    parser.add_argument("--rounds", type=int, default=5, help="times that each is measured (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=300, help="measured steps of trainings (default: %(default)s)")
     options = parser.parse_args()
     card = loop.device_named(options.device)
     places = {"card": card, "processor": torch.device("cpu")}

@@ -151,7 +151,7 @@ class MomentNetwork(Network):
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))
-        named[list(FILTERS).index(pixel_filter)] = 1
+        named[list(FILTERS).index(pixel_filter)].fill_(1)
         code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., count:]], -1)
         layers = [cast(nn.Linear, layer) for layer in self.decoder]

@@ -28,6 +28,12 @@ RANGES = torch.tensor([[0, 1]], dtype=torch.int32)
 SIZE = (6, 8)
 
 
+@pytest.fixture(autouse=True)
+def no_graphics_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contexts without a device are for tensors on the processor, on machines that have a graphics card too."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+
 def set_manual() -> dr.RasterizeGLContext:
     context = dr.RasterizeGLContext(mode="manual")
     context.set_context()
@@ -121,6 +127,7 @@ def test_tensors_of_another_device_than_the_context() -> None:
         dr.DepthPeeler(dr.RasterizeGLContext(device="cpu"), meta, TRI, SIZE)
 
 
+@pytest.mark.skipif(torch.cuda.is_available(), reason="two graphics cards are pretended, and there is a real one")
 def test_results_lie_where_the_arguments_do(two_cards: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """On two pretended graphics cards, by torch's tensors without values, and nothing mixes the cards."""
     contexts = [dr.RasterizeCudaContext(0), dr.RasterizeGLContext(device=1)]

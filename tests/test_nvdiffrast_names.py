@@ -48,6 +48,12 @@ RANGES = torch.tensor([[0, 2], [1, 1], [0, 0]], dtype=torch.int32)
 SIZE = (6, 8)
 
 
+@pytest.fixture(autouse=True)
+def no_graphics_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contexts without a device are for tensors on the processor, on machines that have a graphics card too."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+
 def manual() -> dr.RasterizeGLContext:
     context = dr.RasterizeGLContext(mode="manual")
     context.set_context()

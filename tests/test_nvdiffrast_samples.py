@@ -131,7 +131,7 @@ def test_the_stand_in_refuses_what_is_not_documented() -> None:
     """So the samples would fail if they took liberties."""
     stand_in = nvdiffrast_as_documented.as_documented()
     tri, uv = torch.tensor([[0, 1, 2]], dtype=torch.int32), torch.rand(1, 4, 4, 2)
-    context, pos = dr.RasterizeCudaContext(), torch.rand(1, 3, 4) + 1
+    context, pos = dr.RasterizeCudaContext("cpu"), torch.rand(1, 3, 4) + 1
     derivatives = torch.rand(1, 4, 4, 4)
     wide = torch.rand(1, 32, 160, 3)
     for call in (

@@ -43,8 +43,11 @@ def threads_beside_batches() -> int:
 
 def batches_ahead(device: torch.device) -> int:
     """Batches that are drawn at a time, a core each. On the processor one, because training takes the other cores.
-    Beside a graphics card as many as there are other cores, up to eight: a guess."""
-    return 1 if device.type == "cpu" else max(1, min(8, (os.cpu_count() or 2) - 1))
+    Beside a graphics card as many as there are other cores that this process may use, up to 16: a guess."""
+    if device.type == "cpu":
+        return 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(16, cores - 1))
 
 
 @dataclass
