@@ -30,8 +30,8 @@ _Result = TypeVar("_Result")
 
 
 def recorded(work: Callable[[], _Result]) -> Callable[[], _Result]:
-    """Work that asks a graphics card for kernels, as a graph of them. Each call replays it and returns the result of the
-    recording, whose tensors hold new numbers then. The work has run before it was recorded, and not since."""
+    """Work that asks a graphics card for kernels, as a graph of them. Each call replays it and returns the result of
+    the recording, whose tensors hold new numbers then. The work has run before it was recorded, and not since."""
     aside, now = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
     aside.wait_stream(now)
     with torch.cuda.stream(aside):
