@@ -22,7 +22,7 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import Tensor
 
-from mipbake._threads import threads
+from mipbake import _native
 from mipbake.errors import MipbakeError
 
 T = TypeVar("T")
@@ -72,7 +72,7 @@ class Drawer(Generic[T]):
             return
         _, buffers = pack(draw(example))
         room = 2 * _places([len(b) for b in buffers])[1] + mmap.PAGESIZE
-        share = max(1, threads() // ahead)
+        share = max(1, _native.num_threads() // ahead)
         self._idle = deque[_Process](_Process(draw, room, share) for _ in range(ahead))
         self._asked = deque[_Process]()
 
@@ -143,8 +143,6 @@ def _one_thread() -> None:
 
 
 def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memory: mmap.mmap, share: int) -> None:
-    from mipbake import _native
-
     theirs.close()  # the parent's end, which its death is to close
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to handle
     _one_thread()

@@ -18,10 +18,10 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from mipbake.directions import Wrap
 from mipbake.material import MaterialModel, model_named
 from mipbake.models.base import Network
 from mipbake.models.parameters import Agreement, agreement, agreements_by
+from mipbake.pixel_filter import Wrap
 from mipbake.training.base import Batch, Loss
 
 _WARM = 3  # rounds before a recording, in which libraries make what they keep; what torch's documentation does
@@ -32,12 +32,11 @@ _Result = TypeVar("_Result")
 def recorded(work: Callable[[], _Result]) -> Callable[[], _Result]:
     """Work that asks a graphics card for kernels, as a graph of them. Each call replays it and returns the result of
     the recording, whose tensors hold new numbers then. The work has run before it was recorded, and not since."""
-    aside, now = torch.cuda.Stream(), torch.cuda.current_stream()  # type: ignore[no-untyped-call]
-    aside.wait_stream(now)
-    with torch.cuda.stream(aside):
+    torch.cuda.synchronize()
+    with torch.cuda.stream(torch.cuda.Stream()):  # type: ignore[no-untyped-call]
         for _ in range(_WARM):
             work()
-    now.wait_stream(aside)
+    torch.cuda.synchronize()
     graph = torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph):
         result = work()
