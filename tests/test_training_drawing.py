@@ -12,7 +12,11 @@ import pytest
 import torch
 
 from mipbake.errors import MipbakeError, UsageError
+from mipbake.training.batches import batches
+from mipbake.training.data import load_materials
 from mipbake.training.drawing import Drawer
+
+from .small_training import tiny
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
@@ -99,3 +103,14 @@ def test_the_death_of_the_process_is_told() -> None:
         drawer.ask(1)
         with pytest.raises(MipbakeError, match="died"):
             drawer.take()
+
+
+@pytest.mark.parametrize("uses", [1, 2])
+def test_what_is_trained_on_does_not_depend_on_how_many_are_drawn_at_a_time(uses: int) -> None:
+    config = tiny(run={"uses": uses})
+    materials, _ = load_materials(config)
+    one, several = (list(batches(materials, config, 2, ahead=ahead)) for ahead in (1, 3))
+    assert len(one) == len(several) == config.run.steps - 2
+    for here, there in zip(one, several, strict=True):
+        assert torch.equal(here.patches, there.patches)
+        assert torch.equal(here.noisy_reference, there.noisy_reference)
