@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
@@ -130,7 +131,7 @@ def bake(
     weights: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            metavar="PROJECT",
+            metavar="NAME",
             help=f"Trained weights, for {some_of('weights')}.",
             show_default="the weights for the target and the filter",
         ),
@@ -212,6 +213,10 @@ def bake(
         raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
     if out is None:
         raise UsageError("missing option '--out' / '-o': expected a folder for the stacks")
+    if Path(PROJECT).is_file():
+        session.print(
+            f"note: the {PROJECT} of this folder is not used, because sources are named; --config {PROJECT} uses it"
+        )
     if batch.any:
         bake_batch(session, sources, out, wanted, load, batch, memory)
         return

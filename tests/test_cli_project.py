@@ -31,6 +31,17 @@ def provenance(stack: Path) -> dict[str, object]:
     return found
 
 
+def test_named_sources_do_not_use_the_project_and_a_note_says_so(
+    project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = "note: the mipbake.toml of this folder is not used, because sources are named"
+    assert main(["bake", "textures/wood", "-o", "elsewhere", "--method", "lean", "--format", "png"]) == 0
+    assert note in capsys.readouterr().out
+    assert provenance(project / "elsewhere" / "wood")["method"] == "lean"
+    assert main(["bake", "textures/wood", "--config", "mipbake.toml"]) == 0
+    assert note not in capsys.readouterr().out
+
+
 def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bake", "textures/wood", "--config", "mipbake.toml"]) == 0
     assert "1 set baked, 0 unchanged, 0 failed" in capsys.readouterr().out
