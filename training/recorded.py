@@ -82,12 +82,12 @@ class RecordedSteps:
             return self._steps[kind](batch)
 
     def _recorded(self, example: Batch) -> _Step:
-        batch, levels = example.to(self._network.device), _Levels(self._network.config.decoders)
+        batch, directions = example.to(self._network.device), _Directions(self._network.config.decoders)
 
         def collect() -> Tensor:
-            levels.seen.clear()
+            directions.seen.clear()
             try:
-                with torch.no_grad(), agreements_by(levels.collect):
+                with torch.no_grad(), agreements_by(directions.collect):
                     self._loss.value(self._network, batch)
             except _AllSeenError:
                 pass
@@ -95,16 +95,16 @@ class RecordedSteps:
 
         def whole() -> Tensor:
             self._zero_grad()
-            with agreements_by(levels.agreed):
+            with agreements_by(directions.agreed):
                 loss: Tensor = self._loss.value(self._network, batch)
             loss.backward()  # type: ignore[no-untyped-call]
             return loss.detach()
 
-        before = self._record(collect) if levels.directed else None
+        before = self._record(collect) if directions.models_with else None
         if before is not None:
             before()
-            levels.agree()
-        return _Step(batch, before, levels, self._record(whole))
+            directions.agree()
+        return _Step(batch, before, directions, self._record(whole))
 
 
 @dataclass(frozen=True)
@@ -114,13 +114,13 @@ class _Step:
     Args:
         batch: whose memory every batch is copied to.
         before: makes the levels that directions are found in; None where no model stores directions.
-        levels: these levels, and what makes them agree.
+        directions: what makes them agree.
         whole: clears the gradients, and makes the loss and its gradients.
     """
 
     batch: Batch
     before: Callable[[], Tensor] | None
-    levels: _Levels
+    directions: _Directions
     whole: Callable[[], Tensor]
 
     def __call__(self, batch: Batch) -> Tensor:
@@ -128,7 +128,7 @@ class _Step:
             there.copy_(new)
         if self.before is not None:
             self.before()
-            self.levels.agree()
+            self.directions.agree()
         return self.whole().clone()
 
 
@@ -137,7 +137,7 @@ class _AllSeenError(Exception):
 
 
 @dataclass
-class _Levels:
+class _Directions:
     """The levels of the models that store directions.
 
     Args:
@@ -150,14 +150,14 @@ class _Levels:
     found: dict[str, tuple[Tensor, ...]] = field(default_factory=dict)
 
     @property
-    def directed(self) -> int:
+    def models_with(self) -> int:
         """How many of the models store directions."""
         return sum(model_named(model).lines is not None for model in self.models)
 
     def collect(self, levels: list[Tensor], model: MaterialModel, wrap: Wrap) -> Agreement:
         """Takes the levels of a model, and says that they agree already."""
         self.seen[model.name] = levels, model, wrap
-        if len(self.seen) == self.directed:
+        if len(self.seen) == self.models_with:
             raise _AllSeenError
         return Agreement([torch.ones_like(level[..., 0]) for level in levels], [None] * len(levels))
 
