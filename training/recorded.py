@@ -100,7 +100,7 @@ class RecordedSteps:
             loss.backward()  # type: ignore[no-untyped-call]
             return loss.detach()
 
-        before = self._record(collect) if directions.models_with else None
+        before = self._record(collect) if directions.directed_models else None
         if before is not None:
             before()
             directions.agree()
@@ -150,14 +150,14 @@ class _Directions:
     found: dict[str, tuple[Tensor, ...]] = field(default_factory=dict)
 
     @property
-    def models_with(self) -> int:
+    def directed_models(self) -> int:
         """How many of the models store directions."""
         return sum(model_named(model).lines is not None for model in self.models)
 
     def collect(self, levels: list[Tensor], model: MaterialModel, wrap: Wrap) -> Agreement:
         """Takes the levels of a model, and says that they agree already."""
         self.seen[model.name] = levels, model, wrap
-        if len(self.seen) == self.models_with:
+        if len(self.seen) == self.directed_models:
             raise _AllSeenError
         return Agreement([torch.ones_like(level[..., 0]) for level in levels], [None] * len(levels))
 
