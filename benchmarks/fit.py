@@ -3,10 +3,10 @@
     python benchmarks/fit.py --materials MATERIALS SET SET --results RESULTS [--pictures FOLDER]
 
 MATERIALS is a folder of texture sets, and SET names some of them. Each set is baked by `linear`, `lean` and `auto`, and
-fitted from `auto` in each renderer. That renderer then shows all four stacks in views that the fit has not seen, and
-its own supersampled pictures of the source are the references. RESULTS is a JSON file. It takes the figures of a set
-in a renderer as soon as they are there, and a run that was stopped goes on from it. New code is not noticed: it wants a
-new file.
+fitted in each renderer as `mipbake fit` does, from `auto` and `linear`. That renderer then shows all four stacks in
+views that the fit has not seen, and its own supersampled pictures of the source are the references. RESULTS is a JSON
+file. It takes the figures of a set in a renderer as soon as they are there, and a run that was stopped goes on from it.
+New code is not noticed: it wants a new file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from fit_tables import FITTED, MEASURES, METHODS, START, cost_table, table, words
+from fit_tables import FITTED, MEASURES, METHODS, OTHERS, START, cost_table, table, words
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
@@ -198,7 +198,13 @@ def one(
     views = standard_views((texture_set.height, texture_set.width), texture_set.wrap, effort.each, LEARNED)
     told: list[mipbake.fitting.Progress] = []
     stacks[FITTED] = mipbake.fitting.fit(
-        stacks[START], renderer, views, source=texture_set, steps=effort.steps, progress=told.append
+        stacks[START],
+        renderer,
+        views,
+        others=[stacks[name] for name in OTHERS],
+        source=texture_set,
+        steps=effort.steps,
+        progress=told.append,
     )
     fitted = time.monotonic()
     if pictures is not None:

@@ -13,8 +13,8 @@ from mipbake.metrics import snr_from_sums
 METHODS = ("linear", "lean", "auto")
 """Methods of the bakes that a fit is compared with."""
 
-START = "auto"
-"""The method that a fit starts from."""
+START, OTHERS = "auto", ("linear",)
+"""The method that a fit starts from, and others that levels may start from."""
 
 FITTED = "fitted"
 

@@ -35,6 +35,8 @@ from mipbake.texture_set import TextureSet
 DEFAULT_VIEWS = 16
 """Views at each level of detail. A guess."""
 
+DEFAULT_STARTS = DEFAULT_METHOD, "linear"
+
 DEFAULT_BUDGET = "5m"
 
 _WITHOUT_END = 2**31 - 1
@@ -94,12 +96,14 @@ def fit(
         ),
     ] = None,
     start: Annotated[
-        str,
+        Optional[list[str]],  # noqa: UP045
         typer.Option(
             metavar=f"{one_of(METHODS)}|STACK",
-            help="Where the fit starts: a method to bake with, or the folder of a stack that was baked.",
+            help="Where the fit starts: a method to bake with, or the folder of a stack that was baked. Repeat for "
+            "more: each level then starts from the one that the renderer shows best.",
+            show_default=" and ".join(DEFAULT_STARTS),
         ),
-    ] = DEFAULT_METHOD,
+    ] = None,
     pixel_filter: Annotated[
         str,
         options.pixel_filter("Pixel filter of the references; with a stack, the stack's."),
@@ -168,14 +172,16 @@ def fit(
         place = out / job.place / texture_set.name
         with timings(session, texture_set.name) as phases:
             session.print(*description(job, texture_set))
-            stack = _start(start, texture_set, pixel_filter, alone, phases)
+            stack, *others = (
+                _start(each, texture_set, pixel_filter, alone, phases) for each in start or DEFAULT_STARTS
+            )
             check_output(place, stack.provenance.sources)
             learned, checked = choice.views_of(stack.size, stack.wrap, views, seed)
             kept = place.with_name(place.name + ".fit")
             with warnings.catch_warnings(record=True) as found:
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(
-                    stack, made, learned, held_out=checked, source=texture_set, steps=most,
+                    stack, made, learned, others=others, held_out=checked, source=texture_set, steps=most,
                     budget=seconds, renders=renders, texels=texels, seed=seed, error=error, checkpoint=kept,
                     progress=_shown(phases), preparing=partial(phases, "views"),
                 )  # fmt: skip

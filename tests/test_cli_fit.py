@@ -13,7 +13,8 @@ from mipbake.cli.main import main
 
 from .command_line import fails, write_set
 
-QUICK = ["--views", "2", "--budget", "60s", "--steps", "6", "--start", "linear"]
+QUICK = ["--views", "2", "--budget", "60s", "--steps", "6"]
+AVERAGED = ["--start", "linear"]
 
 
 @pytest.fixture
@@ -36,7 +37,8 @@ def module(tmp_path, monkeypatch):
 
 
 def run(folder, out, *arguments):
-    return main(["fit", str(folder), "-o", str(out), *QUICK, *arguments])
+    start = [] if "--start" in arguments else AVERAGED
+    return main(["fit", str(folder), "-o", str(out), *QUICK, *start, *arguments])
 
 
 def test_a_stack_is_fitted_and_says_so(folder, tmp_path, capsys):
@@ -56,6 +58,13 @@ def test_a_baked_stack_is_where_a_fit_starts(folder, tmp_path):
     start = str(tmp_path / "baked" / "metal")
     assert run(folder, tmp_path / "out", "--renderer", "torch", "--start", start) == 0
     assert open_stack(tmp_path / "out" / "metal").provenance.method == "lean"
+
+
+def test_levels_start_from_several_methods(folder, tmp_path):
+    out = tmp_path / "out"
+    assert run(folder, out, "--renderer", "torch", "--start", "linear", "--start", "lean") == 0
+    stack = open_stack(out / "metal")
+    assert stack.provenance.method == "linear" and "from lean" in stack.provenance.adjustments[-1]
 
 
 def test_a_stack_of_another_set_is_refused(folder, tmp_path, capsys):
@@ -155,6 +164,6 @@ def test_a_program_renders(folder, tmp_path):
     ],
 )
 def test_what_cannot_be_is_said_in_one_sentence(folder, tmp_path, capsys, arguments, said):
-    err = fails(capsys, 2, "fit", folder, "-o", tmp_path / "out", "--quiet", *QUICK, *arguments)
+    err = fails(capsys, 2, "fit", folder, "-o", tmp_path / "out", "--quiet", *QUICK, *AVERAGED, *arguments)
     assert said in err
     assert not (tmp_path / "out").exists() or not list(Path(tmp_path / "out").iterdir())

@@ -21,6 +21,7 @@ from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
+from mipbake.stack import MipStack
 
 from .fitting_small import (
     KERNEL,
@@ -38,6 +39,50 @@ from .fitting_small import (
     texture_set,
 )
 from .viewer_scenes import material, stack_of
+
+# ---- where a fit starts
+
+
+def spoilt(*levels: int) -> MipStack:
+    """The start, with these levels in grey."""
+    stack = start()
+    return replace(stack, levels=[np.full_like(a, 0.5) if n in levels else a for n, a in enumerate(stack.levels)])
+
+
+def test_each_level_starts_from_the_stack_that_shows_it_best() -> None:
+    result = fitted(stack=spoilt(1, 2), others=[spoilt(0, 3)], steps=1, rate=1e-6)
+    assert same(result, start())
+    assert "level 1, 2 from linear" in result.provenance.adjustments[-1]
+
+
+def test_a_stack_that_is_no_better_changes_nothing() -> None:
+    assert same(fitted(others=[spoilt(0, 1, 2, 3), start()], steps=12), fitted(steps=12))
+
+
+class Product(Plain):
+    """Shows the product of how metallic levels 1 and 2 are in the mean, in every view."""
+
+    def render(self, levels: Any, view: Any) -> Frame:
+        frame, metallic = super().render(levels, view), levels.maps["metallic"]
+        share = 4 * metallic[1].mean() * metallic[2].mean() if len(metallic) > 1 else 1.0
+        return replace(frame, image=frame.image * share)
+
+
+def test_a_level_that_is_better_beside_its_own_stack_alone_is_not_taken() -> None:
+    """Views of level 1 look right in the other stack, because its level 2 makes up for its level 1."""
+    first, other = ([level.copy() for level in start().levels] for _ in range(2))
+    first[1][..., 3], first[2][..., 3] = 0.4, 0.5
+    other[1][..., 3], other[2][...] = 0.25, 1.0  # level 2 is white
+    stack, others = (replace(start(), levels=levels) for levels in (first, other))
+    assert same(fitted(Product(), stack=stack, others=[others], steps=1, rate=1e-6), stack)
+
+
+def test_others_of_another_size_or_model() -> None:
+    with pytest.raises(UsageError, match="others hold 3 levels of gltf from 4 x 4: expected stacks of one"):
+        fitted(others=[start(4)])
+    with pytest.raises(UsageError, match="of ggx from 8 x 8"):
+        fitted(others=[stack_of(material("ggx", SIDE, SIDE), "ggx")])
+
 
 # ---- what a fit gains
 

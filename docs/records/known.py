@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from mipbake.models.registry import list_weights
 from records.code import Entry
 
 MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
@@ -12,6 +13,9 @@ MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
 goes on in."""
 
 ALL = ("*",)
+
+DEFAULTS = tuple(info.name for info in list_weights() if info.default)
+"""Weights that are baked with where none are named."""
 
 FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
 """Sets that fits are measured on."""
@@ -68,8 +72,8 @@ def _measured(script: str, about: str, *options: str) -> Known:
 KNOWN: Mapping[str, Known] = {
     "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
     "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
-    "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", ALL),
-    "results-filters": _results("filters", "default networks of all targets under all pixel filters", ALL),
+    "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", DEFAULTS),
+    "results-filters": _results("filters", "default networks of all targets under all pixel filters", DEFAULTS),
     "results-models": _results("models", "the paper's material models and networks", ALL, True),
     "results-correlated": _results("correlated", "channels that go together, and twins", ALL, True),
     "films": Known(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,6 +16,7 @@ from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
+from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, key_of
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
@@ -30,6 +30,7 @@ def fit(
     renderer: Renderer[Any],
     views: Sequence[Any],
     *,
+    others: Sequence[MipStack] = (),
     source: TextureSet | None = None,
     reference: References | None = None,
     held_out: Sequence[Any] | None = None,
@@ -58,6 +59,8 @@ def fit(
         renderer: see `mipbake.fitting.Renderer`.
         views: what the renderer takes as views. Where a view has the attributes `name` and `scale`, messages and scores
             use them.
+        others: stacks of the same model and sizes, such as bakes by other methods. A level starts from the one that the
+            views which are held out show best.
         source: the texture set that the stack was baked from. It makes the references: the same renderer shows its
             level 0, supersampled under the stack's pixel filter. For that, views have a method `moved(right, up)`, in
             pixels.
@@ -84,7 +87,7 @@ def fit(
         A stack of the same model, sizes and other maps, whose provenance says that it was fitted.
 
     Raises:
-        UsageError: settings that make no sense, or no reference.
+        UsageError: settings that make no sense, others of another model or size, or no reference.
         RendererError: the renderer failed, or gave something that is no frame: another size, values that are not
             finite, no uv, no lod; or its pictures do not follow the maps.
         InputError, OutputError: a checkpoint of another fit, or one that cannot be written.
@@ -92,8 +95,8 @@ def fit(
     settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error)
     learned, checked = _split(views, held_out)
     images = _images(reference, [*views, *(held_out or [])])
-    parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
-    values = parameters.values(list(stack.levels))
+    starts = Starts.of(stack, others)
+    parameters, values = starts.parameters, starts.values[0]
     loop = Loop(renderer, parameters, stack.wrap, settings)
     original = None if source is None else _source_levels(source)
     kernel = filter_named(stack.provenance.pixel_filter)
@@ -108,13 +111,14 @@ def fit(
     if checkpoint is not None:
         names = [each.name for each in prepared]
         file = Checkpoint(
-            Path(checkpoint), key_of(values, stack.model, names, replace(settings, steps=None, budget=None))
+            Path(checkpoint), key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None))
         )
     state = file.load() if file is not None else None
     if state is None:
         loop.probe(values, training[0])
-        errors = loop.errors(values, checking)
-        state = FitState.first(values, scores_of_levels(checking, errors), scores(checking, errors))
+        origins = starts.chosen(loop, checking) if others else np.zeros(len(stack.levels), np.int64)
+        begun, first = starts.joined(origins), scores(checking, loop.errors(values, checking))
+        state = FitState.first(begun, scores_of_levels(checking, loop.errors(begun, checking)), first, origins)
         if file is not None:
             file.save(state)
     still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
@@ -125,19 +129,16 @@ def fit(
             stacklevel=2,
         )
     loop.run(state, training, checking, file, progress)
-    best = loop.settled(state.best, values, checking)
+    best = loop.settled(state.best, starts.joined(state.origins), checking)
     reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
-        f"levels were fitted in the renderer {type(renderer).__name__} to {len(training)} views; SNR of "
+        f"levels were fitted in the renderer {type(renderer).__name__} to {len(training)} views"
+        f"{starts.told(state.origins)}; SNR of "
         f"{len(checking)} other views: {gained}"
     )
-    levels, fitted = [], parameters.stored(best)
-    for index, (first, last) in enumerate(itertools.pairwise(parameters.starts)):
-        same = np.array_equal(best[first:last], values[first:last])
-        levels.append(stack.levels[index] if same else fitted[index])
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
-    return replace(stack, levels=levels, provenance=provenance)
+    return replace(stack, levels=starts.levels(best), provenance=provenance)
 
 
 def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[tuple[int, Any]], list[tuple[int, Any]]]:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import zipfile
 import zlib
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +18,8 @@ from mipbake.errors import InputError, OutputError
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 2
-_ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited")
+_FORMAT = 3
+_ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 
 
 @dataclass(eq=False)
@@ -32,6 +33,7 @@ class FitState:
         begun: (levels, parts) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
         gains: (levels,) float64, how many dB more `best` has, in the part that gains least.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
+        origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
         step: steps that were made. seconds: that were spent on them, with the checks.
     """
@@ -43,17 +45,20 @@ class FitState:
     gains: NDArray[np.float64]
     rates: NDArray[np.float64]
     waited: NDArray[np.int64]
+    origins: NDArray[np.int64]
     started: dict[str, float]
     step: int = 0
     seconds: float = 0.0
 
     @staticmethod
-    def first(values: Array, begun: NDArray[np.float64], started: dict[str, float]) -> FitState:
+    def first(
+        values: Array, begun: NDArray[np.float64], started: dict[str, float], origins: NDArray[np.int64]
+    ) -> FitState:
         """The state before the first step. A level that no view shows which is held out does not move."""
         rates = np.where(np.isfinite(begun).all(-1), 1.0, 0.0)
         waited = np.zeros(len(begun), np.int64)
         moments, gains = Moments.of(values), np.zeros(len(begun))
-        return FitState(values.copy(), moments, values.copy(), begun, gains, rates, waited, started)
+        return FitState(values.copy(), moments, values.copy(), begun, gains, rates, waited, origins, started)
 
 
 @dataclass(frozen=True)
@@ -97,6 +102,7 @@ class Checkpoint:
                     gains=state.gains,
                     rates=state.rates,
                     waited=state.waited,
+                    origins=state.origins,
                 )
             temporary.replace(self.path)
         except OSError as error:
@@ -133,14 +139,17 @@ class Checkpoint:
             arrays["gains"],
             arrays["rates"],
             arrays["waited"],
+            arrays["origins"],
             about["started"],
             about["step"],
             about["seconds"],
         )
 
 
-def key_of(values: Array, *settings: object) -> str:
-    """Names a fit by what it starts from, and by how it goes on."""
-    found = hashlib.sha256(values.tobytes())
+def key_of(starts: Iterable[Array], *settings: object) -> str:
+    """Names a fit by what it may start from, and by how it goes on."""
+    found = hashlib.sha256()
+    for values in starts:
+        found.update(values.tobytes())
     found.update(json.dumps([str(each) for each in settings]).encode())
     return found.hexdigest()
