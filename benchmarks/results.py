@@ -97,6 +97,7 @@ def run(
         help="beside the closed forms: names of methods, neural:WEIGHTS, or with a budget, refine@2m",
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
+    parser.add_argument("--without", nargs="+", default=[], metavar="WEIGHTS", help="networks that are not measured")
     parser.add_argument("--only", nargs="+", help="names of sets")
     parser.add_argument("--plans", nargs="+", help="names of files, which may be of generated sets; default all")
     for field in dataclasses.fields(ResultsEffort):
@@ -111,7 +112,8 @@ def run(
     for kind in options.kinds:
         folder = options.results / kind
         folder.mkdir(parents=True, exist_ok=True)
-        for plan in (each for each in kinds[kind](asked) if not options.plans or each.name in options.plans):
+        for every in (each for each in kinds[kind](asked) if not options.plans or each.name in options.plans):
+            plan = dataclasses.replace(every, methods=[m for m in every.methods if m.weights not in options.without])
             file = folder / f"{plan.name}.json"
             key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}
             if up_to_date(file, key):

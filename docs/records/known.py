@@ -17,6 +17,9 @@ ALL = ("*",)
 DEFAULTS = tuple(info.name for info in list_weights() if info.default)
 """Weights that are baked with where none are named."""
 
+PAPERS = ("paper-ggx", "paper-beckmann", *DEFAULTS)
+"""Weights of the paper's comparisons, which are between networks of one model."""
+
 FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
 """Sets that fits are measured on."""
 
@@ -51,7 +54,7 @@ class Known:
 
 def _results(kind: str, about: str, weights: Sequence[str], baselines: bool = False) -> Known:
     command = ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind)
-    more = ("--weights", "benchmarks/baselines") if baselines else ()
+    more = ("--weights", "benchmarks/baselines", "--without", "paper-cross") if baselines else ()
     files = ("benchmarks/baselines/*.json",) if baselines else ()
     return Known(about, (*command, *more), Entry(("benchmarks/results_measure.py",), weights, files=files), 1)
 
@@ -74,8 +77,8 @@ KNOWN: Mapping[str, Known] = {
     "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
     "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", DEFAULTS),
     "results-filters": _results("filters", "default networks of all targets under all pixel filters", DEFAULTS),
-    "results-models": _results("models", "the paper's material models and networks", ALL, True),
-    "results-correlated": _results("correlated", "channels that go together, and twins", ALL, True),
+    "results-models": _results("models", "the paper's material models and networks", PAPERS, True),
+    "results-correlated": _results("correlated", "channels that go together, and twins", PAPERS, True),
     "films": Known(
         "what people see: films of test sets, every method, two samplers, with accumulation and without",
         ("benchmarks/films.py", MATERIALS, WORK, "--results", OUT),
@@ -115,7 +118,7 @@ KNOWN: Mapping[str, Known] = {
         ("docs/make_paper_pictures.py", WORK, "--figures", OUT),
         Entry(
             ("docs/make_paper_pictures.py", "benchmarks/results_sets.py", "benchmarks/mipnet_network.py"),
-            ALL,
+            PAPERS,
             files=("benchmarks/baselines/*.json",),
         ),
         pictures="docs",
