@@ -18,7 +18,7 @@ from mipbake.content import Content, Provenance
 from mipbake.errors import InputError, UsageError
 from mipbake.glb import Encoded, encoded, square
 from mipbake.io.layout import LAYOUTS, manifest_name
-from mipbake.io.map_files import MapFile, save_maps, write_files
+from mipbake.io.map_files import MapFile, listed_files, save_maps, write_files
 from mipbake.manifest import (
     best_output,
     check_output,
@@ -144,6 +144,7 @@ class MipStack(Content):
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
             if sidecar is not None:
                 manifest["outputs"].append(_write_sidecar(folder, sidecar, plans))
+            manifest["bytes"] = {name: (folder / name).stat().st_size for name in listed_files(manifest)}
 
         if sidecar is not None:
             check_sidecar(sidecar)

@@ -149,7 +149,10 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     changed_manifest(manifest, recipe={}, tool_version=mipbake.__version__)
     assert why() == "its result does not say what it was made from"
     changed_manifest(manifest, recipe=recipe)
-    (out / "wood/normal_mip00.png").unlink()
+    normal = out / "wood/normal_mip00.png"
+    normal.write_bytes(normal.read_bytes()[:-1])
+    assert why() == "its file normal_mip00.png has another size than when it was written"
+    normal.unlink()
     assert why() == "its file normal_mip00.png is missing"
     manifest.write_text("{")
     assert why() == "there is no result yet"

@@ -107,14 +107,16 @@ def set_changed(folder: Path, tiles: Iterable[int], recipe: Recipe) -> str:
         file = folder / manifest_name(tile)
         try:
             manifest = read_manifest(file)
-            names = listed_files(manifest)
+            sizes = {name: manifest["bytes"][name] for name in listed_files(manifest)}
             provenance = manifest["provenance"]
             found, version = provenance.get("recipe"), provenance.get("tool_version")
         except (InputError, KeyError, TypeError, AttributeError):
             return NEW
-        lost = next((name for name in names if not disk.is_file(folder / name)), None)
-        if lost is not None:
-            return f"its file {lost} is missing"
+        for name, size in sizes.items():
+            if not disk.is_file(folder / name):
+                return f"its file {name} is missing"
+            if (folder / name).stat().st_size != size:
+                return f"its file {name} has another size than when it was written"
         if why := _difference(found, version, recipe):
             return why
     return ""
