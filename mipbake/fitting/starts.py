@@ -66,7 +66,7 @@ class Starts:
         return np.concatenate([self.values[n][first:last] for n, (first, last) in zip(origins, cuts, strict=True)])
 
     def levels(self, values: Array) -> list[Array]:
-        """Stored channels of each level: those of a stack, bit for bit, where the values are its own."""
+        """Stored channels of each level. Where the values are a stack's own, it is the stack's level, bit for bit."""
         stored = self.parameters.stored(values)
         for level in range(len(stored)):
             same = next((n for n in range(len(self.stacks)) if self._same(values, n, level)), None)
