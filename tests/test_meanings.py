@@ -155,7 +155,7 @@ WORDS = {
             *("io.map_files.RoundedLevels", "io.map_files.StoredLevels", "io.read_back.whole_levels"),
             "training.picture_loss.plain_levels",
             *("fitting.renderer.Levels", "fitting.parameters.Parameters.levels", "fitting.loop.Loop.levels_of"),
-            *("fitting.prepared.Prepared.levels", "fitting.prepared.scores_of_levels"),
+            *("fitting.prepared.Prepared.levels", "fitting.prepared.scores_of_levels", "fitting.starts.Starts.levels"),
             *("nvdiffrast.log.get_log_level", "nvdiffrast.log.set_log_level"),  # names that nvdiffrast chose
         ),
         types=(
