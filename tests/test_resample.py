@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -83,3 +86,29 @@ def test_the_binding_refuses_what_would_read_beyond_an_array() -> None:
         _native.resample(image, index, weights, index, weights, out[:3])
     with pytest.raises(ValueError, match="side by side"):
         _native.resample(image[:, ::2], index, weights, index, weights, out)
+
+
+WITHOUT_THREADS = """
+import re, resource
+from pathlib import Path
+import numpy as np
+from mipbake import _native
+
+image = np.random.default_rng(0).random((512, 512, 3), np.float32)
+out, rows, weights = np.zeros((256, 256, 3), np.float32), np.arange(512).reshape(256, 2), np.full((256, 2), 0.5)
+arguments = (image, rows, weights.astype(np.float32), rows, weights.astype(np.float32), out)
+_native.set_num_threads(1)
+_native.resample(*arguments)
+wanted, out[...] = out.copy(), 0
+_native.set_num_threads(4)
+now = int(re.search(r"VmSize:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) << 10
+resource.setrlimit(resource.RLIMIT_AS, (now + (1 << 20), resource.RLIM_INFINITY))  # less than the stack of a thread
+_native.resample(*arguments)
+resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+assert np.array_equal(out, wanted)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
+def test_a_loop_does_without_threads_that_the_system_refuses() -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT_THREADS], check=True)

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -45,7 +46,8 @@ class Pool {
         if (!turn.owns_lock()) return false;
         {
             const std::lock_guard<std::mutex> lock(mutex_);
-            while (static_cast<int>(threads_.size()) < loop.seats) threads_.emplace_back([this] { work(); });
+            while (static_cast<int>(threads_.size()) < loop.seats && begin_thread()) {
+            }
             loop_ = &loop;
         }
         wake_.notify_all();
@@ -66,6 +68,16 @@ class Pool {
     }
 
   private:
+    // False where the system gives no more threads: the loop then has those that there are, and the caller.
+    bool begin_thread() {
+        try {
+            threads_.emplace_back([this] { work(); });
+            return true;
+        } catch (const std::system_error&) {
+            return false;
+        }
+    }
+
     void work() {
         inside_loop = true;
         std::unique_lock<std::mutex> lock(mutex_);
