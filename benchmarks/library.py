@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from library_sets import make_library
-from timing import cpu_name
+from timing import cpu_name, keep
 
 COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -197,9 +197,7 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = measure(Path(folder), options.count, options.broken, options.doubles, options.kills, options.jobs)
-    options.results.parent.mkdir(parents=True, exist_ok=True)
-    options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(found, indent=1))
+    keep(found, options.results)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from library_sets import SIZES, maps_of, write
-from timing import cpu_name
+from timing import cpu_name, keep
 
 WINDOWS = 10
 """Parts of a run that are told apart."""
@@ -95,10 +95,7 @@ def main() -> None:
         return
     made = {method: in_a_process_of_its_own(method, options.sets) for method in options.methods}
     found = {"machine": cpu_name(), "sets": options.sets, "methods": made}
-    if options.results is not None:
-        options.results.parent.mkdir(parents=True, exist_ok=True)
-        options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(found, indent=1))
+    keep(found, options.results)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from bake import ENVIRONMENT, generator
-from timing import cpu_name
+from timing import cpu_name, keep
 
 COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 JOBS = (1, 2)
@@ -138,10 +138,7 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         found = measured(Path(name), options.sizes, options.methods)
-    if options.results is not None:
-        options.results.parent.mkdir(parents=True, exist_ok=True)
-        options.results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(found, indent=1))
+    keep(found, options.results)
 
 
 if __name__ == "__main__":

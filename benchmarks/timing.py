@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import statistics
@@ -9,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -48,3 +50,12 @@ def cpu_name() -> str:
     names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
     name = names[0].split(":", 1)[1].strip() if names else platform.processor() or platform.machine()
     return f"{name}, {os.cpu_count()} cores"
+
+
+def keep(found: dict[str, Any], file: Path | None) -> None:
+    """Writes what was measured to a file, where one is named, and prints it."""
+    text = json.dumps(found, indent=1)
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text + "\n", encoding="utf-8")
+    print(text)
