@@ -116,9 +116,12 @@ def fit(
     state = file.load() if file is not None else None
     if state is None:
         loop.probe(values, training[0])
-        origins = starts.chosen(loop, checking) if others else np.zeros(len(stack.levels), np.int64)
-        begun, first = starts.joined(origins), scores(checking, loop.errors(values, checking))
-        state = FitState.first(begun, scores_of_levels(checking, loop.errors(begun, checking)), first, origins)
+        errors = loop.errors(values, checking)
+        first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
+        if others:
+            origins = starts.chosen(loop, checking)
+            errors = loop.errors(starts.joined(origins), checking)
+        state = FitState.first(starts.joined(origins), scores_of_levels(checking, errors), first, origins)
         if file is not None:
             file.save(state)
     still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
