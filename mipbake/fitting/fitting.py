@@ -60,7 +60,7 @@ def fit(
         views: what the renderer takes as views. Where a view has the attributes `name` and `scale`, messages and scores
             use them.
         others: stacks of the same model and sizes, such as bakes by other methods. A level starts from the one that the
-            views which are held out show best.
+            views show best.
         source: the texture set that the stack was baked from. It makes the references: the same renderer shows its
             level 0, supersampled under the stack's pixel filter. For that, views have a method `moved(right, up)`, in
             pixels.
@@ -119,7 +119,8 @@ def fit(
         errors = loop.errors(values, checking)
         first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
         if others:
-            origins = starts.chosen(loop, checking)
+            # No step has learned from any view yet, so that all of them are fair judges.
+            origins = starts.chosen(loop, prepared)
             errors = loop.errors(starts.joined(origins), checking)
         state = FitState.first(starts.joined(origins), scores_of_levels(checking, errors), first, origins)
         if file is not None:

@@ -48,16 +48,16 @@ class Starts:
         parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
         return Starts(every, parameters, tuple(parameters.values(list(each.levels)) for each in every))
 
-    def chosen(self, loop: Loop, checking: Sequence[Prepared]) -> NDArray[np.int64]:
+    def chosen(self, loop: Loop, views: Sequence[Prepared]) -> NDArray[np.int64]:
         """(levels,) number of the stack that each level starts from.
 
-        It is the stack that the views which are held out gain most with, in the part that gains least, as for the
-        levels of a fit. It is the first one where the views lose by the others, beside the levels that were chosen.
+        It is the stack that the views gain most with, in the part that gains least, as for the levels of a fit. It is
+        the first one where the views lose by the others, beside the levels that were chosen.
         """
-        found = [scores_of_levels(checking, loop.errors(each, checking)) for each in self.values]
+        found = [scores_of_levels(views, loop.errors(each, views)) for each in self.values]
         gains = np.stack([(each - found[0]).min(-1) for each in found])  # NaN where no view shows a level
         origins = np.argmax(np.nan_to_num(gains), 0)
-        settled = loop.settled(self.joined(origins), self.values[0], checking)
+        settled = loop.settled(self.joined(origins), self.values[0], views)
         return np.where([self._same(settled, 0, level) for level in range(len(origins))], 0, origins).astype(np.int64)
 
     def joined(self, origins: NDArray[np.integer]) -> Array:
