@@ -199,9 +199,7 @@ class Coarser(Plain):
 
 def test_frames_that_name_the_wrong_level_are_told_of() -> None:
     views = spots(levels=(1, 2, 3))
-    with pytest.warns(
-        UserWarning, match=r"in 6 .* of 6 views .* texels that its frame does not name, .*: expected"
-    ):
+    with pytest.warns(UserWarning, match=r"in 6 .* of 6 views .* texels that its frame does not name, .*: expected"):
         fitted(Coarser(), views, reference=[WANTED] * len(views), steps=8)
 
 

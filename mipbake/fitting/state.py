@@ -39,8 +39,8 @@ class FitState:
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
-        step: steps that were made. checked: how many they were at the last check. seconds: that were spent on them, with
-            the checks.
+        step: steps that were made. checked: how many there were at the last check. seconds: that were spent on
+            them, with the checks.
     """
 
     values: Array
