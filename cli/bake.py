@@ -141,7 +141,8 @@ def bake(
         typer.Option(
             metavar=f"30s|2m|1h|{BEST}",
             help=f"Time that {some_of('budget')} may spend on optimising: a number of seconds, minutes or hours, "
-            f"or {BEST}, which goes on until nothing improves. Ctrl-C ends it sooner, with the best so far.",
+            f"or {BEST}, which goes on until nothing improves. Ctrl-C ends it sooner, with the best so far, but not "
+            "in a batch.",
             show_default="the default of the method",
         ),
     ] = None,
@@ -182,7 +183,7 @@ def bake(
     A set that cannot be baked is reported, and the other sets are baked all the same. A search with a budget is
     kept in OUT/.<set>.search from time to time: after Ctrl-C or a crash, the same command goes on from there.
     With --recursive, or any option that says so, it is a batch, which leaves what has not changed since the last
-    time.
+    time. A batch keeps no search, and Ctrl-C ends it at once.
     """
     session.in_files = True
     wanted = BakeOptions(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -32,6 +32,7 @@ from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchAsked
 from mipbake.cli.session import Session, console, plain
 from mipbake.errors import OutputError, UsageError
+from mipbake.io import disk
 from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import reason
@@ -68,13 +69,23 @@ def bake_project(
     memory: int | None,
 ) -> None:
     """Bakes the library of a project file, and says what happens."""
-    project = read_project(asked.config or Path(PROJECT))
+    file = asked.config or Path(PROJECT)
+    project = read_project(file)
     given = settings_of(options, load, session.given, COMMAND_LINE)
     how = replace(_how(session, asked, memory), within=tuple(map(Path, sources)))
     if how.cluster is None:  # what a project file says is about one machine
         how = replace(how, jobs=how.jobs or project.jobs, memory=how.memory or project.memory)
     place = out or project.out
-    _bake(session, asked, _Call([project.library], place, how=how, choose=lambda label: project.chosen(label, given)))
+    whole = not how.within and how.shard is None
+    call = _Call(
+        [project.library],
+        place,
+        how=how,
+        choose=lambda label: project.chosen(label, given),
+        file=file / PROJECT if file.is_dir() else file,
+        idle=project.idle if whole else None,
+    )
+    _bake(session, asked, call)
 
 
 def _how(session: Session, asked: BatchAsked, memory: int | None) -> BatchOptions:
@@ -91,7 +102,11 @@ def _how(session: Session, asked: BatchAsked, memory: int | None) -> BatchOption
 
 @dataclass(frozen=True)
 class _Call:
-    """What `bake_library` and `watch_library` are called with."""
+    """What `bake_library` and `watch_library` are called with.
+
+    Args:
+        file: the project file that says so. idle: sentences on what it says of none of these labels.
+    """
 
     sources: list[Path]
     out: Path
@@ -99,13 +114,15 @@ class _Call:
     load: LoadOptions | None = None
     how: BatchOptions | None = None
     choose: Choose | None = None
+    file: Path | None = None
+    idle: Callable[[Sequence[str]], Sequence[str]] | None = None
 
 
 def _bake(session: Session, asked: BatchAsked, call: _Call) -> None:
     """Bakes once, or again and again."""
     if asked.watch and session.json:
         raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
-    with _printer(session, asked) as printer:
+    with _printer(session, asked, call) as printer:
         arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
         if not asked.watch:
             _tell(session, asked, call, bake_library(*arguments))
@@ -116,15 +133,16 @@ def _bake(session: Session, asked: BatchAsked, call: _Call) -> None:
 
 
 @contextmanager
-def _printer(session: Session, asked: BatchAsked) -> Iterator[_Printer]:
+def _printer(session: Session, asked: BatchAsked, call: _Call) -> Iterator[_Printer]:
     with _log(asked.json_log) as log, _bar(session) as bar:
-        yield _Printer(session, log, bar)
+        yield _Printer(session, log, bar, call, asked.depfile)
 
 
 def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
     if asked.depfile is not None and not summary.failures:
-        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for)
+        files = [] if call.file is None else [call.file]
+        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for, files)
     if asked.check and summary.planned:
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
@@ -142,9 +160,22 @@ class _Printer(BatchListener):
     session: Session
     log: TextIO | None
     bar: tuple[Bar, TaskID] | None
+    call: _Call
+    depfile: Path | None
+    told: list[str] = field(default_factory=list)
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
-        """See BatchListener."""
+        """See BatchListener. UsageError where the depfile would lie in a result, which is replaced as a whole."""
+        for home in (entry.home for entry in entries if self.depfile is not None):
+            result = self.call.out / home.folder / home.name
+            if self.depfile is not None and disk.lies_in(self.depfile, result):
+                raise UsageError(
+                    f"the depfile {self.depfile} lies in the result {result}, which is replaced as a whole: choose a "
+                    "place outside of it"
+                )
+        if self.call.idle is not None and not self.told:  # later passes of --watch are about what has changed
+            self.told.extend(self.call.idle([entry.label for entry in entries]))
+            notes = [*notes, *self.told]
         processes = f", baking with {_counted(jobs, 'process')}" if jobs else ", nothing has changed"
         self.session.print(*(f"note: {note}" for note in notes), f"found {_counted(len(entries), 'source')}{processes}")
         if self.bar:
@@ -224,6 +255,7 @@ def _log(path: Path | None) -> Iterator[TextIO | None]:
         yield None
         return
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("w", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write {path}: {reason(error)}") from error

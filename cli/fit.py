@@ -87,6 +87,10 @@ def fit(
             metavar="SECONDS", help="How long a program or a browser may take for a render.", show_default="60"
         ),
     ] = None,
+    renderer_start_timeout: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(metavar="SECONDS", help="How long a program may take to start.", show_default="120"),
+    ] = None,
     three: Annotated[
         OptionalPath,
         typer.Option(
@@ -161,7 +165,9 @@ def fit(
     was stopped, or where the renderer failed.
     """
     session.in_files = True
-    choice = RendererChoice(renderer, shader, renderer_command, exchange, renderer_timeout, three, views_file)
+    choice = RendererChoice(
+        renderer, shader, renderer_command, exchange, renderer_timeout, renderer_start_timeout, three, views_file
+    )
     seconds = seconds_of(budget)
     if views < 1:
         raise UsageError(f"views is {views}: expected 1 or more")

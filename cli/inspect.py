@@ -61,7 +61,8 @@ def _show_project(session: Session, config: Path, sources: Sequence[str]) -> Non
 
     project = read_project(config)
     library = found_library([project.library], project.out, within=tuple(map(Path, sources)))
-    session.print(*(f"note: {note}" for note in library.notes))
+    idle = [] if sources else project.idle([entry.label for entry in library.entries])
+    session.print(*(f"note: {note}" for note in (*library.notes, *idle)))
     results = []
     for entry in library.entries:
         settings = project.chosen(entry.label).settings

@@ -56,6 +56,6 @@ def _patient(stream: TextIO | None) -> TextIO:
         io.BufferedWriter(raw),
         encoding=stream.encoding,
         errors="backslashreplace",
-        line_buffering=stream.line_buffering,
+        line_buffering=stream.line_buffering or stream.write_through,  # what is unbuffered is here soon, too
         write_through=stream.write_through,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -62,8 +63,8 @@ def builds(folder: Path) -> bool:
 def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
     write_set(tmp_path / "lib" / "wood")
     (tmp_path / "build.ninja").write_text(
-        "rule bake\n  command = mipbake bake $in -o out --depfile $out.d --quiet " + " ".join(ARGUMENTS) + "\n"
-        "  depfile = $out.d\n  deps = gcc\nbuild out/wood/stack.json: bake lib/wood\n"
+        "rule bake\n  command = mipbake bake $in -o out --depfile $set.d --quiet " + " ".join(ARGUMENTS) + "\n"
+        "  depfile = $set.d\n  deps = gcc\nbuild out/wood/stack.json: bake lib/wood\n  set = wood\n"
     )
     older(tmp_path)
     assert builds(tmp_path)
@@ -79,13 +80,30 @@ def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
     assert not builds(tmp_path)
 
 
+@pytest.mark.skipif(shutil.which("ninja") is None, reason="ninja is not installed")
+def test_ninja_bakes_where_the_project_file_has_changed(tmp_path: Path) -> None:
+    write_set(tmp_path / "lib" / "wood")
+    project = tmp_path / "mipbake.toml"
+    text = 'library = "lib"\nout = "out"\n[options]\nmethod = "linear"\nformat = "png"\nmax-level = 1\n'
+    project.write_text(text)
+    (tmp_path / "build.ninja").write_text(
+        "rule bake\n  command = mipbake bake --config mipbake.toml --depfile wood.d --depfile-for $out --quiet && "
+        "touch $out\n  depfile = wood.d\n  deps = gcc\nbuild stamp: bake\n"
+    )
+    older(tmp_path)
+    assert builds(tmp_path) and not builds(tmp_path)
+    project.write_text(text + "strength = 0.5\n")
+    assert builds(tmp_path) and not builds(tmp_path)
+    assert json.loads((tmp_path / "out/wood/stack.json").read_text())["provenance"]["adjustments"]
+
+
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_make_is_quiet_after_a_file_came_and_went(tmp_path: Path) -> None:
     write_set(tmp_path / "lib" / "wood")
     (tmp_path / "Makefile").write_text(
-        "out/wood/stack.json: lib/wood\n\tmipbake bake $< -o out --depfile $@.d --quiet "
+        "out/wood/stack.json: lib/wood\n\tmipbake bake $< -o out --depfile wood.d --quiet "
         + " ".join(ARGUMENTS)
-        + "\n-include out/wood/stack.json.d\n"
+        + "\n-include wood.d\n"
     )
     older(tmp_path)
 
@@ -98,6 +116,16 @@ def test_make_is_quiet_after_a_file_came_and_went(tmp_path: Path) -> None:
     (tmp_path / "lib/wood/note.tmp").touch()
     (tmp_path / "lib/wood/note.tmp").unlink()
     assert makes() and not makes()
+    write_png(tmp_path / "lib/wood/roughness.png", np.full((16, 16), 90, np.uint8))
+    assert makes() and not makes()
+
+
+def test_a_rule_within_a_result_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wood = write_set(tmp_path / "lib" / "wood")
+    depfile = tmp_path / "out/wood/stack.json.d"
+    err = fails(capsys, 2, "bake", wood, "-o", tmp_path / "out", "--depfile", depfile, *ARGUMENTS)
+    assert f"the depfile {depfile} lies in the result {tmp_path / 'out/wood'}, which is replaced" in err
+    assert not (tmp_path / "out/wood").exists()
 
 
 def test_a_dry_run_writes_no_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -63,6 +63,16 @@ filter = "box"
     assert given.options.strength == 0.25 and given.settings["strength"].origin == COMMAND_LINE
 
 
+def test_patterns_that_match_nothing_are_told(tmp_path: Path) -> None:
+    text = '[[sets]]\nmatch = ["metals/*", "wod*"]\nstrength = 0.5\n[[sets]]\nmatch = "x"\n'
+    project = read_project(written(tmp_path, text))
+    assert project.idle(["metals/iron", "wood"]) == [
+        "mipbake.toml, line 4: 'wod*' matches none of 2 sources",
+        "mipbake.toml, line 7: 'x' matches none of 2 sources",
+    ]
+    assert project.idle(["metals/iron", "wod", "x"]) == []
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -118,6 +118,58 @@ def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
         assert np.array_equal(one, other)
 
 
+RAISING = """
+    class Raising:
+        def render(self, levels, view):
+            {raises}
+
+    def make():
+        {made}
+        return Raising()
+"""
+
+
+@pytest.mark.parametrize("raises", ['raise RuntimeError("no licence")', 'raise SystemExit("no licence")'])
+@pytest.mark.parametrize("where", ["raises", "made"])
+def test_an_exception_of_a_renderer_is_told_with_its_place(folder, tmp_path, module, capsys, where, raises):
+    parts = {"raises": "pass", "made": "pass"} | {where: raises}
+    assert run(folder, tmp_path / "out", "--renderer", module("own_renderer_raising", RAISING.format(**parts))) == 6
+    first, *lines = capsys.readouterr().err.splitlines()
+    kind = raises.split()[1].split("(")[0]
+    said = f"the renderer own_renderer_raising:make raised {kind} (no licence): expected none"
+    assert first.startswith(f"mipbake: {said}")
+    assert lines[0].startswith("Traceback") and raises in "".join(lines) and "mipbake" not in "".join(lines)
+    assert lines[-1] == f"{kind}: no licence"
+
+
+def test_a_module_that_cannot_be_read_is_told(folder, tmp_path, module, capsys):
+    name = module("own_renderer_unreadable", "def make(:")
+    err = fails(capsys, 2, "fit", folder, "-o", tmp_path / "out", "--quiet", *QUICK, *AVERAGED, "--renderer", name)
+    assert "own_renderer_unreadable:make cannot be imported (SyntaxError: " in err
+
+
+def test_another_renderer_does_not_go_on(folder, tmp_path, module, capsys):
+    """What was fitted in a renderer is no start for another one."""
+    first = module("own_renderer_first", FAILING.format(broken=True, after=10_000))
+    assert run(folder, tmp_path / "whole", "--renderer", first) == 0
+    calls = sys.modules["own_renderer_first"].Failing.calls
+    broken = module("own_renderer_broken", FAILING.format(broken=True, after=calls - 8))
+    assert run(folder, tmp_path / "out", "--renderer", broken, "--quiet") == 6
+    darker = FAILING.replace("return super().render(levels, view)", "return darker(super().render(levels, view))")
+    body = darker.format(broken=False, after=0) + DARKER
+    capsys.readouterr()
+    assert run(folder, tmp_path / "out", "--renderer", module("own_renderer_darker", body), "--quiet") == 3
+    assert "metal.fit is of another fit: " in capsys.readouterr().err
+
+
+DARKER = """
+    from dataclasses import replace
+
+    def darker(frame):
+        return replace(frame, image=frame.image ** 3)
+"""
+
+
 def test_a_program_renders(folder, tmp_path):
     program = tmp_path / "program.py"
     program.write_text(
@@ -142,6 +194,7 @@ def test_a_program_renders(folder, tmp_path):
     views.write_text(json.dumps([{"name": f"view {k}", "scale": "near", "size": [16, 16]} for k in range(5)]))
     command = f"{sys.executable} {program}"
     given = ["--renderer-command", command, "--views-file", str(views), "--renderer-timeout", "60"]
+    given += ["--renderer-start-timeout", "90"]
     assert run(folder, tmp_path / "out", *given) == 0
 
 
@@ -153,6 +206,8 @@ def test_a_program_renders(folder, tmp_path):
         (("--renderer", "cinema"), "unknown renderer 'cinema'"),
         (("--renderer", "torch", "--shader", "ramp"), "shader does not go with"),
         (("--renderer", "torch", "--exchange", "exr"), "exchange does not go with"),
+        (("--renderer", "three", "--renderer-start-timeout", "9"), "start_timeout does not go with"),
+        (("--renderer-command", "true", "--renderer-start-timeout", "0"), "a renderer cannot have 0.0 seconds"),
         (("--renderer", "nowhere_at_all:make"), "cannot be imported"),
         (("--renderer", "json:dumps_nothing"), "cannot be imported"),
         (("--renderer", "torch", "--views", "0"), "views is 0"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import select
 import shlex
 import signal
 import subprocess
@@ -123,3 +124,20 @@ def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=1800, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n") <= 2 and "neither" not in done.stdout, (command[-1], done.stdout)
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_lines_arrive_at_once_without_buffers(stream: str) -> None:
+    """As in containers, where PYTHONUNBUFFERED is set and a log is read while the program runs."""
+    code = (
+        "import sys; from mipbake.cli.streams import replace_streams; replace_streams(); "
+        f"sys.{stream}.write('a line\\n'); sys.stdin.read()"
+    )
+    environment = {**ENVIRONMENT, "PYTHONUNBUFFERED": "1"}
+    pipes = {"stdin": subprocess.PIPE, stream: subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, **pipes) as running:
+        out = running.stdout if stream == "stdout" else running.stderr
+        ready, _, _ = select.select([out], [], [], 60)
+        assert ready == [out] and out is not None and os.read(out.fileno(), 99) == b"a line\n"
+        running.communicate()
+    assert running.returncode == 0

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from mipbake.errors import InputError, OutputError, RendererError, UsageError
 from mipbake.fitting import Frame, Progress, fit
 
-from .fitting_small import SIDE, Plain, Spot, fitted, same, spots, start
+from .fitting_small import SIDE, Plain, Spot, fitted, same, source_levels, spots, start, texture_set
 
 Damaged = Callable[[Frame, int], Any]
 
@@ -24,7 +25,7 @@ WANTED = np.full((SIDE, SIDE, 3), 0.2)
 
 VIEWS = spots(2, (0, 1))
 PREPARED = len(VIEWS)
-PROBED = PREPARED + 4
+PROBED = PREPARED + 6 * (len(VIEWS) - 1)
 """Renders before the first error of a view is taken; then come one check and the steps."""
 
 
@@ -47,6 +48,13 @@ def at(row: int, column: int, name: str, value: Any, first: int = 0) -> Damaged:
 def put(**arrays: Any) -> Damaged:
     """Puts other arrays into frames."""
     return lambda frame, _count: replace(frame, **arrays)
+
+
+def numbered(value: float) -> Damaged:
+    """Gives frames an id, which is 1 but for one pixel."""
+    numbers = np.ones((SIDE, SIDE))
+    numbers[2, 3] = value
+    return put(id=numbers)
 
 
 class Grown:
@@ -89,7 +97,11 @@ def told(error: BaseException) -> str:
         (put(id=np.zeros((SIDE, SIDE, 4))), r"id has shape \(8, 8, 4\): expected \(8, 8\)"),
         (put(image=np.zeros((SIDE, SIDE))), r"the image has shape \(8, 8\): expected \(height, width, 3\)"),
         (put(image=np.zeros((0, 8, 3))), r"the image has shape \(0, 8, 3\): expected \(height, width, 3\)"),
-        (put(image="a picture"), "the image is a str: expected an array of numbers"),
+        (put(image="a picture"), "the image is a str: expected an array of real numbers"),
+        (put(image=np.ones((SIDE, SIDE, 3), complex)), "the image is a ndarray: expected an array of real numbers"),
+        (numbered(-1), "id is -1 at row 2, column 3: expected 0 where .*, and a whole number above 0"),
+        (numbered(1.5), "id is 1.5 at row 2, column 3"),
+        (numbered(np.nan), "id is nan at row 2, column 3"),
         (put(image=None), "the image .*: expected"),
         (lambda frame, _count: None, "the renderer returned a NoneType: expected a Frame"),
         (lambda frame, _count: frame.image, "the renderer returned a ndarray: expected a Frame"),
@@ -110,9 +122,10 @@ def test_a_size_that_changes(first: int) -> None:
     told(caught.value)
 
 
-def test_a_size_that_changes_within_a_reference() -> None:
+@pytest.mark.parametrize("first", [1, 3])
+def test_a_size_that_changes_in_a_reference(first: int) -> None:
     with pytest.raises(RendererError, match=r"the reference of .* measures 9 x 8 pixels: expected 8 x 8") as caught:
-        fitted(Plain(Grown(3)))
+        fitted(Plain(Grown(first)))
     told(caught.value)
 
 
@@ -152,6 +165,85 @@ def test_a_little_noise_does_no_harm() -> None:
     result = fitted(Plain(noisy(1e-4)), steps=160, progress=progress.append)
     assert not same(result, start())
     assert progress[-1].scores["level 1"] > progress[0].scores["level 1"]
+
+
+class Blind(Plain):
+    """Shows the maps in some views alone."""
+
+    def __init__(self, seeing: Callable[[str], bool]) -> None:
+        super().__init__()
+        self.seeing = seeing
+
+    def render(self, levels: Any, view: Any) -> Any:
+        frame = super().render(levels, view)
+        return frame if self.seeing(view.name) else replace(frame, image=np.full_like(frame.image, 0.3))
+
+
+def test_one_view_that_shows_nothing_is_no_fault(recwarn: pytest.WarningsRecorder) -> None:
+    result = fitted(Blind(lambda name: name != spots()[0].name), steps=32)
+    assert not same(result, start()) and not recwarn.list
+
+
+def test_views_that_mostly_show_nothing_are_told_of() -> None:
+    with pytest.warns(UserWarning, match=r"of 8 views that were tried, 7 \(spot 2 of level 0, \.\.\.\) look the same"):
+        fitted(Blind(lambda name: name == spots()[0].name), steps=16)
+
+
+class Coarser(Plain):
+    """Looks up one level more than its frames say."""
+
+    def render(self, levels: Any, view: Any) -> Any:
+        frame = super().render(levels, view)
+        return replace(frame, lod=np.maximum(np.asarray(frame.lod) - 1, 0))
+
+
+def test_frames_that_name_the_wrong_level_are_told_of() -> None:
+    views = spots(levels=(1, 2, 3))
+    with pytest.warns(UserWarning, match=r"in 6 .* of 6 views .* texels that its frame does not name, .*: expected"):
+        fitted(Coarser(), views, reference=[WANTED] * len(views), steps=8)
+
+
+def test_frames_that_name_the_right_level_are_not_told_of(recwarn: pytest.WarningsRecorder) -> None:
+    fitted(Plain(), steps=8)
+    assert not recwarn.list
+
+
+# ---- arrays that a renderer uses again
+
+
+class Reusing(Plain):
+    """Returns the same arrays at every render, with other numbers."""
+
+    def render(self, levels: Any, view: Any) -> Any:
+        frame = super().render(levels, view)
+        if not hasattr(self, "kept"):
+            self.kept = Frame(*(np.empty(np.shape(a), np.float32) for a in (frame.image, frame.uv, frame.lod)))
+        for name in ("image", "uv", "lod"):
+            getattr(self.kept, name)[...] = getattr(frame, name)
+        return self.kept
+
+
+@pytest.mark.parametrize("error", ["both", "plain"])
+def test_arrays_that_are_used_again(error: str) -> None:
+    assert same(fitted(Reusing(), steps=48, error=error), fitted(Plain(), steps=48, error=error))
+
+
+def test_references_that_are_used_again() -> None:
+    source = source_levels(texture_set())
+
+    def reference(renderer: Any) -> Any:
+        return lambda view: renderer.render(source, replace(view, level=0)).image
+
+    settings = {"steps": 32, "error": "plain"}
+    plain = fitted(Plain(), reference=reference(Plain()), **settings)
+    assert same(fitted(Plain(), reference=reference(Reusing()), **settings), plain)
+
+
+def test_tensors_with_gradients_are_frames() -> None:
+    def as_tensors(frame: Frame, _count: int) -> Frame:
+        return replace(frame, image=torch.tensor(np.asarray(frame.image, np.float32), requires_grad=True))
+
+    assert same(fitted(Plain(as_tensors), steps=16), fitted(Plain(), steps=16))
 
 
 # ---- renderers that fail on the way
@@ -209,7 +301,7 @@ def test_a_renderer_error_says_what_is_kept(checkpoint: bool, tmp_path: Path) ->
 SETTINGS: dict[str, Any] = {"steps": 60, "rate": 0.5, "seed": 4, "renders": 2}
 
 
-@pytest.mark.parametrize("number", [60, 93, 201, 229, 286])
+@pytest.mark.parametrize("number", [104, 137, 245, 273, 330])
 def test_a_fit_that_goes_on_ends_as_one_that_was_not_stopped(number: int, tmp_path: Path) -> None:
     """Wherever it was stopped: in the first round, at its check, in a later round, at a check, or at the very end."""
     whole = fitted(Plain(), reference=[WANTED] * 20, **SETTINGS)
@@ -255,6 +347,35 @@ def test_a_checkpoint_of_another_fit(other: dict[str, Any], tmp_path: Path) -> N
     ):
         fitted(Plain(), **settings)
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"renderer": Plain(lambda frame, _count: replace(frame, image=frame.image**3))},
+        {"reference": [np.full((SIDE, SIDE, 3), 0.4)] * len(VIEWS)},
+    ],
+)
+def test_a_checkpoint_of_another_renderer_or_reference(other: dict[str, Any], tmp_path: Path) -> None:
+    file = tmp_path / "fit"
+    fit_to_grey(Plain(), checkpoint=file)
+    before = file.read_bytes()
+    settings = {"renderer": Plain(), "reference": [WANTED] * len(VIEWS)} | other
+    with pytest.raises(
+        InputError, match=r"of another fit: .*\(level 1\) showed its start with .* dB now, .*: delete it, or choose"
+    ):
+        fitted(views=VIEWS, steps=8, checkpoint=file, **settings)
+    assert file.read_bytes() == before
+
+
+def test_a_failure_within_a_check_loses_no_step(tmp_path: Path) -> None:
+    file, steps = tmp_path / "fit", len(VIEWS) - 1
+    within = PROBED + 1 + 2 * steps
+    with pytest.raises(RendererError, match="What was fitted so far is kept"):
+        fit_to_grey(Plain(at(0, 0, "image", np.nan, within)), checkpoint=file)
+    with np.load(file) as content:
+        about = json.loads(content["about"].tobytes())
+    assert (about["step"], about["checked"]) == (steps, 0)
 
 
 def archive(path: Path, **arrays: Any) -> None:

@@ -200,7 +200,7 @@ def test_stamps_of_other_tiles_stay() -> None:
     renderer = Keeper()
     views = places((0,))
     kept(renderer, views, steps=16)
-    prepared, probed = len(views), 4
+    prepared, probed = len(views), 6 * (len(views) - len(views) // 5)
     steps = renderer.counts[prepared + probed + 2 :][: 2 * 8]  # after the first check
     assert len(steps) == 16
     # An image of 8 x 8 pixels lies in 1, 2 or 4 tiles of level 0. A first step gets all, since nothing is known of it.

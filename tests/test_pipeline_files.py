@@ -31,10 +31,12 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     place = capsys.readouterr().out.strip()
     write_set(tmp_path / "textures" / "metals" / "iron")
     write_set(tmp_path / "textures" / "wood")
+    write_set(tmp_path / "others" / "my oak.v2")
     options = "--method linear --format png --max-level 1"
     (tmp_path / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.20)\nproject(game NONE)\nfind_package(mipbake REQUIRED)\n"
         f"mipbake_bake(iron textures/metals/iron one {options})\n"
+        f'mipbake_bake(oak "others/my oak.v2" two {options})\n'
         f"mipbake_bake_library(library textures every {options} --jobs 1)\n"
     )
     then = time.time() - 100
@@ -44,6 +46,7 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", f"-Dmipbake_DIR={place}", folder=tmp_path)
     run("cmake", "--build", "build", folder=tmp_path)
     assert (build / "one/iron/stack.json").is_file() and (build / "every/wood/stack.json").is_file()
+    assert (build / "two/my_oak.v2/stack.json").is_file()
     assert "no work to do" in run("cmake", "--build", "build", folder=tmp_path)
     (tmp_path / "textures/metals/iron/normal.png").touch()
     told = run("cmake", "--build", "build", folder=tmp_path)
@@ -53,6 +56,26 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     told = run("cmake", "--build", "build", folder=tmp_path)
     assert "Baking the library library" in told and "Baking iron" not in told
     assert (build / "every/gold/stack.json").is_file()
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
+@pytest.mark.parametrize(("source", "said"), [("scene.glb", "is a document"), ("eiche-ä", "name it, with SET")])
+def test_cmake_refuses_what_it_cannot_name(
+    source: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--cmake-dir"]) == 0
+    (tmp_path / source).mkdir()
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.20)\nproject(game NONE)\nfind_package(mipbake REQUIRED)\n"
+        f"mipbake_bake(one {source} out)\n",
+        encoding="utf-8",
+    )
+    place = capsys.readouterr().out.strip()
+    made = subprocess.run(
+        ["cmake", "-S", ".", "-B", "build", f"-Dmipbake_DIR={place}"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert made.returncode != 0 and said in " ".join(made.stderr.split())
 
 
 def commands(text: str) -> list[str]:

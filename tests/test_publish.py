@@ -11,10 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from mipbake.cli.main import main
 from mipbake.errors import OutputError
 from mipbake.io import publish
 from mipbake.io.leftovers import remove, unfinished
 from mipbake.io.publish import check_place, published, replaced_file
+
+from .command_line import fails, write_set
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks as POSIX has them")
 
@@ -199,3 +202,20 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "scene.glb").read_bytes() == b"two" and names(tmp_path / "new") == ["scene.glb"]
     with pytest.raises(OutputError, match="Not a directory"):
         replaced_file(tmp_path / "new" / "scene.glb" / "other.glb", b"")
+
+
+def test_what_engines_put_beside_files_moves_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, out = write_set(tmp_path / "wood"), tmp_path / "out"
+    bake = ["bake", source, "-o", out, "--method", "linear", "--format", "png", "--quiet"]
+    assert main([*map(str, bake), "--max-level", "2"]) == 0
+    result = out / "wood"
+    (kept, coarse) = (result / f"{name}.meta" for name in ("base_color_mip00.png", "base_color_mip02.png"))
+    kept.write_text("guid: 1")
+    coarse.write_text("guid: 2")
+    (result / ".DS_Store").write_bytes(b"\0")
+    assert main([*map(str, bake), "--max-level", "1"]) == 0
+    assert kept.read_text() == "guid: 1"
+    assert not coarse.exists() and not (result / ".DS_Store").exists()
+    (result / "nothing.png.meta").write_text("guid: 3")
+    assert "files that are not mipbake's" in fails(capsys, 4, *bake)
+    assert (result / "nothing.png.meta").exists() and kept.read_text() == "guid: 1"

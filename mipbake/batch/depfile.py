@@ -16,12 +16,20 @@ from mipbake.io.tiles import is_pattern
 _ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", "%": "\\%", ":": "\\:"})
 
 
-def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path], made: str | None = None) -> None:
+def write_depfile(
+    path: Path,
+    summary: Summary,
+    out: Path,
+    roots: Sequence[Path],
+    made: str | None = None,
+    more: Sequence[Path] = (),
+) -> None:
     """Writes a rule that says which files the results of a batch were made from.
 
     Args:
         path: the file. out: the folder of all results. roots: the folders that were gone through.
         made: what the rule is about; None for the files that declare results: each `stack.json`, and GLB files.
+        more: files that say how all of them are made, such as a project file.
 
     Folders are among what results were made from, so that a file that is added counts too. Each file that they were
     made from has an empty rule, so that Make goes on where it is gone.
@@ -33,6 +41,7 @@ def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path]
     results = [out / file.path for _, each in known for file in each.results if declares(Path(file.path))]
     names = [made] if made is not None else [os.fspath(file) for file in results]
     sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
+    sources |= dict.fromkeys(os.path.normpath(file) for file in more)
     lines = [" \\\n  ".join([f"{' '.join(map(_escaped, names))}:", *map(_escaped, sources)])]
     lines += [f"{_escaped(source)}:" for source in sources]
     replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))

@@ -67,10 +67,15 @@ Settings = Mapping[str, Setting]
 
 @dataclass(frozen=True)
 class Rule:
-    """Options for the sets whose labels a pattern matches."""
+    """Options for the sets whose labels a pattern matches.
+
+    Args:
+        origin: where the patterns stand.
+    """
 
     patterns: tuple[str, ...]
     settings: Settings
+    origin: str = ""
 
     def applies(self, label: str) -> bool:
         """Whether it is about an entry of that label.
@@ -128,6 +133,15 @@ class Project:
                 else:
                     merged[option] = setting
         return chosen(merged)
+
+    def idle(self, labels: Sequence[str]) -> list[str]:
+        """Sentences on patterns that none of these labels matches."""
+        return [
+            f"{rule.origin}: {pattern!r} matches none of {len(labels)} {'source' if len(labels) == 1 else 'sources'}"
+            for rule in self.rules
+            for pattern in rule.patterns
+            if not any(fnmatchcase(label, pattern) for label in labels)
+        ]
 
 
 def chosen(settings: Settings) -> Chosen:
@@ -320,7 +334,7 @@ def _rules(source: _Source, sets: Sequence[Mapping[str, Any]]) -> Iterator[Rule]
             where = ("sets", index) if match is None else ("sets", index, "match")
             raise source.fail('a table of sets has no match: expected match = "metals/*", or a list of such', *where)
         others = {key: value for key, value in table.items() if key != "match"}
-        yield Rule(tuple(patterns), _settings(source, others, "sets", index))
+        yield Rule(tuple(patterns), _settings(source, others, "sets", index), source.at("sets", index, "match"))
 
 
 def _settings(source: _Source, table: Mapping[str, Any], *keys: str | int) -> dict[str, Setting]:

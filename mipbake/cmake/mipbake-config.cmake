@@ -12,14 +12,27 @@ function(mipbake_bake name source out)
     cmake_parse_arguments(PARSE_ARGV 3 arg "" "SET" "")
     cmake_path(ABSOLUTE_PATH source BASE_DIRECTORY "${CMAKE_CURRENT_SOURCE_DIR}" NORMALIZE)
     cmake_path(ABSOLUTE_PATH out BASE_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}" NORMALIZE)
+    if(source MATCHES "\\.(glb|gltf|mtlx)$")
+        message(FATAL_ERROR "mipbake_bake is for texture sets, and ${source} is a document: use mipbake_bake_library")
+    endif()
     if(NOT arg_SET)
-        cmake_path(GET source STEM LAST_ONLY arg_SET)
+        if(IS_DIRECTORY "${source}")
+            cmake_path(GET source FILENAME arg_SET)
+        else()
+            cmake_path(GET source STEM LAST_ONLY arg_SET)
+        endif()
+        if(arg_SET MATCHES "[^ -~]")
+            message(FATAL_ERROR "mipbake_bake cannot tell what the result of ${source} is called: name it, with SET")
+        endif()
+        string(REGEX REPLACE "[^A-Za-z0-9_.-]+" "_" arg_SET "${arg_SET}")
+        string(REGEX REPLACE "^[._-]+|[._-]+$" "" arg_SET "${arg_SET}")
     endif()
     set(result "${out}/${arg_SET}/stack.json")
     set(depfile "${CMAKE_CURRENT_BINARY_DIR}/${name}.d")
     add_custom_command(
         OUTPUT "${result}"
         DEPFILE "${depfile}"
+        DEPENDS "${MIPBAKE_EXECUTABLE}"
         COMMAND "${MIPBAKE_EXECUTABLE}" bake "${source}" -o "${out}" --depfile "${depfile}" --quiet ${arg_UNPARSED_ARGUMENTS}
         COMMENT "Baking ${name}"
         VERBATIM)
@@ -37,6 +50,7 @@ function(mipbake_bake_library name library out)
     add_custom_command(
         OUTPUT "${stamp}"
         DEPFILE "${depfile}"
+        DEPENDS "${MIPBAKE_EXECUTABLE}"
         COMMAND "${MIPBAKE_EXECUTABLE}" bake "${library}" -o "${out}" --recursive --depfile "${depfile}"
                 --depfile-for "${stamp}" --quiet ${ARGN}
         COMMAND "${CMAKE_COMMAND}" -E touch "${stamp}"

@@ -15,9 +15,11 @@ from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
+from mipbake.fitting.probing import probe
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
 from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, key_of
+from mipbake.fitting.supersampled import named
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -80,7 +82,7 @@ def fit(
             as linear radiance; a level is kept where both gain. "plain": the numbers of images are compared as they
             are, which suits renderers that show what a display gets.
         checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
-            the fit goes on from it.
+            the fit goes on from it, after its views have been prepared once more.
         progress: told how far the fit is, after every check. preparing: told the share of views that are prepared.
 
     Returns:
@@ -90,7 +92,11 @@ def fit(
         UsageError: settings that make no sense, others of another model or size, or no reference.
         RendererError: the renderer failed, or gave something that is no frame: another size, values that are not
             finite, no uv, no lod; or its pictures do not follow the maps.
-        InputError, OutputError: a checkpoint of another fit, or one that cannot be written.
+        InputError, OutputError: a checkpoint of another fit, renderer or reference, or one that cannot be written.
+
+    Warns:
+        UserWarning: views that show nothing of the maps, or other texels than their frames name; or a level that no
+            view shows which is held out.
     """
     settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error)
     learned, checked = _split(views, held_out)
@@ -101,21 +107,23 @@ def fit(
     original = None if source is None else _source_levels(source)
     kernel = filter_named(stack.provenance.pixel_filter)
     preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed, error)
-    resting, both = loop.levels_of(values), [*learned, *checked]
-    prepared = []
+    both = [*learned, *checked]
+    file = state = None
+    if checkpoint is not None:
+        names = [named(view) for _, view in both]
+        key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None))
+        file = Checkpoint(Path(checkpoint), key)
+        state = file.load()
+    resting, prepared = loop.levels_of(values), []
     for done, (index, view) in enumerate(both):
         prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))
         preparing((done + 1) / len(both))
     training, checking = prepared[: len(learned)], prepared[len(learned) :]
-    file = None
-    if checkpoint is not None:
-        names = [each.name for each in prepared]
-        file = Checkpoint(
-            Path(checkpoint), key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None))
-        )
-    state = file.load() if file is not None else None
+    if file is not None and state is not None:
+        file.check_started(state, scores(checking, np.array([view.started for view in checking])))
     if state is None:
-        loop.probe(values, training[0])
+        for sentence in probe(renderer, parameters, stack.wrap, seed, values, training):
+            warnings.warn(sentence, stacklevel=2)
         errors = loop.errors(values, checking)
         first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
         if others:
@@ -137,12 +145,16 @@ def fit(
     reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
-        f"levels were fitted in the renderer {type(renderer).__name__} to {len(training)} views"
+        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views"
         f"{starts.told(state.origins)}; SNR of "
         f"{len(checking)} other views: {gained}"
     )
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
     return replace(stack, levels=starts.levels(best), provenance=provenance)
+
+
+def _called(renderer: Any) -> str:
+    return str(getattr(renderer, "called", type(renderer).__name__))
 
 
 def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[tuple[int, Any]], list[tuple[int, Any]]]:

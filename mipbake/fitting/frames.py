@@ -49,7 +49,12 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
 
 
 def summed(
-    renderer: Any, levels: Levels, views: Sequence[Any], weights: Sequence[float], who: str
+    renderer: Any,
+    levels: Levels,
+    views: Sequence[Any],
+    weights: Sequence[float],
+    who: str,
+    size: tuple[int, int] | None = None,
 ) -> tuple[Array, Array]:
     """What the method `summed` of a renderer gives: (H, W, 3) and (H, W) float32.
 
@@ -61,7 +66,7 @@ def summed(
         raise RendererError(
             f"{who}: `summed` gave a {type(made).__name__}: expected a sum of images and one of weights"
         )
-    image, counted = _picture(made[0], who, None), _numbers(made[1], "the sum of weights", who)
+    image, counted = _picture(made[0], who, size), _numbers(made[1], "the sum of weights", who)
     if counted.shape != image.shape[:2]:
         raise RendererError(f"{who}: the sum of weights has shape {counted.shape}: expected {image.shape[:2]}")
     _check_finite(counted[..., None], "the sum of weights", who)
@@ -85,6 +90,13 @@ def _seen(frame: Any, size: tuple[int, int], who: str) -> NDArray[np.bool_]:
     numbers = _numbers(frame.id, "id", who)
     if numbers.shape != size:
         raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
+    bad = ~(np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers)))
+    if bad.any():
+        row, column = (int(n) for n in np.argwhere(bad)[0])
+        raise RendererError(
+            f"{who}: id is {numbers[row, column]:g} at row {row}, column {column}: expected 0 where a pixel shows "
+            "nothing of the maps, and a whole number above 0 elsewhere"
+        )
     return np.asarray(numbers > 0)
 
 
@@ -154,10 +166,15 @@ def _of_pixels(value: Any, what: str, width: int, size: tuple[int, int], shown: 
 
 
 def _numbers(value: Any, what: str, who: str) -> Array:
+    if hasattr(value, "detach"):  # a tensor, which may be on a graphics card, or have a gradient
+        value = value.detach().cpu()
     try:
-        return np.asarray(value, np.float32)
+        array = np.asarray(value)
+        if not np.iscomplexobj(array):
+            return np.asarray(array, np.float32)
     except (TypeError, ValueError):
-        raise RendererError(f"{who}: {what} is a {type(value).__name__}: expected an array of numbers") from None
+        pass
+    raise RendererError(f"{who}: {what} is a {type(value).__name__}: expected an array of real numbers")
 
 
 def _check_finite(array: Array, what: str, who: str) -> None:

@@ -134,29 +134,6 @@ class Loop:
     def _compared(self, levels: Levels, view: Prepared) -> Array:
         return view.compared(render_pixels(self._renderer, levels, view))
 
-    def probe(self, values: Array, view: Prepared) -> None:
-        """Checks that pictures follow the maps: by far more than they differ where the maps are the same.
-
-        Raises:
-            RendererError: they do not.
-        """
-        first, second = (self._compared(self.levels_of(values), view) * view.shown[:, None] for _ in range(2))
-        plus, minus = stochastic.perturb(values, self._channels, 0, self._settings.seed)
-        sides = [self._compared(self.levels_of(side), view) * view.shown[:, None] for side in (plus, minus)]
-        change = float(np.sum(np.square(sides[0] - sides[1], dtype=np.float64)))
-        noise = float(np.sum(np.square(first - second, dtype=np.float64)))
-        if change == 0:
-            raise RendererError(
-                f"{view.name}: the picture is the same when every texel is another one: expected a renderer that looks "
-                "its maps up in `levels`"
-            )
-        if 2 * noise > change:
-            raise RendererError(
-                f"{view.name}: two renders of the same maps differ more ({math.sqrt(noise):.3g}) than renders of "
-                f"perturbed maps do ({math.sqrt(change):.3g}): expected a renderer whose picture follows from its maps "
-                "alone, so turn off its noise, temporal filters and animations"
-            )
-
     def settled(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
         """The best values, less the levels without which the views that are held out gain more.
 
@@ -176,7 +153,7 @@ class Loop:
 
     def _gain(self, values: Array, checking: Sequence[Prepared]) -> float:
         """How many dB are gained since the start, in the mean over scales, in the part that gains least."""
-        begun = np.array([[part.started for part in view.parts] for view in checking])
+        begun = np.array([view.started for view in checking])
         old, new = scores(checking, begun), scores(checking, self.errors(values, checking))
         names = [part.name for part in checking[0].parts]
         gains: list[list[float]] = [[] for _ in names]
@@ -206,21 +183,25 @@ class Loop:
             state.seconds = before + time.monotonic() - begun
             return settings.share(state.step, state.seconds)
 
-        while share() < 1 and state.rates.any():
+        def unchecked() -> bool:
+            return state.step > state.checked and (state.step % len(training) == 0 or share() >= 1)
+
+        while (share() < 1 or unchecked()) and state.rates.any():
             order = np.random.default_rng([settings.seed, state.step // len(training)]).permutation(len(training))
-            for index in order[state.step % len(training) :]:
-                falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
-                try:
+            try:
+                for index in () if unchecked() else order[state.step % len(training) :]:
+                    falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
                     self._step(state, training[index], gradient, sides, settings.rate * falling)
-                except BaseException as error:
-                    if file is not None:
-                        file.save(state)
-                    if file is None or not isinstance(error, RendererError):
-                        raise
-                    raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
-                if share() >= 1:
-                    break
-            now = self._check(state, checking, sides)
+                    if share() >= 1:
+                        break
+                now = self._check(state, checking, sides)
+                state.checked = state.step
+            except BaseException as error:
+                if file is not None:
+                    file.save(state)
+                if file is None or not isinstance(error, RendererError):
+                    raise
+                raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
             done, moving = share(), int(np.count_nonzero(state.rates))
             if file is not None:
                 file.save(state)

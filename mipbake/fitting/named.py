@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib
 import sys
+import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from mipbake.errors import InputError, UsageError
-from mipbake.fitting.renderer import Renderer
+from mipbake.errors import InputError, MipbakeError, RendererError, UsageError
+from mipbake.fitting.renderer import Frame, Levels, Renderer
 from mipbake.fitting.views import standard_views
 
 RENDERERS = ("gl", "three", "torch")
@@ -26,7 +28,7 @@ class RendererChoice:
         shader: for `gl` the name of a shader that comes with mipbake, or a file of GLSL; for `three` the name of a
             material; None for the default.
         command: a program that speaks the protocol of docs/fit-protocol.md. exchange: how maps and frames get there and
-            back. timeout: seconds that a render may take.
+            back. timeout: seconds that a render may take. start_timeout: seconds that the program may take to start.
         three: the folder that holds three.js; None to look for it.
         views: a JSON file with a list of views for `command` or MODULE:FACTORY; None for views of a plane.
 
@@ -39,6 +41,7 @@ class RendererChoice:
     command: str | None = None
     exchange: str | None = None
     timeout: float | None = None
+    start_timeout: float | None = None
     three: Path | None = None
     views: Path | None = None
 
@@ -52,6 +55,7 @@ class RendererChoice:
             "three": self.renderer == "three",
             "exchange": self.command is not None,
             "timeout": self.command is not None or self.renderer == "three",
+            "start_timeout": self.command is not None,
             "views": self.renderer not in RENDERERS,
         }
         for name, fits in allowed.items():
@@ -63,11 +67,12 @@ class RendererChoice:
 
         Raises:
             UsageError: it does not exist, or lacks something that it needs.
+            RendererError: the function that makes it raised something.
         """
         if self.command is not None:
             from mipbake.fitting.process import ProcessRenderer
 
-            given = {"exchange": self.exchange, "timeout": self.timeout}
+            given = {"exchange": self.exchange, "timeout": self.timeout, "start_timeout": self.start_timeout}
             return ProcessRenderer(self.command, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
         if self.renderer == "gl":
             from mipbake.fitting.gl import GlRenderer
@@ -127,12 +132,44 @@ def _from_module(given: str) -> Renderer[Any]:
         sys.path.insert(0, folder)  # so that a file beside the user is found, as `python -m` finds it
     try:
         found = getattr(importlib.import_module(module), factory)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (Exception, SystemExit) as error:
         raise UsageError(
-            f"the renderer {given} cannot be imported ({error}): expected MODULE:FACTORY, a function without arguments "
-            "in a module that Python finds"
+            f"the renderer {given} cannot be imported ({type(error).__name__}: {error}): expected MODULE:FACTORY, a "
+            "function without arguments in a module that Python finds"
         ) from error
-    made = found()
+    made = _telling(found, given)()
     if not callable(getattr(made, "render", None)):
         raise UsageError(f"{given}() gave a {type(made).__name__}: expected an object with render(levels, view)")
-    return made  # type: ignore[no-any-return]
+    return _UserRenderer(made, given)
+
+
+class _UserRenderer:
+    """A renderer of the user's. What its methods raise becomes a RendererError, with lines that say where."""
+
+    def __init__(self, renderer: Any, given: str) -> None:
+        self._renderer, self._given = renderer, given
+        self.called = type(renderer).__name__
+
+    def render(self, levels: Levels, view: Any) -> Frame:
+        return _telling(self._renderer.render, self._given)(levels, view)  # type: ignore[no-any-return]
+
+    def __getattr__(self, name: str) -> Any:  # methods that a renderer may have or not
+        return _telling(getattr(self._renderer, name), self._given)
+
+
+def _telling(function: Any, given: str) -> Any:
+    @wraps(function)
+    def telling(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except MipbakeError:
+            raise
+        except (Exception, SystemExit) as error:
+            own = None if error.__traceback__ is None else error.__traceback__.tb_next
+            lines = traceback.format_exception(type(error), error, own)
+            raise RendererError(
+                f"the renderer {given} raised {type(error).__name__} ({error}): expected none, so mend it where these "
+                "lines say\n" + "".join(lines).rstrip()
+            ) from error
+
+    return telling

@@ -58,6 +58,11 @@ class Prepared:
         """The levels that show."""
         return [level for level, share in enumerate(self.shares) if share > 0]
 
+    @property
+    def started(self) -> list[float]:
+        """The error of each part, as a share, of the stack that a fit started from."""
+        return [part.started for part in self.parts]
+
     @cached_property
     def wanted(self) -> Array:
         """(P, 3 parts) the reference, as `compared` has images."""
@@ -108,23 +113,17 @@ class Preparation:
         """
         who = named(view)
         frame = self.renderer.render(levels, view)
-        found = looked(frame, who)
+        found, own = looked(frame, who), image_of(frame, who).copy()  # a renderer may use its arrays again
         footprint = "trilinear" if found.uv_da is None else "anisotropic"
         every = contributions(self._touched(found, footprint))
         if held_out:
             credited = contributions(np.empty((0, 1), np.int32))
         else:
             credited = contributions(self._touched(found, "nearest")) if self.texels == "nearest" else every
-        if given is None:
-            image = self._supersampled(
-                view, _middle_lod(found, self.parameters.sizes[0]), held_out, bool(found.seen.all())
-            )
-        else:
-            image = _given(given, who, found.size)
+        image = self._supersampled(view, found, held_out) if given is None else _given(given, who, found.size)
         pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
         if not (pixels[found.seen > 0] > 0).any():
             raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
-        own = image_of(frame, who).reshape(-1, 3)
         parts = tuple(part.begun(own) for part in comparisons(self.error, pixels, shown))
         visible = np.asarray(every.elements)
         return Prepared(
@@ -146,14 +145,16 @@ class Preparation:
             return touched_texels(sizes, found.uv, None, uv_da, found.seen, texels, self.wrap)
         return touched_texels(sizes, found.uv, found.lod, None, found.seen, texels, self.wrap)
 
-    def _supersampled(self, view: Any, lod: float, held_out: bool, whole: bool) -> Array:
+    def _supersampled(self, view: Any, found: Looked, held_out: bool) -> Array:
         if self.source is None:
             raise UsageError(
                 "neither source nor reference is given: expected the texture set that the stack was baked from, or "
                 "reference images"
             )
+        lod = _middle_lod(found, self.parameters.sizes[0])
         passes = passes_for(lod, held_out) if self.passes is None else self.passes
-        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed, whole)
+        whole = bool(found.seen.all())
+        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed, whole, found.size)
 
 
 _LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
@@ -184,7 +185,7 @@ def _given(value: Any, who: str, size: tuple[int, int]) -> Array:
             f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as "
             "the renderer's image has"
         )
-    return np.ascontiguousarray(image[..., :3])
+    return np.array(image[..., :3], order="C")  # a copy: whoever made it may use the array again
 
 
 def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Array:

@@ -80,8 +80,9 @@ class Rendered:
     Args:
         image: (H, W, 3) what is shown.
         uv: (H, W, 2) where each pixel's centre looked the maps up, v down.
-        lod: (H, W) level of detail; or None, then `uv_da` is given.
-        uv_da: (H, W, 4) du/dX, du/dY, dv/dX, dv/dY per pixel, X to the right and Y down; or None.
+        lod: (H, W) level of detail of trilinear lookups; or None, then `uv_da` is given.
+        uv_da: (H, W, 4) du/dX, du/dY, dv/dX, dv/dY per pixel, X to the right and Y down, of anisotropic lookups; or
+            None.
         id: (H, W) integers up to 2^24, 0 where a pixel shows nothing of the maps. None: every pixel shows them.
     """
 

@@ -128,10 +128,12 @@ class Frame:
         uv: (H, W, 2) where the pixel's centre looked the maps up; u to the right and v down, any real numbers where
             the maps repeat.
         lod: (H, W) level of detail of a trilinear lookup; or None, then `uv_da` is given.
-        uv_da: (H, W, 4) du/dX, du/dY, dv/dX, dv/dY per pixel, which the level of detail follows from; or None.
-        id: (H, W) integers, 0 where a pixel shows nothing of the maps. None: every pixel shows them.
+        uv_da: (H, W, 4) du/dX, du/dY, dv/dX, dv/dY per pixel, of an anisotropic lookup with up to 16 samples along the
+            footprint; or None.
+        id: (H, W) integers from 0 on, 0 where a pixel shows nothing of the maps. None: every pixel shows them.
 
-    Any array of numbers will do; a fit checks shapes, and that values are finite.
+    Any array of numbers will do, and the renderer may use it again for the next frame. A fit checks shapes, and that
+    values are finite.
     """
 
     image: Any

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,10 @@ from mipbake.errors import InputError, OutputError
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 3
+_FORMAT = 4
+_SAME = 0.25
+"""dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
+
 _ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 
 
@@ -35,7 +39,8 @@ class FitState:
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
-        step: steps that were made. seconds: that were spent on them, with the checks.
+        step: steps that were made. checked: how many there were at the last check. seconds: that were spent on
+            them, with the checks.
     """
 
     values: Array
@@ -48,6 +53,7 @@ class FitState:
     origins: NDArray[np.int64]
     started: dict[str, float]
     step: int = 0
+    checked: int = 0
     seconds: float = 0.0
 
     @staticmethod
@@ -84,6 +90,7 @@ class Checkpoint:
             "key": self.key,
             "started": state.started,
             "step": state.step,
+            "checked": state.checked,
             "seconds": state.seconds,
         }
         temporary = self.path.with_name(self.path.name + ".part")
@@ -142,8 +149,27 @@ class Checkpoint:
             arrays["origins"],
             about["started"],
             about["step"],
+            about["checked"],
             about["seconds"],
         )
+
+    def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
+        """Checks that held-out views show the stack that the fit started from as they did then.
+
+        Args:
+            scores: of that stack, now.
+
+        Raises:
+            InputError: they show something else.
+        """
+        for scale, score in scores.items():
+            then = state.started.get(scale, math.nan)
+            if not abs(score - then) <= _SAME:
+                raise InputError(
+                    f"the checkpoint {self.path} is of another fit: views that are held out ({scale}) showed its start "
+                    f"with {then:.1f} dB, and show it with {score:.1f} dB now, so that the renderer, its shader, what "
+                    "the views show or the references are others: delete it, or choose another file"
+                )
 
 
 def key_of(starts: Iterable[Array], *settings: object) -> str:

@@ -23,6 +23,7 @@ def supersampled(
     passes: int,
     seed: int = 0,
     whole: bool = True,
+    size: tuple[int, int] | None = None,
 ) -> Array:
     """The mean of renders of a view whose sampling points are moved: the integral of section 3 of docs/conventions.md.
 
@@ -34,6 +35,7 @@ def supersampled(
         passes: how many renders.
         whole: whether every pixel shows the maps and nothing else. Where not, only samples that show the maps count, so
             that what lies behind them leaves no trace at their edges.
+        size: (height, width) that renders must have; None: as the first one.
 
     Returns:
         (H, W, 3) float32; 0 where no sample shows the maps.
@@ -55,21 +57,26 @@ def supersampled(
     weights = [float(np.prod(sign)) for _, sign in drawn]
     total: Any
     if hasattr(renderer, "summed"):
-        total, counted = summed(renderer, source, places, weights, who)
+        total, counted = summed(renderer, source, places, weights, who, size)
     else:
-        total, counted = _one_by_one(renderer, source, places, weights, who, whole)
+        total, counted = _one_by_one(renderer, source, places, weights, who, whole, size)
     weight: Any = sum(weights) if whole else counted[..., None]
     # The weights of a signed filter may cancel where few samples show the maps.
     return np.asarray(total / np.where(np.abs(weight) > _LEAST_WEIGHT, weight, np.inf), np.float32)
 
 
 def _one_by_one(
-    renderer: Renderer[Any], source: Levels, places: Sequence[Any], weights: Sequence[float], who: str, whole: bool
+    renderer: Renderer[Any],
+    source: Levels,
+    places: Sequence[Any],
+    weights: Sequence[float],
+    who: str,
+    whole: bool,
+    size: tuple[int, int] | None,
 ) -> tuple[Any, Any]:
     """(H, W, 3) sum of weights times renders; and (H, W) the sum of the weights that count in it."""
     total: Any = 0.0
     counted: Any = 0.0
-    size: tuple[int, int] | None = None
     for place, weight in zip(places, weights, strict=True):
         if whole:
             image = rendered(renderer, source, place, who, size)

@@ -21,7 +21,7 @@ from mipbake.io.containers import Container
 from mipbake.io.json_text import parsed
 from mipbake.io.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.io.messages import listed
-from mipbake.io.publish import IsOurs, check_room, published
+from mipbake.io.publish import IsOurs, check_room, is_companion, published
 
 Levels: TypeAlias = list[NDArray[np.float32]]
 Texels: TypeAlias = Sequence[NDArray[np.generic]]
@@ -255,7 +255,8 @@ def listed_files(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def is_result_folder(path: Path, manifests: Sequence[Path], schema: str) -> bool:
-    """Whether a folder holds manifests of that schema, one or more, files that they list, and nothing else."""
+    """Whether a folder holds manifests of that schema, one or more, files that they list, and nothing else but what
+    engines and file managers put beside them."""
     try:
         known = {file.name for file in manifests}
         for file in manifests:
@@ -263,7 +264,7 @@ def is_result_folder(path: Path, manifests: Sequence[Path], schema: str) -> bool
             if manifest["schema"] != schema:
                 return False
             known.update(listed_files(manifest))
-        return bool(manifests) and all(p.name in known and p.is_file() for p in path.iterdir())
+        return bool(manifests) and all((p.name in known or is_companion(p)) and p.is_file() for p in path.iterdir())
     except (InputError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
 

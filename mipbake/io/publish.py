@@ -7,6 +7,7 @@ import ctypes
 import errno
 import os
 import secrets
+import shutil
 import stat
 import sys
 import tempfile
@@ -20,10 +21,21 @@ from mipbake.io.signals import uninterrupted
 IsOurs = Callable[[Path], bool]
 """Whether an existing folder holds an earlier result and nothing else, so that it may be replaced."""
 
+_COMPANIONS = (".meta", ".import")
+"""What engines add to the name of a file for what they know of it: Unity and Godot. It moves on to the next result."""
+
+_LITTER = (".DS_Store", "Thumbs.db", "desktop.ini")
+"""What file managers leave in folders. It is in nobody's way."""
+
 _BLOCK = 1 << 20  # bytes
 TRIAL = "mipbake-trial"
 _TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
+
+
+def is_companion(path: Path) -> bool:
+    """Whether an engine or a file manager has put a file into a result, which goes with what it is beside."""
+    return path.name in _LITTER or (path.suffix in _COMPANIONS and path.with_suffix("").exists())
 
 
 def check_place(place: Path, is_ours: IsOurs) -> None:
@@ -95,7 +107,8 @@ def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
     """A temporary folder beside `place`, which takes its name when the block ends and is removed when it raises.
 
     Parent folders are made as needed, and removed again when the block raises. Wherever the process is
-    stopped, `place` is the earlier result or the new one, whole. Only where a file system cannot exchange two names is
+    stopped, `place` is the earlier result or the new one, whole. What engines have put beside files that both have,
+    such as Unity's `NAME.meta`, moves on to the new one. Only where a file system cannot exchange two names is
     there neither for a moment; after a process was killed in it, the next `check_place` restores the earlier result.
 
     Raises:
@@ -105,10 +118,19 @@ def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
     place = place.resolve()
     with _told(f"cannot write to {place}"), _parents(place), begun(place, Path.mkdir) as partial:
         yield partial
+        _take_over(place, partial)
         _flush(partial)
         _check_existing(place, is_ours)  # it may have been long since the first time
         with uninterrupted():
             _swap(partial, place)
+
+
+def _take_over(place: Path, partial: Path) -> None:
+    """Copies what engines know of the files of an earlier result to the same files of a new one."""
+    for each in place.iterdir() if place.is_dir() else ():
+        of = partial / each.with_suffix("").name
+        if each.suffix in _COMPANIONS and each.is_file() and of.is_file():
+            shutil.copy2(each, partial / each.name)
 
 
 @contextlib.contextmanager

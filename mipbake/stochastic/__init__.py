@@ -21,6 +21,7 @@ not grow with elements that no pixel shows. The plain twins are in `mipbake.stoc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -63,19 +64,20 @@ def perturb(
     """theta + s epsilon and theta - s epsilon, with independent signs s (algorithm 1).
 
     A value that lies nearer to a limit than its magnitude is first moved away from it, so that both results lie within
-    the limits, and their difference is 2 epsilon.
+    the limits, and their difference is 2 epsilon. Normals are an exception: x and y that leave the disc of unit normals
+    are brought back to its edge, so that their difference is smaller there.
 
     Args:
         values: (N, C) float32, or float64 on the CPU.
         step, seed: which signs; 0 to 2^32 - 1.
-        elements: (K,) int32, which are perturbed, each once; None for all. Numbers are not checked.
+        elements: (K,) int32, which are perturbed, each once; None for all. On a GPU nobody checks the numbers.
         out: two arrays like values, which are written where elements are listed, and returned.
 
     Returns:
         Two arrays like values. Without `out`, elements that are not listed are as in values.
 
     Raises:
-        UsageError: the type, dtype, device or shape of an argument does not fit.
+        UsageError: the type, dtype, device or shape of an argument does not fit, or an element that does not exist.
     """
     from mipbake import _native
 
@@ -176,16 +178,19 @@ def descend(
         gradient: (N, C); set to 0 at the listed elements, for the next step.
         moments: changed in place.
         channels: the rate of each channel is `rate` times its magnitude, as in section 5 of the paper.
-        elements: (K,) int32, each once; None for all.
+        elements: (K,) int32, each once; None for all. On a GPU nobody checks the numbers.
         betas: decays of the two moments.
         epsilon: what is added to the root of the second moment. Gradients of all sizes count alike, so it is next to 0.
             The default is the size of gradients whose squares float32 no longer holds.
 
     Raises:
-        UsageError: the type, dtype, device or shape of an argument does not fit, or an array that cannot be written to.
+        UsageError: the type, dtype, device or shape of an argument does not fit, an array that cannot be written to, an
+            element that does not exist, or a rate that is not a finite number from 0 on.
     """
     from mipbake import _native
 
+    if not 0 <= rate < math.inf:
+        raise UsageError(f"rate is {rate}: expected a finite number, 0 or more")
     shape = (None, len(channels.magnitude))
     values = writable("values", values, REAL, shape)
     like = ((dtype_of(values),), tuple(values.shape), values)
@@ -210,7 +215,14 @@ def _parameters(values: Any, channels: Channels) -> tuple[Any, Sequence[float], 
 
 
 def _listed(elements: Any, values: Any) -> Any:
-    return None if elements is None else given("elements", elements, ("int32",), (None,), values)
+    if elements is None:
+        return None
+    elements = given("elements", elements, ("int32",), (None,), values)
+    if device_of(elements) == "cpu" and elements.shape[0]:
+        least, most = int(elements.min()), int(elements.max())
+        if least < 0 or most >= values.shape[0]:
+            raise UsageError(f"elements reach from {least} to {most}: expected 0 to {values.shape[0] - 1}")
+    return elements
 
 
 def _new(values: Any) -> Any:

@@ -98,6 +98,8 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
     """
     corners = given("triangles", triangles, ("int32",), (None, 3))
     shown = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), corners)
+    if not bool((shown % 1 == 0).all()):
+        raise UsageError("ids holds numbers that are not whole: expected 0 for none, and t + 1 for triangle t")
     numbers = shown.astype("int64") if is_array(shown) else shown.long()
     count = corners.shape[0]
     if numbers.shape[0] and numbers.shape[1] and (int(numbers.min()) < 0 or int(numbers.max()) > count):
