@@ -164,6 +164,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_a_log_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     library = write_library(tmp_path / "lib", 1)
     place = tmp_path / "no" / "log.jsonl"
+    place.parent.write_text("a file, and no folder")
     said = fails(capsys, 4, "bake", library, "-r", "-o", tmp_path / "out", "--json-log", place)
     assert f"cannot write {place}" in said
 
