@@ -60,7 +60,8 @@ def _show_project(session: Session, config: Path, sources: Sequence[str]) -> Non
     from mipbake.batch.project import read_project
 
     project = read_project(config)
-    library = found_library([project.library], project.out, within=tuple(map(Path, sources)))
+    within = tuple(map(Path, sources))
+    library = found_library([project.library], project.out, lambda label: project.chosen(label).load, within=within)
     idle = [] if sources else project.idle([entry.label for entry in library.entries])
     session.print(*(f"note: {note}" for note in (*library.notes, *idle)))
     results = []

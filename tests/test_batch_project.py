@@ -63,6 +63,18 @@ filter = "box"
     assert given.options.strength == 0.25 and given.settings["strength"].origin == COMMAND_LINE
 
 
+def test_a_pattern_for_a_folder_is_about_all_in_it(tmp_path: Path) -> None:
+    text = '[[sets]]\nmatch = ["metals", "[!m]*"]\nstrength = 0.5\n'
+    project = read_project(written(tmp_path, text))
+    halved = [
+        label
+        for label in ("metals", "metals/iron", "metals/props/Body", "metal", "m/a", "wood")
+        if project.chosen(label).options.strength == 0.5
+    ]
+    assert halved == ["metals", "metals/iron", "metals/props/Body", "wood"]
+    assert project.idle(["metals/iron", "wood"]) == []
+
+
 def test_patterns_that_match_nothing_are_told(tmp_path: Path) -> None:
     text = '[[sets]]\nmatch = ["metals/*", "wod*"]\nstrength = 0.5\n[[sets]]\nmatch = "x"\n'
     project = read_project(written(tmp_path, text))

@@ -217,7 +217,8 @@ def test_signals_wait_from_the_first_moment_of_a_process(tmp_path: Path) -> None
         if __name__ == "__main__":
             watcher = threading.Thread(target=watch)
             watcher.start()
-            bake_library(LIBRARY, OUT, BakeOptions(method="linear", format="png", max_level=1), BatchOptions(jobs=2))
+            options = BakeOptions(method="linear", format="png", max_level=1)
+            bake_library(LIBRARY, OUT, options, batch=BatchOptions(jobs=2))
             watcher.join()
     """
     library = write_library(tmp_path / "lib", 2)

@@ -142,7 +142,7 @@ class Cluster:
     def _sent(self, task: Task, unlike: bool) -> Sent | Done:
         begun = time.monotonic()
         if not self._apart and not unlike:
-            seen = tuple((file.path, file.size) for file in states(task.entry.source))
+            seen = tuple((file.path, file.size) for file in states(task.entry))
             return Sent(absolute(task), begun, seen)
         parcel, files = packed(task)
         return parcel if isinstance(parcel, Done) else Sent(parcel, begun, files=tuple(files))
@@ -318,7 +318,7 @@ def followed(order: Order) -> Answer:
 
 def _sees(order: Order, task: Task) -> bool:
     """Whether this machine sees the files of a task."""
-    return order.files == tuple((file.path, file.size) for file in states(task.entry.source))
+    return order.files == tuple((file.path, file.size) for file in states(task.entry))
 
 
 def _own_size() -> int:

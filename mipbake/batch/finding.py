@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
 from mipbake.batch.library import Entry, Library, entries_below, entries_of
+from mipbake.batch.parts import parts_of
 from mipbake.errors import InputError, UsageError
 from mipbake.io import disk
 from mipbake.io.archives import MATERIALX
@@ -17,6 +18,7 @@ from mipbake.io.gltf.document import read_document
 from mipbake.io.gltf.images import image_files
 from mipbake.io.inputs import expand
 from mipbake.io.mtlx.materials import read_materialx
+from mipbake.io.options import LoadOptions
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
@@ -59,6 +61,7 @@ class Shard:
 def found_library(
     sources: PathLike | Sequence[PathLike],
     out: Path,
+    load: Callable[[str], LoadOptions],
     recursive: bool = True,
     within: Sequence[Path] = (),
     shard: Shard | None = None,
@@ -67,12 +70,13 @@ def found_library(
 
     Args:
         sources: what `mipbake.load_all` takes. out: the folder of all results.
+        load: label of a folder to how it is read, which tells the sets in it apart.
         recursive: whether everything below the sources is meant; else the sources themselves.
         within: paths, one of which an entry must be or lie in; empty for all entries.
         shard: the part of these entries that is meant, which may be empty; None for all of them.
 
     Raises:
-        InputError: a source or a path is not there, or nothing can be baked.
+        InputError: a source or a path is not there, or nothing can be baked. UsageError: as `load` raises it.
     """
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     paths = expand([os.fspath(each) for each in given])
@@ -81,7 +85,20 @@ def found_library(
         if not any(disk.lies_in(entry.source, place) for entry in library.entries):
             raise InputError(f"{place} holds nothing of the library: expected a source in it, or a folder around some")
     kept = [e for e in library.entries if not within or any(disk.lies_in(e.source, place) for place in within)]
-    return replace(library, entries=tuple(kept) if shard is None else shard.of(kept))
+    single = tuple(_one_by_one(kept, load))
+    return replace(library, entries=single if shard is None else shard.of(single))
+
+
+def _one_by_one(entries: Sequence[Entry], load: Callable[[str], LoadOptions]) -> Iterator[Entry]:
+    """The same entries, with an entry for each set where a folder holds several."""
+    taken = {entry.label for entry in entries}
+    for entry in entries:
+        for each in entry.parted(parts_of(entry.source, load(entry.label))):
+            label, count = each.label, 2
+            while each.part is not None and label in taken:  # a folder in the folder has the name of a set in it
+                label, count = f"{each.label}_{count}", count + 1
+            taken.add(label)
+            yield replace(each, label=label)
 
 
 def _document_files(document: Path) -> list[Path]:

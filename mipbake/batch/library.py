@@ -2,7 +2,8 @@
 
 Results keep the tree of the library. The texture set of `metals/steel`, of `metals/steel.zip` or of `metals/steel.glb`
 becomes `metals/steel` or `metals/steel.glb` below the folder of all results. A source that holds several sets gets a
-folder of its name. Nothing is read to say where results lie, so a source that is broken takes no place from others.
+folder of its name. Each of several sets in a folder is an entry. Nothing is read to say where results lie, so a source
+that is broken takes no place from others.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
+from mipbake.batch.parts import Part
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.archives import GLTF, MATERIALX, SUFFIX
@@ -49,11 +51,20 @@ class Entry:
     Args:
         source: a path that `mipbake.load_all` takes. label: what the entry is called, unique in its library.
         home: where its results lie.
+        part: which of the several sets in a folder it is; None for all that the source holds.
     """
 
     source: Path
     label: str
     home: Home
+    part: Part | None = None
+
+    def parted(self, parts: Sequence[Part]) -> list[Entry]:
+        """An entry for each set in its folder, whose results lie in one folder, as they do where the folder is baked as
+        a whole; itself where there are none."""
+        around = "" if self.label == "." else f"{self.label}/"
+        place = self.home.folder / self.home.name
+        return [Entry(self.source, f"{around}{part.name}", Home(place, part.name), part) for part in parts] or [self]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mipbake import memory
@@ -28,6 +28,9 @@ else:
     import tomli as tomllib
 
 COMMAND_LINE = "command line"
+
+_TOPS = frozenset(map(PurePosixPath, (".", "/")))
+"""Folders around everything: a pattern such as [!m]* is not about them."""
 
 _BAKE = {each.name.replace("_", "-"): each.name for each in fields(BakeOptions) if each.name != "pixel_filter"}
 _BAKE["filter"] = "pixel_filter"
@@ -67,7 +70,7 @@ Settings = Mapping[str, Setting]
 
 @dataclass(frozen=True)
 class Rule:
-    """Options for the sets whose labels a pattern matches.
+    """Options for the sets whose label, or a folder around them, a pattern matches.
 
     Args:
         origin: where the patterns stand.
@@ -82,7 +85,12 @@ class Rule:
 
         In patterns, * stands for any text, with slashes in it too, ? for a character, and [ab] for one of some.
         """
-        return any(fnmatchcase(label, pattern) for pattern in self.patterns)
+        return any(_matches(label, pattern) for pattern in self.patterns)
+
+
+def _matches(label: str, pattern: str) -> bool:
+    around = (str(folder) for folder in PurePosixPath(label).parents if folder not in _TOPS)
+    return any(fnmatchcase(each, pattern) for each in (label, *around))
 
 
 @dataclass(frozen=True)
@@ -140,7 +148,7 @@ class Project:
             f"{rule.origin}: {pattern!r} matches none of {len(labels)} {'source' if len(labels) == 1 else 'sources'}"
             for rule in self.rules
             for pattern in rule.patterns
-            if not any(fnmatchcase(label, pattern) for label in labels)
+            if not any(_matches(label, pattern) for label in labels)
         ]
 
 
@@ -364,8 +372,8 @@ out = "{out}"           # the folder of all results
 # method = "auto"
 # strength = 1.0
 
-# Options for some sets. `match` is a pattern for their paths below the library; * stands for any text. Tables that
-# come later count more.
+# Options for some sets. `match` is a pattern for their paths below the library, or for a folder around them; * stands
+# for any text. Tables that come later count more.
 # [[sets]]
 # match = "metals/*"
 # strength = 0.8

@@ -125,7 +125,7 @@ def bake_library(
     """
     how = batch or BatchOptions()
     choose = _chooser(options, load, choose)
-    library = found_library(sources, Path(out), how.recursive, how.within, how.shard)
+    library = found_library(sources, Path(out), _reader(choose), how.recursive, how.within, how.shard)
     with opened(Path(out), _list_name(how), not how.dry_run) as states:
         run = Batch(Path(out), choose, how, states, listener)
         plan = run.plan(library)
@@ -166,7 +166,7 @@ def watch_library(
     place = Path(out)
 
     def find() -> Library:
-        return found_library(sources, place, how.recursive, how.within, how.shard)
+        return found_library(sources, place, _reader(choose), how.recursive, how.within, how.shard)
 
     library = find()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
@@ -219,6 +219,10 @@ def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choo
     same = Chosen(options or BakeOptions(), load or LoadOptions())
     same.options.asked()
     return choose or (lambda _label: same)
+
+
+def _reader(choose: Choose) -> Callable[[str], LoadOptions]:
+    return lambda label: choose(label).load
 
 
 _ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError, UsageError, WorkerError)}
@@ -275,7 +279,7 @@ class Batch:
                 ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
             keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
             known = self.states.known(entry.label, entry.source, key)
-            same = known is not None and not self.how.force and sources_are_same(known, entry.source)
+            same = known is not None and not self.how.force and sources_are_same(known, entry)
             if known is not None and same and results_are_same(known, self.out):
                 left[entry.label] = self._left(entry, known, key)
                 continue
@@ -341,9 +345,7 @@ class _Clock:
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._begun = time.monotonic()
         # A little for each, so that files that are not there count as well.
-        self._sizes = {
-            task.entry.label: 1 + sum(max(0, file.size) for file in states(task.entry.source)) for task in tasks
-        }
+        self._sizes = {task.entry.label: 1 + sum(max(0, file.size) for file in states(task.entry)) for task in tasks}
         self._whole = sum(self._sizes.values())
         self._done = 0
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from mipbake.batch.library import Entry
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.archives import MATERIALX
@@ -80,18 +81,22 @@ def state_of(path: Path, folder: Path, ours: bool = False) -> FileState:
     return FileState(told, found.st_size, -1 if fresh else found.st_mtime_ns, 0 if ours else found.st_ctime_ns)
 
 
-def states(source: Path, others: Iterable[Path] = ()) -> tuple[FileState, ...]:
-    """The states of all files that decide what a source is baked to: all files of a folder, because names decide which
-    of them are maps; or the source, and what it refers to.
+def states(entry: Entry, others: Iterable[Path] = ()) -> tuple[FileState, ...]:
+    """The states of all files that decide what an entry is baked to: all files of a folder, because names decide which
+    of them are maps; the files of one of the sets in it; or the source, and what it refers to.
 
     Args:
         others: files that it refers to.
     """
-    paths = dict.fromkeys([*_own_files(source), *others])
-    return tuple(state_of(path, source.parent) for path in paths)
+    paths = dict.fromkeys([*_own_files(entry), *others])
+    return tuple(state_of(path, entry.source.parent) for path in paths)
 
 
-def _own_files(source: Path) -> Iterator[Path]:
+def _own_files(entry: Entry) -> Iterator[Path]:
+    source = entry.source
+    if entry.part is not None:
+        yield from (source / file for file in entry.part.files)
+        return
     folder = source if source.is_dir() else source.parent if is_pattern(source) else None
     if folder is None:
         yield source
@@ -104,17 +109,18 @@ def _own_files(source: Path) -> Iterator[Path]:
             yield from (file for file in disk.files_in(each) if file.suffix.lower() in (*IMAGE_SUFFIXES, ".json"))
 
 
-def sources_are_same(known: Known, source: Path) -> bool:
+def sources_are_same(known: Known, entry: Entry) -> bool:
     """Whether no file that an entry was baked from has changed since, as far as sizes and times tell.
 
     Args:
-        known: of the last time. source: of the entry. Which files a MaterialX document is about is not known without a
+        known: of the last time. entry: as it is now. Which files a MaterialX document is about is not known without a
             look into it, because it may include others, and stand for tiles that are new.
     """
+    source = entry.source
     if source.suffix.lower() == MATERIALX:
         return False
     before = {file.path for file in known.files}
-    own = {os.path.relpath(path, source.parent) for path in _own_files(source)}
+    own = {os.path.relpath(path, source.parent) for path in _own_files(entry)}
     return own <= before and all(_same(file, source.parent) for file in known.files)
 
 

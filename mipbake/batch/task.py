@@ -111,12 +111,13 @@ def done(task: Task, results: Sequence[Result], files: Sequence[FileState], begu
 def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
     """What became of a source, and the files that decide it, as they were before they were read."""
     source = task.entry.source
-    before = states(source)
+    before = states(task.entry)
     with temporary_folder() as scratch:
-        found = jobs([os.fspath(source)], task.load, scratch)
+        part = task.entry.part
+        found = jobs([os.fspath(source)], task.load, scratch) if part is None else part.jobs(source, task.load)
         others = [path for path in _files(source, found) if not disk.lies_in(path, scratch)]
         # What lay there before it was read counts, should it change meanwhile.
-        files = tuple({file.path: file for file in (*states(source, others), *before)}.values())
+        files = tuple({file.path: file for file in (*states(task.entry, others), *before)}.values())
         tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
         run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name)
         run.asked.check_encoder(found)
