@@ -73,7 +73,7 @@ def test_every_record_is_printed(module: Callable[[str], ModuleType]) -> None:
             asked.add(str(missing.args[0]) if len(missing.args) == 1 else Path(str(missing.filename)).stem)
     fitting = {name for name in known.KNOWN if name.startswith("fitting-")}  # several in one block
     results = {name for name in known.KNOWN if name.startswith("results-")}
-    sections = {"aims", "paper-pictures"}  # of pages that are made from several records
+    sections = {"aims", "constant-materials", "paper-pictures"}  # of pages that are made from several records
     assert asked | set(pages.WHOLE.values()) | fitting | results | sections == set(known.KNOWN)
 
 

@@ -14,6 +14,9 @@ LEAN = "lean (box)"
 KINDS = {"plain": "as they are", "boosted": "boosted", "captured": "generated lobes"}
 """Kinds of sets, and what tables call them."""
 
+ON = {"plain": "on sets as they are", "boosted": "on boosted sets", "captured": "on generated lobes"}
+"""The same in sentences."""
+
 NAMES = {"neural": "default network", LINEAR: "naive averaging", LEAN: "LEAN", "paper-cross": "cross-trained network"}
 """Names of methods in tables; names of networks that are for one model follow `shown`."""
 
@@ -91,17 +94,16 @@ class Verdict:
 
 def beats(claim: str, compared: Sequence[tuple[Kind, str]], measures: Sequence[str] = ("snr", "flip")) -> Verdict:
     """Whether the network is ahead of rivals in the mean at every scale and in every measure, and in how many cases."""
-    words, holds = [], True
+    won: dict[tuple[str, str], list[np.ndarray]] = {}
+    holds = True
     for kind, rival in compared:
-        parts = []
         for measure in measures:
             gains = [kind.ahead(rival, measure, scale) for scale in SCALES]
             holds = holds and all(gain.mean() > 0 for gain in gains)
-            share = np.concatenate(gains) > 0
-            means = " / ".join(
-                f"{gain.mean():+.1f} dB" if measure == "snr" else f"{gain.mean():+.3f}" for gain in gains
-            )
-            label = "SNR" if measure == "snr" else "FLIP"
-            parts.append(f"{label} {means}, ahead in {share.mean():.0%} of {share.size} cases")
-        words.append(f"`{kind.model}`, {KINDS[kind.kind]}, over {shown(rival)}: {'; '.join(parts)}")
-    return Verdict(claim, holds, ". ".join(words))
+            won.setdefault((shown(rival), measure), []).extend(gain > 0 for gain in gains)
+    words = []
+    for rival in dict.fromkeys(name for name, _ in won):
+        shares = {measure: np.concatenate(won[rival, measure]) for measure in measures}
+        told = " and ".join(f"{share.mean():.0%} of {share.size} cases in {m.upper()}" for m, share in shares.items())
+        words.append(f"It is ahead of {rival} in {told}.")
+    return Verdict(claim, holds, " ".join(words))

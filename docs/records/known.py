@@ -123,6 +123,11 @@ KNOWN: Mapping[str, Known] = {
         ),
         pictures="docs",
     ),
+    "constant-materials": Known(
+        "what networks make of materials that are the same everywhere",
+        ("benchmarks/constant_materials.py", MATERIALS, "--results", OUT),
+        Entry(("benchmarks/constant_materials.py",), PAPERS, files=("benchmarks/baselines/*.json",)),
+    ),
     "beckmann": Known(
         "what conversions between ggx and beckmann keep",
         ("docs/fit_beckmann.py", OUT),
