@@ -195,6 +195,7 @@ def main() -> None:
     for name, value in (("count", 200), ("broken", 20), ("doubles", 10), ("kills", 10), ("jobs", 2)):
         parser.add_argument(f"--{name}", type=int, default=value)
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what shells begin behind their backs would ignore it
     with tempfile.TemporaryDirectory() as folder:
         found = measure(Path(folder), options.count, options.broken, options.doubles, options.kills, options.jobs)
     keep(found, options.results)

@@ -12,9 +12,9 @@ import typer
 import mipbake
 from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
-from mipbake.baking import BakeOptions, bake_sources
+from mipbake.baking import BakeOptions, NotBaked, bake_sources
 from mipbake.cli import options
-from mipbake.cli.bake_batch import bake_batch, bake_project
+from mipbake.cli.bake_batch import bake_batch, bake_project, suggest_recursive
 from mipbake.cli.bake_output import Printer, told
 from mipbake.cli.batch_options import BatchAsked, batching, with_project
 from mipbake.cli.methods import some_of
@@ -183,7 +183,7 @@ def bake(
     A set that cannot be baked is reported, and the other sets are baked all the same. A search with a budget is
     kept in OUT/.<set>.search from time to time: after Ctrl-C or a crash, the same command goes on from there.
     With --recursive, or any option that says so, it is a batch, which leaves what has not changed since the last
-    time. A batch keeps no search, and Ctrl-C ends it at once.
+    time. Ctrl-C ends a batch at once, and its searches go on the next time.
     """
     session.in_files = True
     wanted = BakeOptions(
@@ -226,4 +226,5 @@ def bake(
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
+    suggest_recursive(session, [each for each in made if isinstance(each, NotBaked)], out)
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})

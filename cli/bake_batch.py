@@ -26,12 +26,13 @@ from mipbake.batch import (
     watch_library,
 )
 from mipbake.batch.depfile import write_depfile
+from mipbake.batch.finding import found_library
 from mipbake.batch.results import Progress
 from mipbake.batch.run import Choose
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchAsked
 from mipbake.cli.session import Session, console, plain
-from mipbake.errors import OutputError, UsageError
+from mipbake.errors import MipbakeError, OutputError, UsageError
 from mipbake.io import disk
 from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
@@ -57,6 +58,16 @@ def bake_batch(
     """Bakes a batch, and says what happens."""
     how = replace(_how(session, asked, memory), recursive=asked.recursive)
     _bake(session, asked, _Call([Path(each) for each in sources], out, options, load, how))
+
+
+def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
+    """Says what lies below folders that hold no maps themselves, for who forgot to ask for it."""
+    for folder in dict.fromkeys(each.source for each in failures if each.source.is_dir()):
+        with suppress(MipbakeError):
+            found = found_library([folder], out, lambda _: LoadOptions())
+            below = [entry for entry in found.entries if entry.source != folder]
+            if below:
+                session.print(f"note: --recursive bakes what lies below {folder}: {_counted(len(below), 'source')}")
 
 
 def bake_project(
@@ -146,6 +157,8 @@ def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) ->
     if asked.check and summary.planned:
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
+    if not asked.recursive and asked.config is None:
+        suggest_recursive(session, summary.failures, call.out)
     for entry in summary.entries:
         for failure in entry.failures:
             session.fail(f"{entry.entry.label}: {failure.error}", failure.error.exit_code)

@@ -161,6 +161,18 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert told.out == "" and told.err.count("\n") == 1
 
 
+@pytest.mark.parametrize("batch", [[], ["--jobs", "1"]])
+def test_who_forgot_that_folders_hold_folders_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], batch: list[str]
+) -> None:
+    library = write_library(tmp_path / "lib", 2)
+    assert main(["bake", str(library), "-o", str(tmp_path / "out"), "--method", "linear", *batch]) == 3
+    told = capsys.readouterr()
+    assert f"note: --recursive bakes what lies below {library}: 3 sources" in told.out
+    assert main(["bake", str(library / "group0/set0"), "-o", str(tmp_path / "out"), "--method", "linear", *batch]) == 0
+    assert "--recursive" not in capsys.readouterr().out
+
+
 def test_a_log_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     library = write_library(tmp_path / "lib", 1)
     place = tmp_path / "no" / "log.jsonl"

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -120,6 +121,21 @@ def test_rasterize(kind: str, batch: int | None) -> None:
         assert each.is_contiguous() and each.dtype == torch.float32 and each.device == pos.device
     again = dr.rasterize(context, pos, TRI, list(SIZE), ranges)
     assert torch.equal(again[0], rast) and torch.equal(again[1], rast_db)
+
+
+@pytest.mark.parametrize("resolution", [list(SIZE), np.array(SIZE), torch.tensor(SIZE), torch.Size(SIZE)])
+def test_resolutions_of_every_kind(resolution: Any) -> None:
+    context = dr.RasterizeCudaContext()
+    want, _ = raster.rasterize(None, POS[None], TRI, SIZE)
+    assert torch.equal(dr.rasterize(context, POS[None], TRI, resolution)[0], want)
+    with dr.DepthPeeler(context, POS[None], TRI, resolution) as peeler:
+        assert torch.equal(peeler.rasterize_next_layer()[0], want)
+
+
+@pytest.mark.parametrize("resolution", [np.array([4.0, 4.0]), torch.tensor([[4, 4]]), torch.tensor([4]), "44"])
+def test_resolutions_that_cannot_be(resolution: Any) -> None:
+    with pytest.raises(UsageError, match=r"resolution is .*: expected \(height, width\)"):
+        dr.rasterize(dr.RasterizeCudaContext(), POS[None], TRI, resolution)
 
 
 def test_ranges_are_ignored_in_instanced_mode() -> None:

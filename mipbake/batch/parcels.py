@@ -106,7 +106,8 @@ def baked_from(parcel: Parcel) -> list[Delivery]:
                 (inside / name).write_bytes(content)
         task, there = parcel.task, inside / parcel.source
         load = replace(task.load, maps={role: _named(each, parcel, inside) for role, each in task.load.maps.items()})
-        own = replace(task, entry=replace(task.entry, source=there), out=out, load=load, which="all")
+        entry = replace(task.entry, source=there)
+        own = replace(task, entry=entry, out=out, load=load, which="all", keeps=False)  # what lies here goes
         results, _ = tried(own)
         source = task.entry.source
         back = {str(there): str(source), str(there.parent): str(source.parent)}

@@ -41,6 +41,7 @@ class Task:
         options, load: how it is baked and read.
         which, known, by_name: see `mipbake.baking.sets.Run`.
         touch: whether a result that has not changed gets a new time, so that a build system sees that it was looked at.
+        keeps: whether searches are kept beside their results, so that the next batch goes on where this one ended.
     """
 
     entry: Entry
@@ -51,6 +52,7 @@ class Task:
     known: bool
     by_name: bool = False
     touch: bool = False
+    keeps: bool = True
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
         # What lay there before it was read counts, should it change meanwhile.
         files = tuple({file.path: file for file in (*states(task.entry, others), *before)}.values())
         tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
-        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name)
+        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name, task.keeps)
         run.asked.check_encoder(found)
         return bake_jobs(run, found, task.out / task.entry.home.place(tops)), files
 

@@ -33,7 +33,7 @@ def rasterize(
     Args:
         glctx: a RasterizeCudaContext or a RasterizeGLContext. Of its settings, `output_db` alone changes a result.
         pos, tri, resolution, ranges, grad_db: as for `mipbake.raster.rasterize`; pos and tri on the device of glctx.
-            NumPy arrays count as on the processor.
+            NumPy arrays count as on the processor. The resolution may also be an array or a tensor of two integers.
 
     Returns:
         The two results of `mipbake.raster.rasterize`, contiguous and on the device of pos; the second is empty,
@@ -47,7 +47,8 @@ def rasterize(
     """
     _check(glctx, pos)
     derivatives = _outputs_derivatives(glctx)
-    rast, rast_db = raster.rasterize(glctx.scratch, pos, tri, resolution, ranges, grad_db and derivatives)
+    sides = _sides(resolution)
+    rast, rast_db = raster.rasterize(glctx.scratch, pos, tri, sides, ranges, grad_db and derivatives)
     return rast, rast_db if derivatives else rast_db[..., :0]
 
 
@@ -77,7 +78,8 @@ class DepthPeeler(raster.DepthPeeler):
     ) -> None:
         _check(glctx, pos)
         self._glctx, self._pos = glctx, pos
-        super().__init__(glctx.scratch, pos, tri, resolution, ranges, grad_db and _outputs_derivatives(glctx))
+        sides = _sides(resolution)
+        super().__init__(glctx.scratch, pos, tri, sides, ranges, grad_db and _outputs_derivatives(glctx))
 
     def rasterize_next_layer(self) -> tuple[Any, Any]:
         """The same two results as `rasterize`, of what is strictly behind the layer before.
@@ -122,6 +124,11 @@ def interpolate(
             )
         rast_db = None
     return raster.interpolate(attr, rast, tri, rast_db, diff_attrs)
+
+
+def _sides(resolution: Any) -> Any:
+    """The sides in an array or a tensor, which nvdiffrast takes as well; what is neither is left as it is."""
+    return tuple(resolution) if len(getattr(resolution, "shape", ())) == 1 else resolution
 
 
 def _check(glctx: Any, pos: Any) -> None:

@@ -1,0 +1,97 @@
+"""Searches in batches: one that was cut off goes on in the next batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mipbake.baking import BakeOptions, sets
+from mipbake.batch import bake_library
+from mipbake.batch.library import Entry, Home
+from mipbake.batch.parcels import Parcel, baked_from
+from mipbake.batch.task import Task
+from mipbake.io.options import LoadOptions
+from mipbake.prefilter import Sitting, Stop
+
+from .batch_inline import Inline, aged, counts, inline_workers
+from .command_line import bumps, write_set
+from .long_searches import with_many_regions, without_pauses
+
+__all__ = ["inline_workers"]
+"""A fixture."""
+
+REFINE = BakeOptions(method="refine", budget="best", format="png")
+
+
+class CutOffError(BaseException):
+    """What ends a process in the middle of its work."""
+
+
+@contextmanager
+def stopped_at_once() -> Iterator[Stop]:
+    yield lambda: True
+
+
+@pytest.fixture(name="library")
+def small_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    with_many_regions(monkeypatch.setattr)
+    without_pauses(monkeypatch.setattr)
+    write_set(tmp_path / "lib/metals/steel", **bumps(16, 32))
+    return aged(tmp_path / "lib")
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def sittings(monkeypatch: pytest.MonkeyPatch, cut_off: bool = False, told: list[str] | None = None) -> list[Sitting]:
+    """The sittings of bakes from now on.
+
+    Args:
+        cut_off: whether each is stopped when it has a checkpoint, and the process ends then.
+        told: takes what they tell.
+    """
+    found: list[Sitting] = []
+    plain = sets.bake_in_sitting
+
+    def bake_in_sitting(*arguments: Any) -> Any:
+        *others, sitting = arguments
+        found.append(sitting)
+        if cut_off:
+            plain(*others, replace(sitting, descending=stopped_at_once))
+            raise CutOffError
+        return plain(*others, sitting if told is None else replace(sitting, told=told.append))
+
+    monkeypatch.setattr(sets, "bake_in_sitting", bake_in_sitting)
+    return found
+
+
+def test_a_search_goes_on_in_the_next_batch(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, out = library.parent / "whole", library.parent / "out"
+    assert counts(bake_library(library, whole, REFINE)) == (1, 0, 0)
+    with monkeypatch.context() as patch:
+        sittings(patch, cut_off=True)
+        with pytest.raises(CutOffError):
+            bake_library(library, out, REFINE)
+    kept = out / "metals/.steel.search"
+    assert (kept / "about.json").is_file() and not (out / "metals/steel").exists()
+    told: list[str] = []
+    sittings(monkeypatch, told=told)
+    assert counts(bake_library(library, out, REFINE)) == (1, 0, 0)
+    assert told and told[0].startswith(f"going on from the checkpoint {kept}")
+    assert content(out / "metals/steel") == content(whole / "metals/steel") and not kept.exists()
+
+
+def test_a_machine_that_is_sent_files_keeps_none(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = sittings(monkeypatch)
+    source = library / "metals/steel"
+    entry = Entry(source, "metals/steel", Home(Path("metals"), "steel"))
+    task = Task(entry, library.parent / "out", REFINE, LoadOptions(), "all", True)
+    files = {f"metals/steel/{path.name}": path.read_bytes() for path in source.iterdir()}
+    (delivery,) = baked_from(Parcel(task, library, "metals/steel", files))
+    assert delivery.content and [each.checkpoint for each in found] == [None]
