@@ -89,8 +89,7 @@ def main() -> int:
                 for network, each in after.items():
                     seen = shade(model, each, light, view)
                     found = {"model": model, "kind": kind, "set": name, "network": network, "pairs": pairs}
-                    brightness = float(seen.sum(dtype=np.float64) / true.sum(dtype=np.float64))
-                    rows.append({**found, "snr": snr_db(seen, true, true), "brightness": brightness})
+                    rows.append({**found, "snr": snr_db(seen, true, true)})
             print(f"{model} {name}", flush=True)
     options.results.write_text(json.dumps({"texels": options.texels, "rows": rows}, indent=1))
     return 0
