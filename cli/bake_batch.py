@@ -62,8 +62,10 @@ def bake_batch(
 
 def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
     """Says what lies below folders that hold no maps themselves, for who forgot to ask for it."""
-    for folder in dict.fromkeys(each.source for each in failures if each.source.is_dir()):
-        with suppress(MipbakeError):
+    for folder in dict.fromkeys(each.source for each in failures):
+        with suppress(MipbakeError):  # why it cannot be read was told
+            if not disk.is_dir(folder):
+                continue
             found = found_library([folder], out, lambda _: LoadOptions())
             below = [entry for entry in found.entries if entry.source != folder]
             if below:

@@ -235,8 +235,8 @@ def run() -> None:
         keep_freed_memory()
         code = main(sys.argv[1:])
         _handle_signals(signal.SIG_DFL)  # all is done: what Python does before it ends leaves nothing behind
-    except _Stopped as error:
-        code = error.code
+    except _Stopped as error:  # before anything was begun, or after all was done
+        code = Session().fail(_stopped_message(error.code), error.code)
     sys.exit(code)
 
 

@@ -118,6 +118,21 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
         assert "Traceback" not in err and (delay or running.returncode == code), err
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_before_the_command_is_known_end_it_in_a_sentence(
+    folder: Path, tmp_path: Path, number: int, code: int
+) -> None:
+    program = (
+        "import os, signal, sys, typer.main; from mipbake.cli.main import run; "
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
+        f"typer.main.get_command = lambda app: os.kill(os.getpid(), {int(number)}); run()"
+    )
+    command = [sys.executable, "-c", program, "bake", folder, "-o", tmp_path / "out", "--method", "linear"]
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=60, check=False)
+    assert done.returncode == code
+    assert done.stderr.count("\n") == 1 and "nothing unfinished was left behind" in done.stderr
+
+
 def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
     write_set(tmp_path / "set", **bumps(64, 64))
     command = [sys.executable, ROOT / "tests" / "random_kills.py", tmp_path, "30", str(random.randrange(10**6))]
