@@ -50,6 +50,19 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path, limits: Li
     return with_names_apart(found)
 
 
+def files_of_set(files: tuple[Path, ...], options: LoadOptions, what: str = "", tile: int = 0) -> SetFiles:
+    """One of several sets in a folder, or a tile of one: patterns among the maps stand for its own files.
+
+    Args:
+        files: of the set or tile. options: of the set. what: how messages call a set. tile: its number, 0 for none.
+
+    Raises:
+        InputError: a pattern matches several of the files; a tile has no normal or no roughness map.
+    """
+    own = tile_options(options, tile, files[0].parent) if tile else options
+    return SetFiles(files, resolved(own, files, f"tile {tile}" if tile else what))
+
+
 def _attempted(source: Path, read: Callable[[], Sequence[Job | Failure]]) -> Sequence[Job | Failure]:
     """The jobs of a source, or what is wrong with it."""
     try:
@@ -166,8 +179,8 @@ def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
     for part in division.parts:
         named = part.name or name_of(path)
         try:
-            own = replace(resolved(options, part.files, named), name=safe_name(named, "texture_set"))
-            made.append(Job(path, {0: SetFiles(part.files, own)}))
+            own = replace(options, name=safe_name(named, "texture_set"))
+            made.append(Job(path, {0: files_of_set(part.files, own, named)}))
         except InputError as error:
             made.append(Failure(path, error))
     return _told_of_division(made, path, division)
@@ -213,15 +226,13 @@ def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> list[Job 
 
 def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapping[int, Sequence[Path]]) -> list[Job]:
     """A job for every group of tiles that touch."""
-    shared = [file for file in files if not any(file in several for several in found.values())]
+    of_tiles = {file for several in found.values() for file in several}
+    shared = [file for file in files if file not in of_tiles]
     notes = (f"{len(found)} UDIM tiles: {listed(found)}",)
     warnings = tuple(f"{file.name} is not a tile, and is left out" for file in shared if not is_pattern(path))
     made = []
     for group in islands(found):
-        parts = {}
-        for tile in group:
-            own = tile_options(options, tile, found[tile][0].parent)
-            parts[tile] = SetFiles(tuple(found[tile]), resolved(own, found[tile], f"tile {tile}"))
+        parts = {tile: files_of_set(tuple(found[tile]), options, tile=tile) for tile in group}
         made.append(Job(path, parts, notes, warnings))
     return made
 

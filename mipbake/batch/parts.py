@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 from mipbake.errors import InputError, UsageError
-from mipbake.intake import jobs
+from mipbake.intake import files_of_set, jobs
 from mipbake.io import disk
 from mipbake.io.options import LoadOptions
-from mipbake.io.split import resolved
-from mipbake.io.tiles import tile_options
-from mipbake.jobs import Failure, Job, SetFiles
+from mipbake.jobs import Failure, Job
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,10 @@ class Part:
 
     def _job(self, group: Group, folder: Path, load: LoadOptions) -> Job:
         own = replace(load, name=load.name or self.name)
-        read = {}
-        for tile, names in group.files.items():
-            files = tuple(folder / name for name in names)
-            of_tile = tile_options(own, tile, files[0].parent) if tile else own
-            read[tile] = SetFiles(files, resolved(of_tile, files, f"tile {tile}" if tile else self.name))
+        read = {
+            tile: files_of_set(tuple(folder / name for name in names), own, self.name, tile)
+            for tile, names in group.files.items()
+        }
         return Job(folder, read, group.notes, group.warnings)
 
 

@@ -15,7 +15,7 @@ from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
-from mipbake.fitting.probing import probe
+from mipbake.fitting.probing import Trial, probe
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
 from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, key_of
@@ -122,7 +122,7 @@ def fit(
     if file is not None and state is not None:
         file.check_started(state, scores(checking, np.array([view.started for view in checking])))
     if state is None:
-        for sentence in probe(renderer, parameters, stack.wrap, seed, values, training):
+        for sentence in probe(Trial(renderer, parameters, stack.wrap, values, seed), training):
             warnings.warn(sentence, stacklevel=2)
         errors = loop.errors(values, checking)
         first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)

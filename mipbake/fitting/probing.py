@@ -26,6 +26,22 @@ name. Drivers round levels of detail, so that a little is no mistake. A guess.""
 
 
 @dataclass(frozen=True, eq=False)
+class Trial:
+    """What is tried.
+
+    Args:
+        renderer: of all pictures. parameters: how texels become maps, which `wrap` says how to repeat along u and v.
+        values: (texels, channels) float32 of the stack that the fit starts from. seed: of the signs.
+    """
+
+    renderer: Renderer[Any]
+    parameters: Parameters
+    wrap: tuple[str, str]
+    values: Array
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
 class _Changes:
     """How far pictures of each view move, as sums of squares: (views,) each.
 
@@ -39,18 +55,8 @@ class _Changes:
     none: NDArray[np.float64]
 
 
-def probe(
-    renderer: Renderer[Any],
-    parameters: Parameters,
-    wrap: tuple[str, str],
-    seed: int,
-    values: Array,
-    views: Sequence[Prepared],
-) -> list[str]:
+def probe(trial: Trial, views: Sequence[Prepared]) -> list[str]:
     """Tries whether pictures follow the maps, in some of the views.
-
-    Args:
-        values: (texels, channels) of the stack that the fit starts from. seed: of the signs.
 
     Returns:
         Sentences on views that nothing, or the wrong thing, would be learned from.
@@ -59,7 +65,7 @@ def probe(
         RendererError: no picture follows the maps, or they differ as much where the maps are the same.
     """
     tried = views[:: math.ceil(len(views) / _TRIED)]
-    found = _changes(renderer, parameters, wrap, seed, values, tried)
+    found = _changes(trial, tried)
     follow = found.all_texels > 0
     if not follow.any():
         raise RendererError(
@@ -89,37 +95,32 @@ def probe(
     return told
 
 
-def _changes(
-    renderer: Renderer[Any],
-    parameters: Parameters,
-    wrap: tuple[str, str],
-    seed: int,
-    values: Array,
-    views: Sequence[Prepared],
-) -> _Changes:
-    stamps = Stamps(parameters.sizes)
+def _changes(trial: Trial, views: Sequence[Prepared]) -> _Changes:
+    stamps = Stamps(trial.parameters.sizes)
 
-    def compared(levels: Levels, view: Prepared) -> Array:
-        return view.compared(render_pixels(renderer, levels, view)) * view.shown[:, None]
+    def levels(texels: Array) -> Levels:
+        return trial.parameters.levels(texels, trial.wrap, stamps.handed_out())
+
+    def compared(shown: Levels, view: Prepared) -> Array:
+        return view.compared(render_pixels(trial.renderer, shown, view)) * view.shown[:, None]
 
     def unseen(side: Array, view: Prepared) -> Array:
         """The picture with the texels that the view names as they were."""
         own = side[view.visible]
-        side[view.visible] = values[view.visible]
+        side[view.visible] = trial.values[view.visible]
         stamps.touch(view.tiles)
-        picture = compared(parameters.levels(side, wrap, stamps.handed_out()), view)
+        picture = compared(levels(side), view)
         side[view.visible] = own
         stamps.touch(view.tiles)
         return picture
 
-    resting = parameters.levels(values, wrap, stamps.handed_out())
+    resting = levels(trial.values)
     none = [_energy(compared(resting, view), compared(resting, view)) for view in views]
-    sides = stochastic.perturb(values, parameters.channels, 0, seed)
     every, others = [], []
-    for side in sides:
+    for side in stochastic.perturb(trial.values, trial.parameters.channels, 0, trial.seed):
         stamps.touch_all()
-        levels = parameters.levels(side, wrap, stamps.handed_out())
-        every.append([compared(levels, view) for view in views])
+        moved = levels(side)
+        every.append([compared(moved, view) for view in views])
         others.append([unseen(side, view) for view in views])
     return _Changes(
         np.array([_energy(*both) for both in zip(*every, strict=True)]),

@@ -83,8 +83,9 @@ def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, st
     sets = [asset for asset in groups if {"normal", "roughness"} & (roles[asset] - decided)]
     own = {asset: [each.file for each in groups[asset]] for asset in sets}
     left_out: list[Path] = []
+    taken = {file for several in own.values() for file in several}
     for file in images:
-        if any(file in several for several in own.values()):
+        if file in taken:
             continue
         asset = max(
             (a for a in sets if a and _key(asset_words(stems[file]), stems[file]).startswith(a)), key=len, default=None
