@@ -99,6 +99,17 @@ def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(
     assert sittings > 2 and same(found, whole)
 
 
+def test_more_than_ten_regions_are_gone_on_with(tmp_path: Path) -> None:
+    """The order of 2 and 10 is another one as numbers than as text, which is what JSON has."""
+    path, told, stored = tmp_path / "kept", list[str](), set_in_memory(256).material("gltf")
+    found = searched(path, After(1200), told.append, stored)
+    kept = checkpoint.read_about(path / "about.json")["regions"]
+    assert found.stopped and len(kept) > 10
+    again = searched(path, lambda: True, told.append, stored)
+    assert same(again, found) and not any("not used" in sentence for sentence in told)
+    assert checkpoint.read_about(path / "about.json")["regions"] == kept
+
+
 def test_a_search_that_is_stopped_at_once_has_its_start(tmp_path: Path, whole: PrefilterResult) -> None:
     found = searched(tmp_path / "kept", lambda: True)
     assert found.stopped and found.promise is not None

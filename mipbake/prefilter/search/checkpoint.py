@@ -246,7 +246,7 @@ class Checkpoint:
             "seconds": seconds,
             "writings": self._writings + 1,
             "start": start,
-            "regions": regions,
+            "regions": {str(index): name for index, name in regions.items()},  # as JSON has them: it sorts text as text
             "at": come.at,
             "state": file,
             "at work": None if state is None else state.about,

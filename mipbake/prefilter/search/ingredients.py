@@ -12,14 +12,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import directions, material
-from mipbake._threads import MOSTLY_PYTHON, side_by_side
+from mipbake._threads import MOSTLY_PYTHON, on_threads, side_by_side
 from mipbake.directions import facing
 from mipbake.judging.judge import Asked, Judge
 from mipbake.judging.scores import Array, Score, Scores, between_levels
@@ -170,11 +169,16 @@ class Bench:
         else:
             done[self.base] = look(self.base)
             names.remove(self.base)
-        # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice.
-        with ThreadPoolExecutor(MOSTLY_PYTHON if texels <= _SIDE_BY_SIDE else 1) as pool:
-            for name, looked in zip(names, pool.map(look, names), strict=True):
-                done[name] = looked
-                progress(len(done) / (len(self._ingredients) + 1))
+        # Closed forms are NumPy, which uses one core; stacks of large sets do not fit into memory twice. One thread is
+        # the caller's own, which hears Ctrl-C between the bands of a network.
+        before, count = len(done), len(self._ingredients) + 1
+        looked = on_threads(
+            lambda index: look(names[index]),
+            len(names),
+            lambda share: progress((before + share * (len(names) + 1)) / count),
+            most=MOSTLY_PYTHON if texels <= _SIDE_BY_SIDE else 1,
+        )
+        done.update(zip(names, looked, strict=True))
         self.left_out = tuple(name for name, each in self._ingredients.items() if each.closed_form and not done[name])
         self._ingredients = {name: each for name, each in self._ingredients.items() if done[name]}
         self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
