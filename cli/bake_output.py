@@ -78,7 +78,7 @@ class Printer(Listener):
             *(f"adjusted: {line}" for line in made.adjustments),
             *_promise(made),
             *(line for each in result.costs for line in _cost_lines(each)),
-            *(f"warning: {line}" for line in result.warnings),
+            *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
             f"time: {timings.summary()}",
             *([wrote] if result.files and not job.tiled else []),
         )

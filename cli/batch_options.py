@@ -137,6 +137,8 @@ def batching(
         raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
     if watch and depfile is not None:
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
+    if depfile is not None and (not depfile.name or depfile.is_dir()):
+        raise UsageError(f"--depfile {depfile} is a folder: expected a file to write")
     if shard is not None:
         from mipbake.batch import Shard
 

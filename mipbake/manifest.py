@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake.content import Content
-from mipbake.errors import InputError
+from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
 from mipbake.io.containers import FORMATS
 from mipbake.io.json_text import parsed
@@ -22,7 +22,7 @@ from mipbake.io.map_files import (
     normal_convention,
     read_files,
 )
-from mipbake.io.publish import check_place
+from mipbake.io.publish import check_place, is_companion
 from mipbake.material import MODELS
 from mipbake.output import Output
 
@@ -37,11 +37,17 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
     Args:
         path: the folder that `MipStack.save` would be given.
         sources: source file name to SHA-256, empty where the file has not been read yet: a stack that shares no source
-            file with them is in the way. None leaves that to `MipStack.save`.
+            file with them is in the way. None where the caller knows that what lies there may be replaced, be it a
+            stack or a folder of stacks.
     """
     place = Path(path)
+    if sources is None:
+        check_place(place, is_replaceable)
+        return
+    if holds_stacks(place):
+        raise OutputError(f"cannot write to {place}: it holds other results, remove them or choose another folder")
     check_place(place, is_stack_folder)
-    if sources is None or not is_stack_folder(place):
+    if not is_stack_folder(place):
         return
     check_same_sources(manifests(place), "stack", sources)
 
@@ -49,6 +55,20 @@ def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> 
 def is_stack_folder(path: Path) -> bool:
     """Whether a folder holds a stack, or the stacks of tiles, and nothing else."""
     return is_result_folder(path, manifests(path), SCHEMA)
+
+
+def holds_stacks(path: Path) -> bool:
+    """Whether a folder holds folders of stacks, at any depth, and nothing else but what file managers put there."""
+    try:
+        inside = [each for each in path.iterdir() if not is_companion(each)]
+    except OSError:
+        return False
+    return bool(inside) and all(each.is_dir() and is_replaceable(each) for each in inside)
+
+
+def is_replaceable(path: Path) -> bool:
+    """Whether a folder holds nothing but stacks, its own or in folders."""
+    return is_stack_folder(path) or holds_stacks(path)
 
 
 def manifest_path(path: str | Path) -> Path:

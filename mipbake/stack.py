@@ -22,6 +22,7 @@ from mipbake.io.map_files import MapFile, listed_files, save_maps, write_files
 from mipbake.manifest import (
     best_output,
     check_output,
+    is_replaceable,
     is_stack_folder,
     manifest_of,
     manifest_path,
@@ -149,7 +150,8 @@ class MipStack(Content):
         if sidecar is not None:
             check_sidecar(sidecar)
         manifest = manifest_of(self, plans)
-        saved = save_maps(place, manifest_name(self.tile), manifest, write, is_stack_folder)
+        ours = is_replaceable if known else is_stack_folder
+        saved = save_maps(place, manifest_name(self.tile), manifest, write, ours)
         progress(1.0)
         return saved
 

@@ -43,6 +43,43 @@ def test_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert "--depfile-for is the name" in fails(capsys, 2, "bake", "my textures", "-o", "o", "--depfile-for", "s")
 
 
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.mark.parametrize("tool", ["make", "ninja"])
+def test_names_that_tools_write_otherwise(tmp_path: Path, tool: str) -> None:
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    write_set(tmp_path / "lib" / "100% a: $b #c" / "Q%r s")
+    command = " ".join(["mipbake bake lib -r -o out --depfile s.d --depfile-for s --quiet", *ARGUMENTS])
+    rule = f"rule bake\n  command = {command} && touch s\n  depfile = s.d\n  deps = gcc\nbuild s: bake\n"
+    (tmp_path / "build.ninja").write_text(rule)
+    (tmp_path / "Makefile").write_text(f"s:\n\t{command}\n\ttouch s\n-include s.d\n")
+    older(tmp_path)
+
+    def said() -> str:
+        done = subprocess.run([tool], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    said()
+    assert "no work to do" in said() or "up to date" in said()
+
+
+def test_a_rule_is_written_into_a_pipe_and_not_over_it(tmp_path: Path) -> None:
+    write_set(tmp_path / "lib" / "wood")
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE, text=True) as reader:
+        command = ["bake", str(tmp_path / "lib"), "-r", "-o", str(tmp_path / "out"), *ARGUMENTS, "--quiet"]
+        assert main([*command, "--depfile", str(pipe), "--depfile-for", "s"]) == 0
+        assert reader.communicate(timeout=60)[0].startswith("s: ")
+    assert pipe.is_fifo()
+
+
+def test_a_folder_is_no_place_for_a_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for place in ("", ".", str(tmp_path)):
+        assert "is a folder" in fails(capsys, 2, "bake", str(tmp_path), "-r", "-o", "out", "--depfile", place)
+
+
 def test_no_rule_where_something_failed(tmp_path: Path) -> None:
     (tmp_path / "lib/broken").mkdir(parents=True)
     write_png(tmp_path / "lib/broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))

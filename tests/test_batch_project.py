@@ -97,6 +97,8 @@ def test_patterns_that_match_nothing_are_told(tmp_path: Path) -> None:
         ("sets = 1\n", "mipbake.toml, line 3: sets is no list of tables"),
         ('[options]\n\n# a\nmethods = "x"\n', "mipbake.toml, line 6: unknown option 'methods': expected one of aim"),
         ('[options]\nmethod = "x"\n', "mipbake.toml, line 4: unknown method 'x'"),
+        ('options = { method = "linear", strength = "q" }\n', "mipbake.toml, line 3: strength is 'q'"),
+        ('sets = [\n  {match = "a", strength = "x"}\n]\n', "mipbake.toml, line 3: strength is 'x'"),
         ("[options]\nmethod = 1\n", "mipbake.toml, line 4: method is 1: expected text in quotes"),
         ("[options]\nstrength = true\n", "mipbake.toml, line 4: strength is True: expected a number"),
         ("[options]\nstrength = 2\n", "mipbake.toml, line 4: "),

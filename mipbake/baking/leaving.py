@@ -9,6 +9,7 @@ from mipbake.baking.recipe import document_changed, set_changed
 from mipbake.baking.results import NotBaked, Planned, Result, Unchanged
 from mipbake.baking.sets import Run
 from mipbake.errors import MipbakeError
+from mipbake.io.layout import tiles_in
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
 
@@ -27,12 +28,13 @@ def without_left(run: Run, found: Sequence[Job | Failure], out: Path) -> tuple[l
     """
     kept: list[Job | Failure] = []
     results: list[Result] = []
+    broken = {each.source for each in found if isinstance(each, Failure)}
     for jobs in _units(run, found):
         if isinstance(jobs, Failure):
             kept.append(jobs)
             continue
         try:
-            left = _left(run, jobs, out)
+            left = _left(run, jobs, out, jobs[0].source not in broken)
         except MipbakeError as error:
             if run.which != "none":
                 kept += jobs
@@ -61,8 +63,9 @@ def _units(run: Run, found: Sequence[Job | Failure]) -> Iterator[list[Job] | Fai
     yield from units.values()
 
 
-def _left(run: Run, jobs: Sequence[Job], out: Path) -> Unchanged | Planned | None:
-    """What is said of jobs that are not baked; None where they are to be baked."""
+def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | Planned | None:
+    """What is said of jobs that are not baked; None where they are to be baked. `whole`: they are all of their source,
+    so that a tile that is none of theirs is gone."""
     first, why, place = jobs[0], "", out
     if first.document is not None and run.asked.wants_glb(first):
         place = out / f"{first.place}.{GLB}"
@@ -73,6 +76,9 @@ def _left(run: Run, jobs: Sequence[Job], out: Path) -> Unchanged | Planned | Non
             folder = out / job.place / (together_at(job)[1] or next(iter(found.values())).name)
             place = place if place != out else folder
             why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
+        if first.tiled and not why and whole:
+            gone = tiles_in(place) - {tile for job in jobs for tile in job.parts}
+            why = f"the source of its tile {min(gone)} is gone" if gone else ""
     if not why:
         return Unchanged(first.source, place)
     return Planned(first.source, place, why) if run.which == "none" else None

@@ -21,10 +21,11 @@ from mipbake.compare.ranges import chosen_ranges
 from mipbake.found import file_hashes, set_report
 from mipbake.glb import Encoded, encoded, multiple_of_side, output
 from mipbake.io.gltf.slots import BASE
+from mipbake.io.publish import IsOurs
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import FIRST
 from mipbake.jobs import Job
-from mipbake.manifest import check_output
+from mipbake.manifest import check_output, is_replaceable, is_stack_folder
 from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, check_outputs
 from mipbake.prefilter import METHODS, Sitting, discard, size_of
@@ -84,6 +85,11 @@ class Run:
     def ingredients(self) -> Ingredients:
         """What all results are made from, besides their sources."""
         return Ingredients.of(self.asked)
+
+    @property
+    def ours(self) -> IsOurs:
+        """Whether what lies where a result goes may be replaced."""
+        return is_replaceable if self.known else is_stack_folder
 
     def check_output(self, place: Path, sources: Mapping[str, str]) -> None:
         """OutputError where results cannot be written to a folder: see `mipbake.manifest.check_output`."""
@@ -213,6 +219,7 @@ def _write(
         costs=tuple(costs),
         defects=tuple(check.defects),
         warnings=(
+            *job.warnings,
             *told,
             *engine,
             *left_out,

@@ -24,7 +24,6 @@ from mipbake.io.options import LoadOptions
 from mipbake.io.publish import published, temporary_folder
 from mipbake.jobs import Failure, Job
 from mipbake.loading import PathLike
-from mipbake.manifest import is_stack_folder
 from mipbake.output import GLB
 from mipbake.texture_set import with_overrides
 
@@ -173,7 +172,7 @@ def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     place = out / together_at(groups[0])[1]
     found = [each for job in groups for each in job.found().values()]
     run.check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
-    with published(place, is_stack_folder) as folder:
+    with published(place, run.ours) as folder:
         made = [tile for job in groups for tile in bake_job(run, job, folder, out)]
         run.check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
         tiles = [_gathered(tile, folder, place) for tile in made]

@@ -13,7 +13,9 @@ from mipbake.io import disk
 from mipbake.io.publish import replaced_file
 from mipbake.io.tiles import is_pattern
 
-_ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", "%": "\\%", ":": "\\:"})
+_ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", ":": "\\:"})
+_PATTERN = "%"
+"""What makes a pattern of a target, for Make, unless it is escaped. Elsewhere it stands for itself, also for Ninja."""
 
 
 def write_depfile(
@@ -32,7 +34,8 @@ def write_depfile(
         more: files that say how all of them are made, such as a project file.
 
     Folders are among what results were made from, so that a file that is added counts too. Each file that they were
-    made from has an empty rule, so that Make goes on where it is gone.
+    made from has an empty rule, so that Make goes on where it is gone; but for names with a %, which Make and Ninja
+    write in different ways there.
 
     Raises:
         OutputError: it cannot be written.
@@ -42,8 +45,9 @@ def write_depfile(
     names = [made] if made is not None else [os.fspath(file) for file in results]
     sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
     sources |= dict.fromkeys(os.path.normpath(file) for file in more)
-    lines = [" \\\n  ".join([f"{' '.join(map(_escaped, names))}:", *map(_escaped, sources)])]
-    lines += [f"{_escaped(source)}:" for source in sources]
+    targets = (_escaped(name).replace(_PATTERN, f"\\{_PATTERN}") for name in names)
+    lines = [" \\\n  ".join([f"{' '.join(targets)}:", *map(_escaped, sources)])]
+    lines += [f"{_escaped(source)}:" for source in sources if _PATTERN not in source]
     replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))
 
 

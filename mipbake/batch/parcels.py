@@ -26,7 +26,6 @@ from mipbake.glb import check_file
 from mipbake.io import disk
 from mipbake.io.options import MapChoice
 from mipbake.io.publish import published, replaced_file, temporary_files, temporary_folder
-from mipbake.manifest import is_stack_folder
 
 T = TypeVar("T")
 
@@ -171,7 +170,7 @@ def _put(run: Run, task: Task, delivery: Delivery) -> None:
         return
     baked = [each for each in delivery.results if isinstance(each, BakedSet)]
     run.check_output(place, {name: told for each in baked for name, told in each.provenance.sources.items()})
-    with published(place, is_stack_folder) as folder:
+    with published(place, run.ours) as folder:
         for name, content in delivery.content.items():
             (folder / name).write_bytes(content)
 

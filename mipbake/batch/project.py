@@ -284,8 +284,8 @@ class _Source:
         return found
 
     def at(self, *keys: str | int) -> str:
-        """The file, and the line in which a key is set."""
-        line = self.lines.get(keys)
+        """The file, and the line in which a key is set; of a key in braces or brackets, where they begin."""
+        line = next((self.lines[keys[:n]] for n in range(len(keys), 0, -1) if keys[:n] in self.lines), None)
         return self.path.name if line is None else f"{self.path.name}, line {line}"
 
     def fail(self, message: str, *keys: str | int) -> UsageError:

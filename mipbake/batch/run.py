@@ -19,7 +19,8 @@ from mipbake.baking.recipe import Ingredients
 from mipbake.baking.results import NotBaked, Planned
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, Shard, found_library
-from mipbake.batch.library import Entry, Home, Library
+from mipbake.batch.library import Entry, Library
+from mipbake.batch.moving import folders_around, in_the_way, may_replace, with_stacks, withdraw
 from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
 from mipbake.batch.state import (
@@ -131,7 +132,7 @@ def bake_library(
         plan = run.plan(library)
         if not plan.tasks:
             run.tell(library, plan, 0)
-            return plan.summary({})
+            return run.ended(plan, {})
         with _pool(how, Path(out), len(plan.tasks)) as pool:
             run.tell(library, plan, pool.processes(len(plan.tasks)))
             return run.bake(plan, pool)
@@ -229,13 +230,6 @@ _ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError
 """Errors about files, and defects in results, which are told again while the files are as they were."""
 
 
-def _is_among(home: Home, places: Iterable[str]) -> bool:
-    """Whether results that are known lie where an entry puts its results."""
-    place = (home.folder / home.name).as_posix()
-    told = (PurePath(each).as_posix() for each in places)
-    return any(each == place or each.startswith(f"{place}/") for each in told)
-
-
 @dataclass(frozen=True)
 class Plan:
     """What is to be done with a library.
@@ -243,12 +237,14 @@ class Plan:
     Args:
         entries: of the library. left: what is said of those that are left. tasks: for the others.
         keys: label to the key of what is asked for.
+        moved: folders with stacks, relative to the folder of all results, whose place is that of several by now.
     """
 
     entries: Sequence[Entry]
     left: Mapping[str, EntryResult]
     tasks: Sequence[Task]
     keys: Mapping[str, str]
+    moved: frozenset[PurePath] = frozenset()
 
     def summary(self, done: Mapping[str, EntryResult]) -> Summary:
         """What the library came to."""
@@ -273,7 +269,14 @@ class Batch:
         tasks: list[Task] = []
         keys: dict[str, str] = {}
         places = self.states.places(entry.source for entry in library.entries)
+        stacks = with_stacks({each for entry in library.entries for each in folders_around(entry.home)}, self.out)
+        foreign = {folder for folder in stacks if folder.as_posix() not in (places or ())}
         for entry in library.entries:
+            for folder in sorted(foreign & folders_around(entry.home))[:1]:
+                failure = NotBaked(entry.source, in_the_way(folder, self.out, entry.home))
+                left[entry.label] = EntryResult(entry, (failure,))
+            if entry.label in left:
+                continue
             chosen = self.choose(entry.label)
             if chosen.options not in ingredients:
                 ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
@@ -288,10 +291,10 @@ class Batch:
                 left[entry.label] = EntryResult(entry, (planned,))
                 continue
             which = "all" if same else self.how.which  # a result that somebody changed is no result
-            own = places is not None and _is_among(entry.home, places)
+            own = places is not None and may_replace(entry.home, self.out, places)
             options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
             tasks.append(Task(entry, self.out, *options))
-        return Plan(library.entries, left, tasks, keys)
+        return Plan(library.entries, left, tasks, keys, frozenset(stacks - foreign))
 
     def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
         """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""
@@ -331,7 +334,16 @@ class Batch:
             done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds, known=result.known)
             left = clock.left_after(entry)
             self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
-        return plan.summary(done)
+        return self.ended(plan, done)
+
+    def ended(self, plan: Plan, done: Mapping[str, EntryResult]) -> Summary:
+        """What a plan came to. A stack that has moved leaves its former place as soon as a result lies in there."""
+        summary = plan.summary(done)
+        for each in () if self.how.dry_run else summary.entries:
+            for folder in set() if each.failures else plan.moved & folders_around(each.entry.home):
+                with suppress(OSError):  # the next call finds it again
+                    withdraw(self.out / folder)
+        return summary
 
 
 def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:

@@ -61,6 +61,11 @@ def manifests(folder: Path) -> list[Path]:
         return []
 
 
+def tiles_in(folder: Path) -> set[int]:
+    """The UDIM tiles whose stacks a folder holds, by the names of the files that declare them."""
+    return {int(file.name.split(".")[1]) for file in manifests(folder) if file.name != MANIFEST}
+
+
 @dataclass(frozen=True)
 class MapLayout:
     """One map of a stack.

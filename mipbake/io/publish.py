@@ -148,13 +148,19 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def replaced_file(path: Path, data: bytes) -> None:
-    """Writes a file, and the folders that it is in, so that it is either there, whole, or as it was before.
+    """Writes a file, and the folders that it is in, so that it is either there, whole, or as it was before. Devices and
+    pipes are written into.
 
     Raises:
         OutputError: the file system refuses it.
     """
-    with _told(f"cannot write {path}"), _parents(path), replacing(path) as partial:
-        partial.write_bytes(data)
+    with _told(f"cannot write {path}"):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            with path.open("wb") as file:
+                file.write(data)
+            return
+        with _parents(path), replacing(path) as partial:
+            partial.write_bytes(data)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,82 @@
+"""Results that move in the folder of all results, because a source was added or is gone: what lay there before.
+
+A folder with one set has its stack in `bricks`. With a second set the stacks lie in `bricks/Brick_01` and
+`bricks/Brick_02`, and the other way round. A stack lies alone in its folder, so one of the two has to go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from pathlib import Path, PurePath
+
+from mipbake.batch.library import Home
+from mipbake.errors import InputError, OutputError
+from mipbake.io import disk
+from mipbake.io.json_text import parsed
+from mipbake.io.layout import SCHEMA, manifests
+from mipbake.io.map_files import listed_files
+from mipbake.io.publish import is_companion
+from mipbake.manifest import holds_stacks
+
+
+def may_replace(home: Home, out: Path, places: Collection[str]) -> bool:
+    """Whether what lies where an entry puts its results is known to be of the same library, or of a source that is
+    gone.
+
+    Args:
+        out: the folder of all results. places: folders of results of which that is known, relative to it.
+    """
+    place = home.folder / home.name
+    among = any(_is_in(PurePath(each), place) for each in places)
+    return among and all(each in places for each in _stacks_in(out / place, out))
+
+
+def folders_around(home: Home) -> set[PurePath]:
+    """Folders that the results of an entry lie in, below the folder of all results and relative to it."""
+    return {home.folder, *home.folder.parents} - {PurePath()}
+
+
+def with_stacks(folders: Iterable[PurePath], out: Path) -> set[PurePath]:
+    """Those of the folders that hold a stack themselves, not in a folder."""
+    return {each for each in folders if any(_listed(file) is not None for file in manifests(out / each))}
+
+
+def in_the_way(folder: PurePath, out: Path, home: Home) -> OutputError:
+    """The error of an entry whose results would lie in the folder of a stack that nothing is known of."""
+    return OutputError(
+        f"cannot write to {out / home.folder / home.name}: {out / folder} holds a stack of another source, remove it "
+        "or choose another folder"
+    )
+
+
+def withdraw(folder: Path) -> None:
+    """Removes the stacks of a folder, and what engines have put beside their files; folders in it stay.
+
+    What declares a stack goes last, so that the next call goes on where this one was killed. OSError where that fails.
+    """
+    declared = {file: names for file in manifests(folder) if (names := _listed(file)) is not None}
+    ours = {name for names in declared.values() for name in names} | {file.name for file in declared}
+    for each in list(folder.iterdir()):
+        if is_companion(each) and each.stem in ours:
+            each.unlink(missing_ok=True)
+    for name in (*(each for names in declared.values() for each in names), *(file.name for file in declared)):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _is_in(path: PurePath, folder: PurePath) -> bool:
+    return path == folder or folder in path.parents
+
+
+def _stacks_in(place: Path, out: Path) -> Iterator[str]:
+    """Folders of stacks in a folder that holds nothing else, relative to the folder of all results."""
+    if holds_stacks(place):
+        yield from (file.parent.relative_to(out).as_posix() for file in place.rglob("*.json") if _listed(file))
+
+
+def _listed(file: Path) -> list[str] | None:
+    """The files of the stack that a file declares; None where it declares none."""
+    try:
+        manifest = parsed(disk.read_bytes(file))
+        return listed_files(manifest) if manifest["schema"] == SCHEMA else None
+    except (InputError, ValueError, KeyError, TypeError, AttributeError):
+        return None
