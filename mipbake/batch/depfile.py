@@ -15,7 +15,8 @@ from mipbake.io.tiles import is_pattern
 
 _ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", ":": "\\:"})
 _PATTERN = "%"
-"""What makes a pattern of a target, for Make, unless it is escaped. Elsewhere it stands for itself, also for Ninja."""
+"""What makes a pattern of a name before the colon, for Make, unless it is escaped. Elsewhere it stands for itself, as
+it does for Ninja."""
 
 
 def write_depfile(
@@ -45,8 +46,8 @@ def write_depfile(
     names = [made] if made is not None else [os.fspath(file) for file in results]
     sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
     sources |= dict.fromkeys(os.path.normpath(file) for file in more)
-    targets = (_escaped(name).replace(_PATTERN, f"\\{_PATTERN}") for name in names)
-    lines = [" \\\n  ".join([f"{' '.join(targets)}:", *map(_escaped, sources)])]
+    about = (_escaped(name).replace(_PATTERN, f"\\{_PATTERN}") for name in names)
+    lines = [" \\\n  ".join([f"{' '.join(about)}:", *map(_escaped, sources)])]
     lines += [f"{_escaped(source)}:" for source in sources if _PATTERN not in source]
     replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))
 

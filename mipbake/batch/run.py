@@ -237,7 +237,7 @@ class Plan:
     Args:
         entries: of the library. left: what is said of those that are left. tasks: for the others.
         keys: label to the key of what is asked for.
-        moved: folders with stacks, relative to the folder of all results, whose place is that of several by now.
+        moved: folders with stacks, relative to the folder of all results, which several results share by now.
     """
 
     entries: Sequence[Entry]
