@@ -76,7 +76,7 @@ class Printer(Listener):
             f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}{aimed}, "
             f"{len(stack.levels)} levels",
             *(f"adjusted: {line}" for line in made.adjustments),
-            *_promise(made),
+            *promise_lines(made),
             *(line for each in result.costs for line in _cost_lines(each)),
             *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
             f"time: {timings.summary()}",
@@ -143,7 +143,7 @@ def _cost_lines(cost: Cost) -> list[str]:
     ]
 
 
-def _promise(provenance: Provenance) -> list[str]:
+def promise_lines(provenance: Provenance) -> list[str]:
     """What was measured, in plain lines: one for each pair set."""
     promise = provenance.promise
     if promise is None:
@@ -153,6 +153,13 @@ def _promise(provenance: Provenance) -> list[str]:
         f"{promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
+    looked_at = [*promise.levels, *promise.between]
+    behind = [name for name in promise.levels[0].snr if sum(each.gain(name) for each in looked_at) < 0]
+    if provenance.aim and behind:
+        lines.append(
+            f"note: aim {provenance.aim:g} weighs what people see in moving pictures beside these figures, which are "
+            "SNR under single lights; --aim 0 asks for the SNR alone"
+        )
     if promise.left_out:
         lines.append(f"not measured, because the time ran out: {', '.join(promise.left_out)}")
     return lines

@@ -14,12 +14,15 @@ from pathlib import Path
 import pytest
 
 import mipbake
+from mipbake.cli.bake_output import promise_lines
 from mipbake.cli.main import main
+from mipbake.content import Provenance
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import LoadOptions
 from mipbake.packing import PACKINGS
 from mipbake.pixel_filter import FILTERS
 from mipbake.prefilter import METHODS
+from mipbake.prefilter.promise import LevelPromise, Promise
 from mipbake.presets import PRESETS
 
 from .command_line import bumps, fails, tree, write_set
@@ -261,3 +264,11 @@ def test_signals_leave_nothing_behind(tmp_path, number, code):
         return
     assert running.returncode == code and err.count("\n") == 1 and "Traceback" not in err, err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("aim", "gain", "noted"), [(0.5, -1.0, True), (0.5, 1.0, False), (0.0, -1.0, False)])
+def test_a_bake_behind_a_closed_form_says_what_else_was_asked_for(aim: float, gain: float, noted: bool) -> None:
+    measured = ({"sharp": 10.0 + gain}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 10.0}, {"sharp": 0.1})
+    found = LevelPromise(*measured, 0, ("neural",), 0.0)
+    lines = promise_lines(Provenance("auto", "gaussian", promise=Promise((found,), 8, 8), aim=aim))
+    assert f"{gain:+.1f} in the mean" in lines[0] and any("--aim 0 asks" in line for line in lines) == noted
