@@ -55,12 +55,12 @@ def withdraw(folder: Path) -> None:
     What declares a stack goes last, so that the next call goes on where this one was killed. OSError where that fails.
     """
     declared = {file: names for file in manifests(folder) if (names := _listed(file)) is not None}
-    ours = {name for names in declared.values() for name in names} | {file.name for file in declared}
-    for each in list(folder.iterdir()):
-        if is_companion(each) and each.stem in ours:
-            each.unlink(missing_ok=True)
-    for name in (*(each for names in declared.values() for each in names), *(file.name for file in declared)):
-        (folder / name).unlink(missing_ok=True)
+    listed = {name for names in declared.values() for name in names}
+    ours = listed | {file.name for file in declared}
+    inside = list(folder.iterdir())  # nothing else is removed, whatever a file that somebody changed may list
+    beside = [each for each in inside if is_companion(each) and each.stem in ours]
+    for each in (*beside, *(each for each in inside if each.name in listed), *declared):
+        each.unlink(missing_ok=True)
 
 
 def _is_in(path: PurePath, folder: PurePath) -> bool:
@@ -70,7 +70,9 @@ def _is_in(path: PurePath, folder: PurePath) -> bool:
 def _stacks_in(place: Path, out: Path) -> Iterator[str]:
     """Folders of stacks in a folder that holds nothing else, relative to the folder of all results."""
     if holds_stacks(place):
-        yield from (file.parent.relative_to(out).as_posix() for file in place.rglob("*.json") if _listed(file))
+        yield from (
+            file.parent.relative_to(out).as_posix() for file in place.rglob("*.json") if _listed(file) is not None
+        )
 
 
 def _listed(file: Path) -> list[str] | None:
