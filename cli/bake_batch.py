@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import mipbake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
+from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
 from mipbake.batch import (
     COMMAND_LINE,
@@ -154,8 +155,7 @@ def _printer(session: Session, asked: BatchAsked, call: _Call) -> Iterator[_Prin
 def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
     if asked.depfile is not None and not summary.failures:
-        files = [] if call.file is None else [call.file]
-        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for, files)
+        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for, _common(call, summary))
     if asked.check and summary.planned:
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
@@ -166,6 +166,15 @@ def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) ->
             session.fail(f"{entry.entry.label}: {failure.error}", failure.error.exit_code)
     results = [each for entry in summary.entries for each in lines_of(entry)]
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+
+
+def _common(call: _Call, summary: Summary) -> list[Path]:
+    """Files that say how everything is made: the project file, and weights that a bake may take."""
+    options = {call.options or BakeOptions()}
+    if call.choose is not None:
+        options = {call.choose(each.entry.label).options for each in summary.entries}
+    weights = sorted({info.tensors for each in options for info in weights_of(each)})
+    return weights if call.file is None else [call.file, *weights]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from mipbake.cli.main import main
+from mipbake.models.registry import WEIGHTS_FOLDER, list_weights
 
 from .command_line import fails, write_png, write_set
 
@@ -168,3 +169,24 @@ def test_a_rule_within_a_result_is_refused(tmp_path: Path, capsys: pytest.Captur
 def test_a_dry_run_writes_no_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = ["bake", write_set(tmp_path / "s"), "-o", tmp_path / "out", "--depfile", tmp_path / "d", "--check"]
     assert "a dry run bakes nothing that --depfile could tell of" in fails(capsys, 2, *base)
+
+
+def test_weights_are_part_of_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b"):
+        write_set(tmp_path / "lib" / name)
+    rules = (
+        '[[sets]]\nmatch = "a"\nmethod = "neural"\nweights = "mipbake-1"\n[[sets]]\nmatch = "b"\nmethod = "linear"\n'
+    )
+    (tmp_path / "mipbake.toml").write_text(f'library = "lib"\nout = "out"\n{rules}')
+
+    def named(*arguments: str) -> list[str]:
+        assert main(["bake", *arguments, "--depfile", "d"]) == 0
+        found = Path("d").read_text().split("\n\n")[0].split(" \\\n  ")
+        return [each for each in found if each.endswith(".safetensors")]
+
+    weights = [info.tensors for info in list_weights()]
+    assert named("--config", "mipbake.toml") == [str(WEIGHTS_FOLDER / "mipbake-1.safetensors")]
+    assert named("lib/b", "-o", "other", "--method", "linear") == []
+    of_network = named("lib/b", "-o", "other", "--method", "neural")
+    assert 1 < len(of_network) < len(weights) and all(Path(each) in weights for each in of_network)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake._version import __version__
-from mipbake.baking.options import Asked
+from mipbake.baking.options import Asked, BakeOptions
 from mipbake.content import Recipe
 from mipbake.errors import InputError
 from mipbake.found import sources_of
@@ -27,7 +27,7 @@ from mipbake.io.map_files import listed_files
 from mipbake.io.sources import Discovery, MapSource
 from mipbake.jobs import Job
 from mipbake.manifest import read_manifest
-from mipbake.models.registry import find_weights, list_weights
+from mipbake.models.registry import WeightsInfo, find_weights, list_weights
 from mipbake.prefilter import OPTIONS
 from mipbake.texture_set import TextureSet
 
@@ -50,7 +50,7 @@ class Ingredients:
     def of(cls, asked: Asked) -> Ingredients:
         """Those of what is asked for."""
         options = {name: _number(value) for name, value in asdict(asked.options).items()}
-        return cls(_hash(options), _hash(_weights(asked)))
+        return cls(_hash(options), _hash([info.sha256 for info in weights_of(asked.options)]))
 
     def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Recipe:
         """The recipe of a set, or of tiles that touch.
@@ -157,14 +157,13 @@ def _source(source: MapSource, known: Mapping[Path, str]) -> list[Any]:
     return [source.path.name, known.get(source.path) or file_hash(source.path), *read_as]
 
 
-def _weights(asked: Asked) -> list[str]:
-    """Hashes of all trained weights that a bake may take."""
-    options = asked.options
+def weights_of(options: BakeOptions) -> list[WeightsInfo]:
+    """All trained weights that a bake may take; UsageError where there are none of the name that is asked for."""
     if options.method not in OPTIONS["weights"]:
         return []
     if options.weights is not None:
-        return [find_weights(options.weights).sha256]
-    return [info.sha256 for info in list_weights() if info.default]
+        return [find_weights(options.weights)]
+    return [info for info in list_weights() if info.default]
 
 
 def file_hash(path: Path) -> str:
