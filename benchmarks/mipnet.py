@@ -6,19 +6,24 @@
 
 `train` takes data and loss from the configuration of `mipbake-1`, or of its sister for the target, except for what
 MIPNet does not know of: all steps are for the Gaussian pixel filter. `--like` names another configuration, such as
-`paper-ggx.toml` with the paper's loss. It writes the files that `python -m mipbake.training` writes. `export` takes the
-averaged weights and rounds them to 16 bits.
+`paper-ggx.toml` with the paper's loss. It writes the files that `python -m mipbake.training` writes. With `--results
+FILE` it writes its validations and losses as JSON, too. `export` takes the averaged weights and rounds them to 16 bits.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import hashlib
+import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import torch
 from mipnet_network import KINDS, TARGETS, MipnetNetwork, register
 from safetensors.torch import save
@@ -30,7 +35,7 @@ from mipbake.pixel_filter import FILTERS
 from mipbake.training.__main__ import exit_code
 from mipbake.training.balanced_loss import BalancedLossConfig
 from mipbake.training.config import TrainingConfig, read_config
-from mipbake.training.loop import LAST, load_state, threads_beside_batches, train
+from mipbake.training.loop import LAST, TrainingState, load_state, threads_beside_batches, train
 
 CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 OURS = {"gltf": "mipbake-1", "gltf-anisotropic": "mipbake-1", "ggx": "mipbake-1-ggx", "beckmann": "mipbake-1-beckmann"}
@@ -65,10 +70,12 @@ def trained(arguments: Sequence[str]) -> int:
     parser.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
     parser.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister of the target)")
     parser.add_argument("--steps", type=int, help="(default: as many as CONFIG has)")
-    parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.pt, with its configuration")
+    parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.pt where there is one")
+    parser.add_argument("--results", type=Path, metavar="FILE", help="for validations and losses, as JSON")
     parser.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")
     options = parser.parse_args(arguments)
-    if options.resume:
+    resume = options.resume and (options.out / LAST).exists()
+    if resume:
         config = load_state(options.out / LAST).config
     else:
         like = options.like or CONFIGS / f"{OURS[options.target]}.toml"
@@ -76,8 +83,33 @@ def trained(arguments: Sequence[str]) -> int:
     config = replace(config, data=replace(config.data, folder=options.data))
     keep_freed_memory()
     torch.set_num_threads(threads_beside_batches())
-    train(config, options.out, options.resume, device=options.device)
+    state = train(config, options.out, resume, device=options.device)
+    if options.results is not None:
+        options.results.write_text(json.dumps(told(state, options.out)))
     return 0
+
+
+def told(state: TrainingState, out: Path) -> dict[str, Any]:
+    """What became of a training: SNR in dB at each validation, and the mean loss since the one before."""
+    validations, losses = (_rows(out / f"{table}.csv") for table in ("validation", "log"))
+    since = zip([-1.0, *(row["step"] for row in validations)], validations, strict=False)
+    for before, row in since:
+        row["loss"] = float(
+            np.mean([each["loss"] for each in losses if before < each["step"] <= row["step"]] or np.nan)
+        )
+    config = state.config
+    return {
+        "commit": state.commit,
+        "steps": config.run.steps,
+        "learning rate": config.optimiser.learning_rate,
+        "not finite": sum(not math.isfinite(each["loss"]) for each in losses),
+        "validations": validations,
+    }
+
+
+def _rows(table: Path) -> list[dict[str, float]]:
+    with table.open(encoding="utf-8") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
 
 def network_of(checkpoint: Path) -> MipnetNetwork:

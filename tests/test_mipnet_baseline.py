@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import math
 import shutil
 import sys
 from collections.abc import Iterator
@@ -379,6 +381,12 @@ def test_the_command_resumes_with_the_configuration_it_started_with(
     assert mipnet.main() == 0
     assert mipnet.main() == 2 and "holds a training already" in capsys.readouterr().err
     monkeypatch.delattr(mipnet, "configured")
-    monkeypatch.setattr("sys.argv", [*arguments, "--resume"])
+    results = tmp_path / "results.json"
+    monkeypatch.setattr("sys.argv", [*arguments, "--resume", "--results", str(results)])
     assert mipnet.main() == 0
     assert loop.load_state(out / loop.LAST).config.run.steps == 3
+    found = json.loads(results.read_text())
+    assert found["steps"] == 3 and found["not finite"] == 0
+    first, *_, last = found["validations"]
+    assert (first["step"], last["step"]) == (0, 3) and first["linear hemisphere"] == last["linear hemisphere"]
+    assert math.isnan(first["loss"]) and last["loss"] > 0

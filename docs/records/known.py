@@ -39,7 +39,7 @@ class Known:
         about: what it holds.
         command: measures it, as arguments of the interpreter; it writes JSON to OUT, or prints Markdown where
             there is no OUT.
-        entry: what its figures depend on; None for records of time.
+        entry: what its figures depend on; None for records of time, and of trainings.
         sample: how many sets are measured again to confirm a record whose code has changed; 0 where all of it is
             measured again, because that is soon done or no part of it can be measured by itself.
         pictures: the folder that takes the pictures which the command leaves in WORK; none where it is empty.
@@ -176,6 +176,14 @@ KNOWN: Mapping[str, Known] = {
         "what each weight of the judge does, halved and doubled",
         ("benchmarks/weights.py", MATERIALS),
         Entry(("benchmarks/weights.py",), ("mipbake-2",)),
+    ),
+    "training-mipnet": Known(
+        "what becomes of MIPNet under the paper's loss",
+        (
+            *("benchmarks/mipnet.py", "train", "--target", "ggx", "--like", "training/configs/paper-ggx.toml"),
+            *("--steps", "12000", "--data", MATERIALS, "--out", WORK, "--resume", "--results", OUT),
+        ),
+        None,
     ),
     "timing-fit-whole": Known(
         "a fit of 512 x 512 texels, with the preparation of its views",

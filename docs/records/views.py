@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from mipbake.metrics import PAIR_SETS
 from records.known import KNOWN
 from records.views_cards import CARD_VIEWS
 from records.views_films import FILM_VIEWS
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from records.making import Records
 
 PLAIN, BAKED = "linear", "mipbake"
+_WHERE = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 
 
 def scales_caption(records: Records) -> str:
@@ -153,6 +155,29 @@ def beckmann_to_ggx(records: Records) -> str:
     )
 
 
+def mipnet_table(records: Records) -> str:
+    rows = [
+        [f"{row['step']:,.0f}", *(f"{row[f'network {pairs}']:.2f}" for pairs in PAIR_SETS), _loss(row)]
+        for row in records["training-mipnet"]["validations"]
+    ]
+    return "\n" + table(["steps", *(f"SNR in dB, {pairs}" for pairs in PAIR_SETS), "mean loss since"], rows) + "\n"
+
+
+def _loss(row: Mapping[str, float | None]) -> str:
+    return "" if row["loss"] is None else f"{row['loss']:.3f}"
+
+
+def mipnet_words(records: Records) -> str:
+    data = records["training-mipnet"]
+    first = data["validations"][0]
+    plain = " and ".join(f"{first[f'linear {pairs}']:.2f} dB {_WHERE[pairs]}" for pairs in PAIR_SETS)
+    return wrapped(
+        f"It was trained for {data['steps']:,} steps at a rate of {data['learning rate']:g}, by revision "
+        f"`{data['commit'][:7]}`. {data['not finite']} of the losses are not finite. Plain averages have {plain} on "
+        "the same held-out patches."
+    )
+
+
 DOCSTRINGS: Mapping[str, Callable[[Any], str]] = {
     "mipbake.material.ggx_to_beckmann": ggx_to_beckmann,
     "mipbake.material.beckmann_to_ggx": beckmann_to_ggx,
@@ -168,6 +193,8 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fitting/table": fitting_table,
     "results-whole/table": results_table,
     "results-whole/words": lambda records: wrapped(results_words(records)),
+    "training-mipnet/words": mipnet_words,
+    "training-mipnet/table": mipnet_table,
     "engines-three/summary": lambda records: wrapped(in_three(records)),
     **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
     **FIT_VIEWS,
