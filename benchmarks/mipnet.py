@@ -30,12 +30,14 @@ from safetensors.torch import save
 
 from mipbake._allocator import keep_freed_memory
 from mipbake.errors import InputError
-from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo
+from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, list_weights, load_network
 from mipbake.pixel_filter import FILTERS
 from mipbake.training.__main__ import exit_code
 from mipbake.training.balanced_loss import BalancedLossConfig
 from mipbake.training.config import TrainingConfig, read_config
+from mipbake.training.data import load_materials
 from mipbake.training.loop import LAST, TrainingState, load_state, threads_beside_batches, train
+from mipbake.training.validation import Validator
 
 CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 OURS = {"gltf": "mipbake-1", "gltf-anisotropic": "mipbake-1", "ggx": "mipbake-1-ggx", "beckmann": "mipbake-1-beckmann"}
@@ -90,7 +92,10 @@ def trained(arguments: Sequence[str]) -> int:
 
 
 def told(state: TrainingState, out: Path) -> dict[str, Any]:
-    """What became of a training: SNR in dB at each validation, and the mean loss since the one before."""
+    """What became of a training: SNR in dB at each validation, and the mean loss since the one before.
+
+    Beside them stands the paper's network for the same model, where there is one, on the same patches.
+    """
     validations, losses = (_rows(out / f"{table}.csv") for table in ("validation", "log"))
     since = zip([-1.0, *(row["step"] for row in validations)], validations, strict=False)
     for before, row in since:
@@ -98,7 +103,10 @@ def told(state: TrainingState, out: Path) -> dict[str, Any]:
             np.mean([each["loss"] for each in losses if before < each["step"] <= row["step"]] or np.nan)
         )
     config = state.config
+    papers = [info for info in list_weights() if info.name == f"paper-{config.network.target}"]
+    validator = Validator(load_materials(config)[1], config.network, config.loss.pixel_filter)
     return {
+        "paper": {info.name: {"steps": info.steps} | validator.score(load_network(info)).columns() for info in papers},
         "commit": state.commit,
         "steps": config.run.steps,
         "learning rate": config.optimiser.learning_rate,

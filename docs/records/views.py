@@ -160,7 +160,9 @@ def mipnet_table(records: Records) -> str:
         [f"{row['step']:,.0f}", *(f"{row[f'network {pairs}']:.2f}" for pairs in PAIR_SETS), _loss(row)]
         for row in records["training-mipnet"]["validations"]
     ]
-    return "\n" + table(["steps", *(f"SNR in dB, {pairs}" for pairs in PAIR_SETS), "mean loss since"], rows) + "\n"
+    return (
+        "\n" + table(["steps", *(f"SNR in dB {_WHERE[pairs]}" for pairs in PAIR_SETS), "mean loss since"], rows) + "\n"
+    )
 
 
 def _loss(row: Mapping[str, float | None]) -> str:
@@ -169,13 +171,19 @@ def _loss(row: Mapping[str, float | None]) -> str:
 
 def mipnet_words(records: Records) -> str:
     data = records["training-mipnet"]
-    first = data["validations"][0]
-    plain = " and ".join(f"{first[f'linear {pairs}']:.2f} dB {_WHERE[pairs]}" for pairs in PAIR_SETS)
-    return wrapped(
+    (name, paper), first = next(iter(data["paper"].items())), data["validations"][0]
+    lost = f"{data['not finite']} of its losses are not finite." if data["not finite"] else "All its losses are finite."
+    text = (
         f"It was trained for {data['steps']:,} steps at a rate of {data['learning rate']:g}, by revision "
-        f"`{data['commit'][:7]}`. {data['not finite']} of the losses are not finite. Plain averages have {plain} on "
-        "the same held-out patches."
+        f"`{data['commit'][:7]}`. {lost} The table has SNR on held-out patches. On the same patches plain averages "
+        f"have {_places(first, 'linear')}, and `{name}`, which has {paper['steps']:,} steps under the same loss, has "
+        f"{_places(paper, 'network')}."
     )
+    return "\n" + wrapped(text) + "\n"
+
+
+def _places(row: Mapping[str, float], method: str) -> str:
+    return " and ".join(f"{row[f'{method} {pairs}']:.2f} dB {where}" for pairs, where in _WHERE.items())
 
 
 DOCSTRINGS: Mapping[str, Callable[[Any], str]] = {
