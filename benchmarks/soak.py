@@ -1,4 +1,4 @@
-"""Many small texture sets baked in one process: what the process holds, and how long each bake takes.
+"""Many small texture sets baked in one process: what the process holds, and what time of processors each bake takes.
 
     python benchmarks/soak.py --results build/soak.json [--methods linear=500 neural=500 auto=100]
 
@@ -39,7 +39,8 @@ class Window:
     """A part of a run.
 
     Args:
-        bakes: so far. seconds: median of the bakes in it, over all sizes. memory: anonymous bytes at its end.
+        bakes: so far. seconds: of processors, median of the bakes in it, over all sizes. Other programs change the
+            clock on the wall more than a slow-down would. memory: anonymous bytes at its end.
         handles, threads: at its end.
     """
 
@@ -67,9 +68,9 @@ def soak(method: str, sets: int) -> list[Window]:
         for index in range(sets):
             source, out = Path(folder) / f"set{index}", Path(folder) / "out"
             write(source, maps_of(rng, SIZES[index % len(SIZES)]))
-            begun = time.perf_counter()
+            begun = time.process_time()
             mipbake.bake_all(source, out, method=method)
-            seconds.append(time.perf_counter() - begun)
+            seconds.append(time.process_time() - begun)
             shutil.rmtree(source)
             shutil.rmtree(out)
             if (index + 1) % max(1, sets // WINDOWS) == 0:

@@ -141,7 +141,7 @@ def soak_table(records: Records) -> str:
         for window in (windows[0], windows[len(windows) // 2 - 1], windows[-1]):
             rows.append([method, _count(window["bakes"]), f"{window['memory'] / 2**20:.0f}", str(window["handles"]),
                          str(window["threads"]), f"{window['seconds']:.2f}"])  # fmt: skip
-    heads = ["method", "bakes", "memory, MiB", "open files", "threads", "median of a bake, s"]
+    heads = ["method", "bakes", "memory, MiB", "open files", "threads", "processor, median of a bake, s"]
     return "\n\n".join([table(heads, rows), _where(records, "soak")])
 
 
