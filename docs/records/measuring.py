@@ -113,7 +113,7 @@ def run(name: str, known: Known, materials: Path | None, work: Path, more: Seque
         command.append(each)
     command += more
     printed = subprocess.run(
-        command, cwd=root, check=True, text=True, stdout=None if _writes(known) else subprocess.PIPE
+        command, cwd=root, check=True, text=True, stdout=None if _writes(name, known) else subprocess.PIPE
     )
     if name.startswith("results-"):
         return results.pack(results.read_files(work / _kind(name)))
@@ -125,8 +125,8 @@ def run(name: str, known: Known, materials: Path | None, work: Path, more: Seque
     return {"printed": printed.stdout.strip().splitlines()}
 
 
-def _writes(known: Known) -> bool:
-    return any(place in each for each in known.command for place in (OUT, WORK))
+def _writes(name: str, known: Known) -> bool:
+    return OUT in known.command or name.startswith(("results-", "fitting-"))
 
 
 def _kind(name: str) -> str:
