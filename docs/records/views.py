@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from records.making import Records
 
 PLAIN, BAKED = "linear", "mipbake"
+_SPELLED = {"snr:": "SNR of linear radiance:", "snr-displayed:": "SNR of what a display shows:"}
 _WHERE = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 
 
@@ -125,13 +126,16 @@ POSE = ("noise", "two phases", "symmetry")
 
 
 def printed(name: str) -> Callable[[Records], str]:
-    """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is."""
+    """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is.
+
+    Names of measures are spelled out.
+    """
 
     def view(records: Records) -> str:
         record = records.record(name)
         lines: list[str] = record.data["printed"]
         if any(line.startswith("|") for line in lines):
-            lines = [line if line.startswith("|") else wrapped(line) for line in lines]
+            lines = [line if line.startswith("|") else wrapped(_SPELLED.get(line, line)) for line in lines]
         else:
             lines = ["```", *lines, "```"]
         return "\n".join([*lines, "", f"Measured {record.measured.on} on {record.measured.machine}."])
