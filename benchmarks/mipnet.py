@@ -97,11 +97,10 @@ def told(state: TrainingState, out: Path) -> dict[str, Any]:
     Beside them stands the paper's network for the same model, where there is one, on the same patches.
     """
     validations, losses = (_rows(out / f"{table}.csv") for table in ("validation", "log"))
-    since = zip([-1.0, *(row["step"] for row in validations)], validations, strict=False)
-    for before, row in since:
-        row["loss"] = float(
-            np.mean([each["loss"] for each in losses if before < each["step"] <= row["step"]] or np.nan)
-        )
+    before = -1.0
+    for row in validations:
+        since = [each["loss"] for each in losses if before < each["step"] <= row["step"]]
+        row["loss"], before = float(np.mean(since or np.nan)), row["step"]
     config = state.config
     papers = [info for info in list_weights() if info.name == f"paper-{config.network.target}"]
     validator = Validator(load_materials(config)[1], config.network, config.loss.pixel_filter)

@@ -257,6 +257,8 @@ def test_measuring_keeps_what_a_command_writes(module: Callable[[str], ModuleTyp
     assert (tmp_path / "kept" / "a.png").read_bytes() == b"x"
     printed = known.Known("", ("-c", "print('a\\n\\nb')"), None)
     assert measuring.measure("two", printed, None, "today", tmp_path).data == {"printed": ["a", "", "b"]}
+    both = known.Known("", ("-c", "print('a')", f"{known.WORK}/kept.json"), None)
+    assert measuring.measure("timing-three", both, None, "today", tmp_path).data == {"printed": ["a"]}
     fails = known.Known("", ("-c", code + "; 1 / 0", known.WORK + "/b.png", known.OUT), None, pictures="kept")
     with pytest.raises(subprocess.CalledProcessError):
         measuring.measure("three", fails, None, "today", tmp_path)
