@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -36,6 +37,7 @@ from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
 from mipbake.prefilter.search.methods import Auto, Refine
 from mipbake.prefilter.search.regions import timed_regions
 from mipbake.prefilter.search.settling import settle
+from mipbake.prefilter.search.sitting import Sitting
 from mipbake.reference.estimate import reference
 from mipbake.reference.problem import Problem
 from mipbake.reference.sequences import random_points
@@ -279,6 +281,29 @@ def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> N
     made = blend(gathered(task, late, TINY, WEIGHTS, deadline=time.monotonic() + 4))
     names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
     assert names and not any(name.split()[0] in slow for name in names)
+
+
+def test_a_deadline_that_all_can_meet_changes_nothing(two: np.ndarray) -> None:
+    task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
+    ingredients = list(closed_forms(task))
+    whole = blend(gathered(task, ingredients, TINY, WEIGHTS))
+    found = gathered(task, ingredients, TINY, WEIGHTS, deadline=time.monotonic() + 3600)
+    made = blend(found)
+    assert found.bench.pressing is None and made.sources == whole.sources and not made.left_out
+    assert all(np.array_equal(a, b) for a, b in zip(made.levels, whole.levels, strict=True))
+
+
+def test_a_budget_that_is_too_short_for_the_ingredients_says_which_would_do(two: np.ndarray) -> None:
+    told: list[str] = []
+    for budget in ("0.001s", "1h"):
+        method = Refine(budget=budget, effort=TINY, descent=replace(SHORT, rounds=0), sitting=Sitting(told=told.append))
+        method(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    (sentence,) = told
+    assert re.fullmatch(
+        r"the budget is too short to measure and to blend all ingredients, so some take no part: a budget of about "
+        r"[\d.]+ (s|min) would do",
+        sentence,
+    )
 
 
 def test_weights_are_named_only_where_the_network_has_a_share(solved: PrefilterResult) -> None:

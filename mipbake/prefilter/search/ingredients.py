@@ -2,9 +2,9 @@
 
 Closed forms are measured together, in one pass over the image, and of their levels only the texels are made that
 lookups read (touched.py). Where that cannot be, an ingredient is baked, looked up at all points and, unless there is
-memory to keep it, forgotten: 4096 x 4096 sets do not need fifteen stacks in memory. That is so with a deadline, with
-which ingredients that would take too long are left out, the least promising first, and for models that store
-directions, whose signs hang on whole levels.
+memory to keep it, forgotten: 4096 x 4096 sets do not need fifteen stacks in memory. That is so for models that store
+directions, whose signs hang on whole levels, and with a deadline that not all can meet. Ingredients that would take too
+long are left out then, the least promising first, and what was forgotten is not blended.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ _FAR = 0.35
 _MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice; a guess
 _PILOT = 256  # texels a side of the part that says how long an ingredient will take; a guess
 _MARGIN = 1.1  # factor on what that part says; a guess
+_TIMES = 2  # an ingredient is made at most so often: to be looked up, and to be blended
 # Values of a stack up to which two ingredients are baked at a time; a guess.
 _SIDE_BY_SIDE = 1 << 25
 
@@ -114,10 +115,12 @@ class Bench:
     """All ingredients, looked up at all points of several sets of renders, and scored by all sets but the last, the
     witness.
 
-    With a deadline, ingredients that are not baked by then are left out, and the blend mixes what was kept.
+    With a deadline that not all can meet, ingredients that are not baked by then are left out, and the blend mixes what
+    was kept.
 
     `typical` is (C,) a material that shades about as bright as the whole set, in the model PLAIN of pixel_samples.py;
-    None where closed forms were not measured together.
+    None where closed forms were not measured together. `pressing` is the time.monotonic() by which all would be made
+    where the deadline is too early for that; None where it is not.
     """
 
     def __init__(
@@ -143,18 +146,19 @@ class Bench:
         self._kept: dict[str, list[Image]] = {}
         self._seen: dict[tuple[str, int, int, int], Image] = {}
         self._found: dict[tuple[str, int], list[Score]] = {}
-        timed = not math.isinf(deadline)
+        self.pressing = self._pressing(deadline)
+        pressed = self.pressing is not None
         # Signs of directions hang on whole levels: without them, levels of closed forms need not exist.
         self._forms_of_whole: dict[str, tuple[Form, str]] = {}
         self._whole = Whole(problem.stored, problem.source)
         self.typical: Image | None = None
-        if not timed and MODELS[problem.target].lines is None:
+        if not pressed and MODELS[problem.target].lines is None:
             made = {each.name: each.form(self._whole) for each in ingredients if each.form is not None}
             self._forms_of_whole = made
         names = [name for name in dict.fromkeys([*first, *self._ingredients]) if name not in self._forms_of_whole]
 
         def look(name: str) -> bool:
-            if timed and name != self.base and time.monotonic() + self._expected(name) > deadline:
+            if pressed and name != self.base and time.monotonic() + self._expected(name) > deadline:
                 return False
             levels = self.levels(name)
             for which, each in enumerate((*scores, witness)):
@@ -181,17 +185,23 @@ class Bench:
         done.update(zip(names, looked, strict=True))
         self.left_out = tuple(name for name, each in self._ingredients.items() if each.closed_form and not done[name])
         self._ingredients = {name: each for name, each in self._ingredients.items() if done[name]}
-        self.others = [name for name in others if done[name] and not (timed and name not in self._kept)]
-        if timed:
+        self.others = [name for name in others if done[name] and not (pressed and name not in self._kept)]
+        if pressed:
             self._ingredients = {
                 name: each for name, each in self._ingredients.items() if each.closed_form or name in self._kept
             }
         self.judged = side_by_side(self._judged, range(len(scores[1].probes)))
-        self._baked = set(self._kept) if timed else set(self._ingredients)
+        self._baked = set(self._kept) if pressed else set(self._ingredients)
+
+    def _pressing(self, deadline: float) -> float | None:
+        """The time.monotonic() by which all would be made, where a deadline is too early for that; else None."""
+        if math.isinf(deadline):
+            return None
+        ready = time.monotonic() + _TIMES * sum(self._expected(name) for name in self._ingredients)
+        return ready if ready > deadline else None
 
     def _expected(self, name: str) -> float:
-        """Seconds that an ingredient will take, from a part of the set; the first call of all loads what the method
-        needs."""
+        """Seconds that an ingredient will take, from a part of the set."""
         height, width = self.problem.stored.shape[:2]
         rows, columns = (min(_PILOT, max(1, side // 2)) for side in (height, width))
         began = time.monotonic()

@@ -56,7 +56,7 @@ OPTIMISING = DescentEffort()
 
 # Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
 _TRUST = 12.0
-_FIRST = 16  # texels a side of the first call of a graphics card; a guess
+_FIRST = 16  # texels a side of the first call of a network; a guess
 
 
 @dataclass(frozen=True)
@@ -201,10 +201,9 @@ class Searching:
                 raise
             return []
         learned = ingredient(problem, self._neural, problem.pixel_filter)
-        if self._neural.device != PROCESSOR:
-            # The first call of all makes a graphics card ready, which must not count where a part says how long the
-            # whole takes.
-            learned.part(problem.stored[:_FIRST, :_FIRST])
+        # The first call of all loads the weights, and makes a graphics card ready. That must not count where a part
+        # says how long the whole takes.
+        learned.part(problem.stored[:_FIRST, :_FIRST])
         return [learned]
 
 

@@ -131,6 +131,13 @@ class Gather:
         work = search.work
         deadline = work.clock.until(_BAKING)
         found = gathered(work.problem, work.ingredients, self.effort, work.judged_by, work.seed, progress, deadline)
+        ready = found.bench.pressing
+        if ready is not None:
+            enough = spoken_time((ready - work.clock.began) / _BAKING)
+            work.sitting.told(
+                "the budget is too short to measure and to blend all ingredients, so some take no part: a budget of "
+                f"about {enough} would do"
+            )
         return replace(search, gathered=found)
 
 
