@@ -49,7 +49,6 @@ _FAR = 0.35
 _MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice; a guess
 _PILOT = 256  # texels a side of the part that says how long an ingredient will take; a guess
 _MARGIN = 1.1  # factor on what that part says; a guess
-_TIMES = 2  # an ingredient is made at most so often: to be looked up, and to be blended
 # Values of a stack up to which two ingredients are baked at a time; a guess.
 _SIDE_BY_SIDE = 1 << 25
 
@@ -197,7 +196,8 @@ class Bench:
         """The time.monotonic() by which all would be made, where a deadline is too early for that; else None."""
         if math.isinf(deadline):
             return None
-        ready = time.monotonic() + _TIMES * sum(self._expected(name) for name in self._ingredients)
+        once = sum(self._expected(name) for name in self._ingredients)
+        ready = time.monotonic() + 2 * once  # each is made at most twice: to be looked up, and to be blended
         return ready if ready > deadline else None
 
     def _expected(self, name: str) -> float:
