@@ -183,7 +183,7 @@ def fit(
             )
             check_output(place, stack.provenance.sources)
             learned, checked = choice.views_of(stack.size, stack.wrap, views, seed)
-            kept = place.with_name(place.name + ".fit")
+            session.kept = kept = place.with_name(place.name + ".fit")
             with warnings.catch_warnings(record=True) as found:
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(

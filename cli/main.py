@@ -34,8 +34,8 @@ EXIT_TERMINATED = 143
 
 _EPILOG = (
     "Exit codes: 0 done, 1 unexpected (a defect, or too little memory), 2 usage, 3 unusable input, 4 unwritable "
-    "output, 5 a condition of --fail-if or of --check holds, 130 interrupted, 143 terminated. With several sets, the "
-    "highest counts."
+    "output, 5 a condition of --fail-if or of --check holds, 6 a renderer failed, 130 interrupted, 143 terminated. With "
+    "several sets, the highest counts."
 )
 
 app = typer.Typer(
@@ -134,21 +134,27 @@ def main(arguments: Sequence[str]) -> int:
         if stopped is None:
             code = _unforeseen(session, error)
     if stopped is not None:  # only now have all blocks been left that the exception went through
-        code = session.fail(_stopped_message(stopped), stopped)
+        code = session.fail(_stopped_message(stopped, session.kept), stopped)
     reason = lost(sys.stdout)
     if reason and (session.json or not session.in_files):
         code = session.fail(f"cannot print the result ({reason.strerror}): check where stdout goes", EXIT_OUTPUT)
     return code
 
 
-def _stopped_message(code: int) -> str:
-    """A sentence: the run was stopped, and this is left of what it had begun."""
+def _stopped_message(code: int, kept: Path | None) -> str:
+    """A sentence: the run was stopped, and this is left of what it had begun.
+
+    Args:
+        kept: a file that is left on purpose, where it is there.
+    """
     if unfinished():
         gc.collect()  # a block that was stopped as it was entered is left when it is collected
     left = [str(path) for path in unfinished()]
     rest = (
         f"{listed(left)} could not be removed, the next bake of the same set removes it"
         if left
+        else f"the same command goes on from {kept}"
+        if kept is not None and kept.exists()
         else "nothing unfinished was left behind"
     )
     return f"{'interrupted' if code == EXIT_INTERRUPTED else 'terminated'}, {rest}"

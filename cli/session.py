@@ -29,6 +29,7 @@ class Session:
         quiet: whether only errors are printed.
         json: whether stdout is for one JSON object.
         in_files: whether the result lies in files, and what is printed only tells of it.
+        kept: a file that a run leaves on purpose where it is stopped: the same command goes on from it.
         exit_code: what a command that ends normally returns.
         given: names of the command's parameters that the user gave.
     """
@@ -37,6 +38,7 @@ class Session:
     quiet: bool = False
     json: bool = False
     in_files: bool = False
+    kept: Path | None = None
     exit_code: int = 0
     given: frozenset[str] = frozenset()
 

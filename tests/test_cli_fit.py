@@ -45,7 +45,7 @@ def test_a_stack_is_fitted_and_says_so(folder, tmp_path, capsys):
     out = tmp_path / "out"
     assert run(folder, out, "--renderer", "torch", "--json", "--format", "png") == 0
     (result,) = json.loads(capsys.readouterr().out)["results"]
-    assert result["ok"] and "levels were fitted in the renderer TorchRenderer" in result["fitted"]
+    assert result["ok"] and "levels were fitted in the renderer torch to " in result["fitted"]
     assert {"views", "fit", "write"} <= set(result["seconds"])
     stack = open_stack(out / "metal")
     assert stack.provenance.method == "linear" and stack.provenance.adjustments[-1] == result["fitted"]
@@ -116,6 +116,27 @@ def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
     assert [path.name for path in out.iterdir()] == ["metal"]
     for one, other in zip(open_stack(whole / "metal").levels, open_stack(out / "metal").levels, strict=True):
         assert np.array_equal(one, other)
+
+
+def test_info_tells_of_a_fit(folder, tmp_path, capsys):
+    assert run(folder, tmp_path / "out", "--renderer", "torch", "--quiet") == 0
+    capsys.readouterr()
+    assert main(["info", str(tmp_path / "out" / "metal")]) == 0
+    assert "adjusted: levels were fitted in the renderer torch to " in capsys.readouterr().out
+
+
+def test_what_an_interruption_keeps_is_named(folder, tmp_path, module, capsys):
+    assert (
+        run(folder, tmp_path / "whole", "--renderer", module("own_calls", FAILING.format(broken=False, after=0))) == 0
+    )
+    calls = sys.modules["own_calls"].Failing.calls
+    capsys.readouterr()
+    lines = FAILING.replace("raise RendererError(", "raise KeyboardInterrupt(")
+    name = module("own_renderer_interrupted", lines.format(broken=True, after=calls - 8))
+    assert run(folder, tmp_path / "out", "--renderer", name, "--quiet") == 130
+    kept = tmp_path / "out" / "metal.fit"
+    assert kept.exists()
+    assert capsys.readouterr().err == f"mipbake: interrupted, the same command goes on from {kept}\n"
 
 
 RAISING = """
@@ -204,9 +225,9 @@ def test_a_program_renders(folder, tmp_path):
         ((), "--renderer-command"),
         (("--renderer", "torch", "--renderer-command", "true"), "not both"),
         (("--renderer", "cinema"), "unknown renderer 'cinema'"),
-        (("--renderer", "torch", "--shader", "ramp"), "shader does not go with"),
-        (("--renderer", "torch", "--exchange", "exr"), "exchange does not go with"),
-        (("--renderer", "three", "--renderer-start-timeout", "9"), "start_timeout does not go with"),
+        (("--renderer", "torch", "--shader", "ramp"), "--shader does not go with"),
+        (("--renderer", "torch", "--exchange", "exr"), "--exchange does not go with"),
+        (("--renderer", "three", "--renderer-start-timeout", "9"), "--renderer-start-timeout does not go with"),
         (("--renderer-command", "true", "--renderer-start-timeout", "0"), "a renderer cannot have 0.0 seconds"),
         (("--renderer", "nowhere_at_all:make"), "cannot be imported"),
         (("--renderer", "json:dumps_nothing"), "cannot be imported"),

@@ -271,6 +271,7 @@ def test_a_budget_ends_a_fit() -> None:
         ({"passes": 0}, "passes is 0: expected 1 or more"),
         ({"budget": 0.0}, "budget is 0.0: expected seconds"),
         ({"budget": float("nan")}, "budget is nan: expected seconds"),
+        ({"budget": "5s"}, "budget is '5s': expected seconds as a number"),
         ({"rate": 0.0}, "rate is 0.0: expected more than 0"),
         ({"rate": float("inf")}, "rate is inf: expected more than 0"),
         ({"texels": "some"}, "texels is 'some': expected all or nearest"),
@@ -285,6 +286,26 @@ def test_settings_that_make_no_sense(settings: dict[str, Any], told: str) -> Non
     renderer = Plain()
     with pytest.raises(UsageError, match=told):
         fitted(renderer, **settings)
+
+
+def test_a_renderer_that_does_not_render() -> None:
+    with pytest.raises(UsageError, match=r"the renderer is a int: expected an object with render\(levels, view\)"):
+        fitted(3)  # type: ignore[arg-type]
+
+
+def test_a_renderer_cannot_change_the_maps() -> None:
+    class Writing(Plain):
+        def render(self, levels: Levels, view: Any) -> Frame:
+            levels.maps["base_color"][0][...] = 0
+            return super().render(levels, view)
+
+    with pytest.raises(ValueError, match="read-only"):
+        fitted(Writing())
+
+
+def test_provenance_tells_how_a_stack_was_fitted() -> None:
+    told = fitted(seed=3).provenance.adjustments[-1]
+    assert re.match(r"levels were fitted in the renderer \w+ to \d+ views by \d+ steps with error \w+ and seed 3", told)
 
 
 def test_a_view_that_cannot_be_moved() -> None:

@@ -53,7 +53,14 @@ FAILURES = {
     ),
     "another answer": ("hello(); asked(); answer({'answer': 'banana'}); asked()", "gave the answer 'banana': expected"),
     "no answer": ("hello(); asked(); answer({}); asked()", 'gave the answer None: expected "frame"'),
-    "garbage": ("hello(); asked(); print('{\"mipbake\": 1,'); asked()", "did not render the corner within 1 seconds"),
+    "garbage": (
+        "hello(); asked(); print('{\"mipbake\": 1,'); asked()",
+        "the answer of the renderer cannot be read .Expect",
+    ),
+    "a number that JSON lacks": (
+        'hello(); asked(); print(\'{"mipbake": 1, "id": NaN}\'); asked()',
+        "cannot be read .NaN is not a number in JSON.: expected one JSON object on a line, and finite numbers",
+    ),
     "another id": ("hello(); give(asked(), answered=99); asked()", "answered the request 99: expected the id 1"),
     "a frame cut short": (
         "hello(); give(asked(), cut=1); asked()",

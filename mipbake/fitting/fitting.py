@@ -89,7 +89,7 @@ def fit(
         A stack of the same model, sizes and other maps, whose provenance says that it was fitted.
 
     Raises:
-        UsageError: settings that make no sense, others of another model or size, or no reference.
+        UsageError: settings that make no sense, others of another model or size, no reference, or no renderer.
         RendererError: the renderer failed, or gave something that is no frame: another size, values that are not
             finite, no uv, no lod; or its pictures do not follow the maps.
         InputError, OutputError: a checkpoint of another fit, renderer or reference, or one that cannot be written.
@@ -98,6 +98,8 @@ def fit(
         UserWarning: views that show nothing of the maps, or other texels than their frames name; or a level that no
             view shows which is held out.
     """
+    if not callable(getattr(renderer, "render", None)):
+        raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
     settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error)
     learned, checked = _split(views, held_out)
     images = _images(reference, [*views, *(held_out or [])])
@@ -145,8 +147,8 @@ def fit(
     reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
-        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views"
-        f"{starts.told(state.origins)}; SNR of "
+        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps with "
+        f"error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
         f"{len(checking)} other views: {gained}"
     )
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))

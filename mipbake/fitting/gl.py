@@ -157,6 +157,8 @@ class GlRenderer:
         if texels not in TEXELS:
             raise UsageError(f"no texels are called {texels!r}: expected one of {', '.join(TEXELS)}")
         self._texels, self._name = texels, name
+        self.called = f"gl ({name})"
+        """What provenance calls it."""
         self._context = _context()
         self._textures: dict[Any, GlTextures] = {}
         self._meshes: dict[Mesh, dict[str, Any]] = {}

@@ -31,6 +31,9 @@ class TorchRenderer:
     Levels of any material model will do. It has what renderers need not have: `exact_gradient`.
     """
 
+    called = "torch"
+    """What provenance calls it."""
+
     _kept: dict[Any, tuple[tuple[NDArray[np.int64], ...], list[Array]]] = field(default_factory=dict)
 
     def render(self, levels: Levels, view: View) -> Frame:

@@ -52,8 +52,8 @@ class FitSettings:
             number = getattr(self, name)
             if number is not None and number < 1:
                 raise UsageError(f"{name} is {number}: expected 1 or more")
-        if self.budget is not None and not self.budget > 0:
-            raise UsageError(f"budget is {self.budget}: expected seconds, more than 0")
+        if self.budget is not None and not (isinstance(self.budget, (int, float)) and self.budget > 0):
+            raise UsageError(f"budget is {self.budget!r}: expected seconds as a number, more than 0")
         if not 0 < self.rate < math.inf:
             raise UsageError(f"rate is {self.rate}: expected more than 0")
         if not 0 <= self.seed < 2**32:

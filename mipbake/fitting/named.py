@@ -17,6 +17,9 @@ from mipbake.fitting.views import standard_views
 
 RENDERERS = ("gl", "three", "torch")
 
+_OPTIONS = {"timeout": "renderer-timeout", "start_timeout": "renderer-start-timeout", "views": "views-file"}
+"""What the command line calls them, where that is another word."""
+
 
 @dataclass(frozen=True)
 class RendererChoice:
@@ -60,7 +63,10 @@ class RendererChoice:
         }
         for name, fits in allowed.items():
             if getattr(self, name) is not None and not fits:
-                raise UsageError(f"{name} does not go with the renderer {self.renderer or self.command}: leave it out")
+                option = _OPTIONS.get(name, name)
+                raise UsageError(
+                    f"--{option} does not go with the renderer {self.renderer or self.command}: leave it out"
+                )
 
     def made(self) -> Renderer[Any]:
         """The renderer.
@@ -148,7 +154,7 @@ class _UserRenderer:
 
     def __init__(self, renderer: Any, given: str) -> None:
         self._renderer, self._given = renderer, given
-        self.called = type(renderer).__name__
+        self.called = getattr(renderer, "called", type(renderer).__name__)
 
     def render(self, levels: Levels, view: Any) -> Frame:
         return _telling(self._renderer.render, self._given)(levels, view)  # type: ignore[no-any-return]

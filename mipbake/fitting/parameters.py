@@ -95,7 +95,9 @@ class Parameters:
         return [level.copy() for level in self._cut(decoded)]
 
     def levels(self, values: Array, wrap: tuple[str, str], stamps: tuple[NDArray[np.int64], ...]) -> Levels:
-        """What a renderer gets: views of the values."""
+        """What a renderer gets: views of the values, which it cannot write to."""
+        values = values.view()
+        values.flags.writeable = False
         maps = {name: [level[..., own] for level in self._cut(values)] for name, own in self.model.maps.items()}
         return Levels(self.model.name, maps, wrap, stamps)
 

@@ -82,6 +82,8 @@ class ProcessRenderer:
         self._exchange, self._timeout, self._start_timeout = exchange, timeout, start_timeout
         self._running: _Running | None = None
         self._number = 0
+        self.called = Path(self._command[0]).name
+        """What provenance calls it: the name that the program gave, or the program where it has not started."""
 
     def render(self, levels: Levels, view: Any) -> Frame:
         """The frame that the program renders.
@@ -141,10 +143,12 @@ class ProcessRenderer:
                 held.callback(child.kill)
             hello = request_line("hello", {"exchange": self._exchange, "folder": str(folder)})
             try:
-                check_answer(child.ask(hello, self._start_timeout, "start and say hello"), "hello")
+                answer = child.ask(hello, self._start_timeout, "start and say hello")
+                check_answer(answer, "hello")
             except RendererError as error:
                 child.kill()
                 raise RendererError(f"{error}\n{child.printed()}") from error
+            self.called = answer["renderer"]
             with uninterrupted():
                 kept = held.pop_all()
                 return _Running(child, exchange, folder, weakref.finalize(self, kept.close))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,8 @@ VERSION = 1
 """Of the protocol. Another one where a program of this one would no longer understand, or be understood."""
 
 _ATTRIBUTES = (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2"), ("TANGENT", "VEC4"))
+_MEANT = re.compile(rb'\s*\{\s*"mipbake"')  # how a line begins that is meant as an answer
+_UNREADABLE = "unreadable"
 _FLOAT, _UINT = 5126, 5125  # component types, section 3.6.2.2 of the specification of glTF 2.0
 
 
@@ -179,13 +182,16 @@ def request_line(request: str, content: Mapping[str, Any] | None = None) -> byte
 
 
 def as_answer(line: bytes) -> dict[str, Any] | None:
-    """The answer that a printed line is; None for whatever else a program prints."""
+    """The answer that a printed line is; None for whatever else a program prints.
+
+    An answer that cannot be read has the key `unreadable`, which says why.
+    """
     if b'"mipbake"' not in line:
         return None
     try:
         found = json_text.parsed(line)
-    except ValueError:
-        return None
+    except ValueError as error:
+        return {"mipbake": VERSION, _UNREADABLE: str(error)} if _MEANT.match(line) else None
     return found if isinstance(found, dict) and "mipbake" in found else None
 
 
@@ -196,8 +202,14 @@ def check_answer(answer: Mapping[str, Any], expected: str, number: int | None = 
         number: of the request for a frame; None where requests have none.
 
     Raises:
-        RendererError: another version, an error that the program tells, another answer, another number.
+        RendererError: an answer that cannot be read, another version, an error that the program tells, another answer,
+            another number.
     """
+    if _UNREADABLE in answer:
+        raise RendererError(
+            f"the answer of the renderer cannot be read ({answer[_UNREADABLE]}): expected one JSON object on a line, and "
+            "finite numbers"
+        )
     version, kind = answer["mipbake"], answer.get("answer")
     if isinstance(version, bool) or version != VERSION:
         raise RendererError(

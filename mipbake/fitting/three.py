@@ -103,6 +103,8 @@ class ThreeRenderer:
                 "on, and a limit above 0"
             )
         self._material, self._anisotropy, self._seconds = material, anisotropy, seconds
+        self.called = f"three ({material})"
+        """What provenance calls it."""
         self._sets: dict[Any, _Set] = {}
         self._meshes: weakref.WeakKeyDictionary[Mesh, int] = weakref.WeakKeyDictionary()
         self._where: weakref.WeakKeyDictionary[View, dict[Any, Array]] = weakref.WeakKeyDictionary()
