@@ -45,13 +45,15 @@ class Sidecar:
     left_out: tuple[str, ...] = ()
 
 
-def neural_compression(files: Sequence[MapFile]) -> Sidecar:
+def neural_compression(files: Sequence[MapFile], tile: int = 0) -> Sidecar:
     """The manifest that `ntc-cli --loadManifest` of NVIDIA's RTX Neural Texture Compression takes.
 
     Args:
         files: of one output in PNG files, every level a file of its own. The maps that shade come first, and what would
             be more than 16 channels is left out.
+        tile: UDIM number of the stack, which is then part of the name; 0 for none.
     """
+    told = f"{_NAME}.{tile}.json" if tile else f"{_NAME}.json"
     entries: list[dict[str, Any]] = []
     left_out: list[str] = []
     channels = 0
@@ -59,7 +61,7 @@ def neural_compression(files: Sequence[MapFile]) -> Sidecar:
         layout = file.layout
         if channels + len(layout.channels) > _MOST_CHANNELS:
             left_out.append(
-                f"the file {layout.name} is not in {_NAME}: a texture set of NVIDIA's compression has at most "
+                f"the file {layout.name} is not in {told}: a texture set of NVIDIA's compression has at most "
                 f"{_MOST_CHANNELS} channels"
             )
             continue
@@ -67,18 +69,18 @@ def neural_compression(files: Sequence[MapFile]) -> Sidecar:
         about = {"name": layout.name, "isSRGB": file.container.srgb(layout), "semantics": _semantics(layout)}
         for level, name in enumerate(file.container.files(layout, len(file.levels))):
             entries.append({"fileName": name, **about, "mipLevel": level})
-    return Sidecar(_NAME, json.dumps({"textures": entries}, indent=2) + "\n", tuple(left_out))
+    return Sidecar(told, json.dumps({"textures": entries}, indent=2) + "\n", tuple(left_out))
 
 
-_NAME = "ntc.json"
-SIDECARS = {"ntc": neural_compression}
+_NAME = "ntc"
+SIDECARS = {_NAME: neural_compression}
 """Name of a sidecar to what makes it of the files of an output in PNG."""
 
 
-def sidecar_named(name: str, files: Sequence[MapFile]) -> Sidecar:
-    """The sidecar of that name; UsageError with the list when there is none."""
+def sidecar_named(name: str, files: Sequence[MapFile], tile: int = 0) -> Sidecar:
+    """The sidecar of that name, of a stack with that UDIM number; UsageError with the list when there is none."""
     check_sidecar(name)
-    return SIDECARS[name](files)
+    return SIDECARS[name](files, tile)
 
 
 def check_sidecar(name: str) -> None:

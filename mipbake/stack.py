@@ -144,7 +144,7 @@ class MipStack(Content):
             if glb is not None:
                 manifest["outputs"].append(self._write_glb(folder, glb, measured))
             if sidecar is not None:
-                manifest["outputs"].append(_write_sidecar(folder, sidecar, plans))
+                manifest["outputs"].append(_write_sidecar(folder, sidecar, plans, self.tile))
             manifest["bytes"] = {name: (folder / name).stat().st_size for name in listed_files(manifest)}
 
         if sidecar is not None:
@@ -199,9 +199,11 @@ class MipStack(Content):
         return planned(output, self, levels, beside)
 
 
-def _write_sidecar(folder: Path, name: str, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
+def _write_sidecar(
+    folder: Path, name: str, plans: Sequence[tuple[Output, Sequence[MapFile]]], tile: int
+) -> dict[str, Any]:
     """Writes a sidecar, and returns its output for the manifest."""
-    made = sidecar_named(name, sidecar_files(plans))
+    made = sidecar_named(name, sidecar_files(plans), tile)
     (folder / made.name).write_text(made.content, encoding="utf-8")
     return {"format": name, "files": [made.name], "maps": {}}
 

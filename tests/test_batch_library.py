@@ -99,6 +99,26 @@ def test_what_is_passed_over(tmp_path: Path) -> None:
     assert "previews" in note and "tell no map" in note
 
 
+def test_what_lies_in_the_library_comes_before_links_to_it(tmp_path: Path) -> None:
+    root = make(tmp_path / "lib", *(f"steel/{name}" for name in MAPS))
+    make(tmp_path / "store", *(f"oak/{name}" for name in MAPS))
+    (root / "a").mkdir()
+    (root / "a" / "again").symlink_to(root / "steel")
+    (root / "a" / "oak").symlink_to(tmp_path / "store" / "oak")
+    library = entries_below([root], tmp_path / "out", none)
+    assert sorted(entry.label for entry in library.entries) == ["a/oak", "steel"]
+    (note,) = library.notes
+    assert note.startswith(f"{root / 'a' / 'again'} is left out: it is a link to ")
+
+
+def test_images_that_a_document_beside_their_folder_shows_are_not_left_out(tmp_path: Path) -> None:
+    root = make(tmp_path / "lib", "chair.gltf", "chair/one.png", "chair/two.png")
+    images = [root / "chair/one.png", root / "chair/two.png"]
+    assert entries_below([root], tmp_path / "out", lambda _: images).notes == ()
+    (note,) = entries_below([root], tmp_path / "out", lambda _: images[:1]).notes
+    assert "chair is left out" in note
+
+
 def test_textures_belong_to_the_folder_around_them(tmp_path: Path) -> None:
     root = make(
         tmp_path / "lib", *(f"set/textures/{name}" for name in MAPS), "scene/scene.gltf", "scene/textures/a.png"

@@ -185,6 +185,33 @@ def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
     assert result.read_bytes() == data
 
 
+def test_a_result_whose_manifest_a_build_system_removed(library: Path, inline: Inline) -> None:
+    """Ninja removes it after Ctrl-C, and `clean` of CMake does: what it leaves is in nobody's way."""
+    bake(library)
+    place = library.parent / "out" / "wood"
+    whole = tree(place)
+    (place / "stack.json").unlink()
+    assert counts(bake(library, dry_run=True)) == (0, 1, 0) and "normal_mip00.png" in tree(place)
+    assert counts(bake(library)) == (1, 1, 0)
+    assert tree(place) == whole
+    (place / "stack.json").unlink()
+    (place / "own.txt").write_text("a file of somebody's")
+    failed = bake(library)
+    assert counts(failed) == (0, 1, 1) and "not mipbake's" in str(failed.failures[0].error)
+    assert set(tree(place)) == set(whole) - {"stack.json"} | {"own.txt"}
+    (place / "own.txt").unlink()
+    (place / "normal_mip00.png").write_bytes(b"a file that somebody changed")
+    assert counts(bake(library)) == (0, 1, 1)
+    assert (place / "normal_mip00.png").read_bytes() == b"a file that somebody changed"
+
+
+def test_a_result_that_is_gone_is_planned_where_it_was(library: Path, inline: Inline) -> None:
+    bake(library)
+    place = library.parent / "out" / "metals" / "steel"
+    shutil.rmtree(place)
+    assert only(bake(library, dry_run=True), Planned).out == place
+
+
 def test_equal_options_are_the_same(library: Path, inline: Inline) -> None:
     bake(library, replace(LINEAR, strength=1))
     assert counts(bake(library, replace(LINEAR, strength=1.0))) == (0, 2, 0)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import mipbake
+from mipbake import errors
 from mipbake.cli.bake_output import promise_lines
 from mipbake.cli.main import main
 from mipbake.content import Provenance
@@ -166,7 +167,10 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     formats = f"glb for glTF sources, {DEFAULT_FORMAT} for others"
     for default in (PIPELINE.DEFAULT_METHOD, PIPELINE.DEFAULT_FILTER, PIPELINE.AUTO_TARGET, formats):
         assert f"[default: {default}]" in text or f"[default: ({default})]" in text
-    assert "Exit codes" in text
+    codes = text.partition("Exit codes: ")[2]
+    kinds = [getattr(errors, name) for name in vars(errors)]
+    for kind in (k for k in kinds if isinstance(k, type) and issubclass(k, errors.MipbakeError)):
+        assert f" {kind.exit_code} " in f" {codes}"
     for command in ("validate", "inspect"):
         assert main([command, "--help"]) == 0
         text = capsys.readouterr().out

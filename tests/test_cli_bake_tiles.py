@@ -60,6 +60,15 @@ def test_names_of_presets_end_with_the_tile(tmp_path) -> None:
     assert names == {f"rock_{r}.{t}.tx" for r in roles for t in TILES} | {f"stack.{t}.json" for t in TILES}
 
 
+def test_every_tile_has_a_sidecar_of_its_own(tmp_path) -> None:
+    more = ("--sidecar", "ntc", "--format", "png")
+    assert bake(tiles(tmp_path / "rock"), "-o", tmp_path / "out", *more)[0] == 0
+    for tile in TILES:
+        (listed,) = (tmp_path / "out" / "rock").glob(f"ntc.{tile}.json")
+        assert all(str(tile) in each["fileName"] for each in json.loads(listed.read_text())["textures"])
+    assert bake(tmp_path / "rock", "-o", tmp_path / "out", *more)[0] == 0
+
+
 def test_a_folder_that_is_called_like_a_tile(tmp_path) -> None:
     assert bake(tiles(tmp_path / "rock_1002"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
     (folder,) = (tmp_path / "out").iterdir()

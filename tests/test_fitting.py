@@ -15,7 +15,7 @@ import pytest
 from mipbake import stochastic
 from mipbake.content import Provenance
 from mipbake.errors import UsageError
-from mipbake.fitting import Frame, Progress, fit, standard_views
+from mipbake.fitting import Frame, Levels, Progress, fit, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps

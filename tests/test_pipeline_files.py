@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -52,10 +53,22 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     told = run("cmake", "--build", "build", folder=tmp_path)
     assert "Baking iron" in told and "Baking the library library" in told
     assert "no work to do" in run("cmake", "--build", "build", folder=tmp_path)
+    run("cmake", "--build", "build", "--target", "clean", folder=tmp_path)
+    assert not (build / "one/iron/stack.json").exists()
+    run("cmake", "--build", "build", folder=tmp_path)
+    assert (build / "one/iron/stack.json").is_file()
     write_set(tmp_path / "textures" / "gold")
     told = run("cmake", "--build", "build", folder=tmp_path)
     assert "Baking the library library" in told and "Baking iron" not in told
     assert (build / "every/gold/stack.json").is_file()
+
+
+def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
+    told = run(sys.executable, str(EXAMPLES / "try.py"), folder=tmp_path)
+    assert "after the edit was saved, its result was there" in told
+    for words in ("--depfile, with Ninja", "CMake"):
+        shown = told.partition(words)[2]
+        assert "again: ninja: no work to do." in shown or "left out" in shown.splitlines()[1]
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")

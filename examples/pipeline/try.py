@@ -80,7 +80,7 @@ def show_watch(folder: Path) -> None:
         str(log),
         *OPTIONS,
     ]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL) as process:
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         wait(lambda: len(lines(log)) == 2, "the first bake")
         time.sleep(2)  # the watch begins after it
         edit(folder)
@@ -98,9 +98,10 @@ def show_depfile(folder: Path) -> None:
     if lacks("ninja"):
         return
     (folder / "build.ninja").write_text(
-        f"rule bake\n  command = mipbake bake $in -o baked --depfile $out.d --quiet {' '.join(OPTIONS)}\n"
-        "  depfile = $out.d\n  deps = gcc\n"
-        "build baked/leather/stack.json: bake textures/leather\nbuild baked/tiles/stack.json: bake textures/tiles\n"
+        f"rule bake\n  command = mipbake bake $in -o baked --depfile $set.d --quiet {' '.join(OPTIONS)}\n"
+        "  depfile = $set.d\n  deps = gcc\n"
+        "build baked/leather/stack.json: bake textures/leather\n  set = leather\n"
+        "build baked/tiles/stack.json: bake textures/tiles\n  set = tiles\n"
     )
     for what in ("the first time", "again", "after an edit"):
         if what == "after an edit":

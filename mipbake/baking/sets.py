@@ -206,7 +206,8 @@ def _write(
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
     if files and asked.options.sidecar is not None:
         listed = next(output for output in outputs if output.container.name == FORMAT)
-        left_out = sidecar_named(asked.options.sidecar, stack.files(listed, asked.level_count)).left_out
+        listing = stack.files(listed, asked.level_count)
+        left_out = sidecar_named(asked.options.sidecar, listing, stack.tile).left_out
     blocks = any(not each.container.exact for each in asked.outputs)
     engine: list[str] = []
     if asked.preset:

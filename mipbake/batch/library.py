@@ -162,16 +162,28 @@ def _apart(entries: Sequence[Entry], around: set[PurePath]) -> Iterator[Entry]:
 
 
 class _Walk:
-    """A walk through a library, folder by folder, in the order of names."""
+    """A walk through a library, folder by folder, in the order of names; links to folders come last, because what lies
+    in the library itself is called as it lies there."""
 
     def __init__(self, out: Path, files_of: Callable[[Path], Iterable[Path]], notes: list[str]) -> None:
         self._out = out
         self._files_of = files_of
         self._notes = notes
         self._seen: set[Path] = set()
+        self._links: list[Path] = []
 
-    def sources(self, folder: Path) -> Iterator[Path]:
+    def sources(self, root: Path) -> Iterator[Path]:
         """What can be baked in a folder and below it; a folder that cannot be listed is told of when it is baked."""
+        yield from self._below(root, ())
+        while self._links:
+            link = self._links.pop(0)
+            real, around = disk.resolved(link), disk.resolved(link.parent)
+            if real in self._seen and real not in (around, *around.parents):
+                self._notes.append(f"{link} is left out: it is a link to {real}, which is found by itself")
+            yield from self._below(link, ())
+
+    def _below(self, folder: Path, above: Sequence[Path]) -> Iterator[Path]:
+        """`above`: documents beside the folder, which may show images in it."""
         real = disk.resolved(folder)
         if real in self._seen or real == self._out:  # links may lead round
             return
@@ -200,13 +212,22 @@ class _Walk:
             yield folder
         yield from (file for file in documents if not _is_baked(file))
         yield from (file for file in files if file.suffix.lower() == SUFFIX)
-        if not own and not documents and any(file.suffix.lower() in IMAGE_SUFFIXES for file in files):
+        images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
+        if images and not own and not documents and not self._show_all(above, images):
             self._notes.append(f"{folder} is left out: the names of its images tell no map")
         for each in folders:
             if each == inner and (documents or (own and not any(is_map(file) for file in files))):
                 self._seen.add(disk.resolved(each))  # it belongs to what was named
                 continue
-            yield from self.sources(each)
+            if each.is_symlink():
+                self._links.append(each)
+                continue
+            yield from self._below(each, documents)
+
+    def _show_all(self, documents: Sequence[Path], images: Sequence[Path]) -> bool:
+        """Whether documents show all of these images."""
+        shown = {disk.resolved(file) for each in documents for file in self._shown(each)}
+        return shown.issuperset(map(disk.resolved, images))
 
     def _shown(self, document: Path) -> Iterable[Path]:
         try:

@@ -7,13 +7,16 @@ A folder with one set has its stack in `bricks`. With a second set the stacks li
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path, PurePath
 
 from mipbake.batch.library import Home
+from mipbake.batch.state import FileState, Known, results_are_same
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
 from mipbake.io.json_text import parsed
-from mipbake.io.layout import SCHEMA, manifests
+from mipbake.io.layout import SCHEMA, is_manifest, manifests
 from mipbake.io.map_files import listed_files
 from mipbake.io.publish import is_companion
 from mipbake.manifest import holds_stacks
@@ -61,6 +64,28 @@ def withdraw(folder: Path) -> None:
     beside = [each for each in inside if is_companion(each) and each.stem in ours]
     for each in (*beside, *(each for each in inside if each.name in listed), *declared):
         each.unlink(missing_ok=True)
+
+
+def remains(known: Known, out: Path) -> list[Path]:
+    """What is left of results whose `stack.json` is gone: build systems remove the file that they know, and a folder
+    without it is nobody's. Only files that nobody changed since they were written, in folders that hold nothing else.
+
+    Args:
+        known: of an entry, from the last time. out: the folder of all results.
+    """
+    folders: dict[Path, list[FileState]] = {}
+    for each in known.results:
+        folders.setdefault((out / each.path).parent, []).append(each)
+    found: list[Path] = []
+    for folder, files in folders.items():
+        declaring = [out / each.path for each in files if is_manifest(PurePath(each.path).name)]
+        if not declaring or all(file.exists() for file in declaring):
+            continue
+        ours = {out / each.path for each in files if results_are_same(replace(known, results=(each,)), out)}
+        with suppress(OSError):  # the whole folder may be gone
+            inside = [each for each in folder.iterdir() if not is_companion(each)]
+            found += inside if set(inside) <= ours else []
+    return found
 
 
 def _is_in(path: PurePath, folder: PurePath) -> bool:

@@ -16,11 +16,11 @@ from mipbake._threads import threads
 from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
-from mipbake.baking.results import NotBaked, Planned
+from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, Shard, found_library
 from mipbake.batch.library import Entry, Library
-from mipbake.batch.moving import folders_around, in_the_way, may_replace, with_stacks, withdraw
+from mipbake.batch.moving import folders_around, in_the_way, may_replace, remains, with_stacks, withdraw
 from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
 from mipbake.batch.state import (
@@ -34,7 +34,7 @@ from mipbake.batch.state import (
     states,
 )
 from mipbake.batch.task import Done, Task
-from mipbake.batch.watching import changes, touched, watched
+from mipbake.batch.watching import Seen, changes, touched, watched
 from mipbake.batch.workers import Share, workers
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.inputs import expand
@@ -177,9 +177,9 @@ def watch_library(
         plan = run.plan(library)
         run.tell(library, plan, pool.processes(len(plan.tasks)))
         yield run.bake(plan, pool)
-        run = replace(run, how=replace(how, force=False))  # once is enough
+        run, seen = replace(run, how=replace(how, force=False)), Seen(states)  # once is enough
         for paths in changes(folders, place):
-            library, part = touched(library, paths, states, find)
+            library, part = touched(library, paths, seen, find)
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
@@ -287,7 +287,8 @@ class Batch:
                 left[entry.label] = self._left(entry, known, key)
                 continue
             if same and self.how.dry_run:
-                planned = Planned(entry.source, self.out / entry.home.place([entry.home.name]), "its result changed")
+                place = self.out / entry.home.folder / entry.home.name
+                planned = Planned(entry.source, place, "its result changed")
                 left[entry.label] = EntryResult(entry, (planned,))
                 continue
             which = "all" if same else self.how.which  # a result that somebody changed is no result
@@ -326,15 +327,23 @@ class Batch:
     def bake(self, plan: Plan, pool: Pool) -> Summary:
         """Does the tasks of a plan."""
         done: dict[str, EntryResult] = {}
+        self._clear(plan.tasks)
         clock = _Clock(plan.tasks)
         for task, result in pool.done(plan.tasks):
             entry = task.entry
             if result.known is not None:
                 self.states.remember(entry.label, entry.source, plan.keys[entry.label], result.known)
             done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds, known=result.known)
-            left = clock.left_after(entry)
+            left = clock.left_after(done[entry.label])
             self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
         return self.ended(plan, done)
+
+    def _clear(self, tasks: Iterable[Task]) -> None:
+        """Removes what is left of results that are baked anew because their `stack.json` is gone."""
+        for known in () if self.how.dry_run else filter(None, (self.states.last(t.entry.label) for t in tasks)):
+            for file in remains(known, self.out):
+                with suppress(OSError):  # the bake will say so
+                    file.unlink()
 
     def ended(self, plan: Plan, done: Mapping[str, EntryResult]) -> Summary:
         """What a plan came to. A stack that has moved leaves its former place as soon as a result lies in there."""
@@ -351,17 +360,24 @@ def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
     return key_of(__version__, ingredients.options, ingredients.weights, asdict(load), str(entry.home))
 
 
+_ENTRY = 300_000
+"""Bytes of files that take as long as what an entry takes besides. A guess."""
+
+
 class _Clock:
     """An estimate of the time that is left: entries take time as their files have bytes."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._begun = time.monotonic()
-        # A little for each, so that files that are not there count as well.
-        self._sizes = {task.entry.label: 1 + sum(max(0, file.size) for file in states(task.entry)) for task in tasks}
-        self._whole = sum(self._sizes.values())
-        self._done = 0
+        self._sizes = {
+            task.entry.label: _ENTRY + sum(max(0, file.size) for file in states(task.entry)) for task in tasks
+        }
+        self._ahead, self._baked = sum(self._sizes.values()), 0
 
-    def left_after(self, entry: Entry) -> float:
-        """Seconds that are left after an entry is done, too."""
-        self._done += self._sizes[entry.label]
-        return (time.monotonic() - self._begun) * (self._whole - self._done) / self._done
+    def left_after(self, done: EntryResult) -> float | None:
+        """Seconds that are left after an entry is done, too. None before one was baked: others take no time."""
+        size = self._sizes[done.entry.label]
+        self._ahead -= size
+        if any(isinstance(each, (BakedSet, BakedDocument)) for each in done.results):
+            self._baked += size
+        return (time.monotonic() - self._begun) * self._ahead / self._baked if self._baked else None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mipbake._extras import extra
 from mipbake.batch.library import Entry, Library
-from mipbake.batch.state import States
+from mipbake.batch.state import FileState, States
 from mipbake.errors import InputError
 from mipbake.io import disk
 
@@ -63,18 +63,22 @@ def changes(folders: Sequence[Path], out: Path) -> Iterator[set[Path] | None]:
 
 
 def touched(
-    library: Library, paths: Iterable[Path] | None, states: States, find: Callable[[], Library]
+    library: Library, paths: Iterable[Path] | None, seen: Seen, find: Callable[[], Library]
 ) -> tuple[Library, Library]:
     """The library, and what of it may have changed. The library is looked through again where files are new or gone.
 
     Args:
         library: as it was. paths: files that changed; None where they are not known.
-        states: what is known of its entries. find: finds the library again.
+        seen: the files of its entries. find: finds the library again.
     """
-    own = {entry.label: _files(entry, states) for entry in library.entries}
-    changed = None if paths is None else {os.path.realpath(path) for path in paths}
-    if changed is not None and all(Path(p).is_file() and any(p in each for each in own.values()) for p in changed):
-        return library, Library(tuple(entry for entry in library.entries if changed & own[entry.label]))
+    if paths is not None:
+        own = [(entry, seen.files(entry)) for entry in library.entries]
+        every = set().union(*(files for _, files in own))
+        around = {str(folder) for file in every for folder in Path(file).parents}
+        # What is gone and was never a part of an entry, or around one, is a file that a program saved into at first.
+        changed = {p for p in map(os.path.realpath, paths) if p in every or p in around or os.path.lexists(p)}
+        if all(p in every and Path(p).is_file() for p in changed):
+            return library, Library(tuple(entry for entry, files in own if changed & files))
     try:
         found = find()
     except InputError:  # the last source is gone: there may be another
@@ -82,7 +86,19 @@ def touched(
     return found, found
 
 
-def _files(entry: Entry, states: States) -> set[str]:
-    known = states.last(entry.label)
-    files = () if known is None else known.files
-    return {os.path.realpath(entry.source.parent / file.path) for file in files}
+class Seen:
+    """The files of entries, as far as they are known. Where nothing is new of an entry, nothing is looked up again."""
+
+    def __init__(self, states: States) -> None:
+        self._states = states
+        self._files: dict[str, tuple[tuple[FileState, ...], set[str]]] = {}
+
+    def files(self, entry: Entry) -> set[str]:
+        """Real paths of the files that an entry was baked from the last time."""
+        known = self._states.last(entry.label)
+        told = () if known is None else known.files
+        before = self._files.get(entry.label)
+        if before is None or before[0] != told:
+            before = told, {os.path.realpath(entry.source.parent / file.path) for file in told}
+            self._files[entry.label] = before
+        return before[1]

@@ -207,8 +207,8 @@ def check_answer(answer: Mapping[str, Any], expected: str, number: int | None = 
     """
     if _UNREADABLE in answer:
         raise RendererError(
-            f"the answer of the renderer cannot be read ({answer[_UNREADABLE]}): expected one JSON object on a line, and "
-            "finite numbers"
+            f"the answer of the renderer cannot be read ({answer[_UNREADABLE]}): expected one JSON object on a line, "
+            "and finite numbers"
         )
     version, kind = answer["mipbake"], answer.get("answer")
     if isinstance(version, bool) or version != VERSION:

@@ -84,8 +84,8 @@ class Levels:
         model: a name in `mipbake.material.MODELS`.
         maps: name of each map of the model to its levels, finest first: (H_L, W_L, channels) float32. Colours are
             sRGB-encoded from 0 to 1, vectors are (x + 1) / 2, roughness, metallic and strength are as they are.
-            Logarithms (of `ggx` and `beckmann`) are as they are, too. The arrays may be views, cannot be written to, and
-            change after the call.
+            Logarithms (of `ggx` and `beckmann`) are as they are, too. The arrays may be views. They cannot be written
+            to, and change after the call.
         wrap: addressing along u and v, each "wrap" or "clamp".
         stamps: for each level a number for each of its tiles, (ceil(H_L / 64), ceil(W_L / 64)) int64. A tile is a
             square of 64 x 64 texels, from the first row and column on; those at the other edges may be smaller. A tile
