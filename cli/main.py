@@ -34,8 +34,8 @@ EXIT_TERMINATED = 143
 
 _EPILOG = (
     "Exit codes: 0 done, 1 unexpected (a defect, or too little memory), 2 usage, 3 unusable input, 4 unwritable "
-    "output, 5 a condition of --fail-if or of --check holds, 6 a renderer failed, 130 interrupted, 143 terminated. With "
-    "several sets, the highest counts."
+    "output, 5 a condition of --fail-if or of --check holds, 6 a renderer failed, 130 interrupted, 143 terminated. "
+    "With several sets, the highest counts."
 )
 
 app = typer.Typer(
@@ -242,7 +242,7 @@ def run() -> None:
         code = main(sys.argv[1:])
         _handle_signals(signal.SIG_DFL)  # all is done: what Python does before it ends leaves nothing behind
     except _Stopped as error:  # before anything was begun, or after all was done
-        code = Session().fail(_stopped_message(error.code), error.code)
+        code = Session().fail(_stopped_message(error.code, None), error.code)
     sys.exit(code)
 
 
