@@ -249,8 +249,10 @@ def _line(each: Result, result: EntryResult, progress: Progress) -> str:
     if not isinstance(each, (BakedSet, BakedDocument)):
         return f"{at} {result.entry.label}: unchanged{left}"
     warned = f", {_counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
-    size = f"{_counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
-    return f"{at} {result.entry.label}: wrote {each.out}, {size} in {result.seconds:.1f} s{warned}{left}"
+    size = f"wrote {each.out}, {_counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
+    if not each.files:  # it lies in the file of its document, whose line follows
+        size = f"baked the material {each.out.name}"
+    return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}{left}"
 
 
 def _spoken(seconds: float | None) -> str:
