@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -73,24 +73,37 @@ def table(data: Mapping[str, Any], measure: str) -> str:
 
 
 def words(data: Mapping[str, Any], measure: str) -> str:
-    """How many figures there are of which the fit is behind the best of the others, and by how much at most."""
-    said = []
+    """At how many scales of sets the fit is ahead of the best of the others, equal to it and behind it, and how far."""
+    said, every = [], []
     for renderer in data["renderers"]:
-        found = list(cells(data, renderer, measure))
+        found = [(gain(each), name, scale) for name, scale, each in cells(data, renderer, measure)]
         if not found:
             continue
-        behind = [(gain(each), name, scale) for name, scale, each in found if gain(each) < 0]
-        gains = [gain(each) for _, _, each in found]
+        every += found
+        ahead, equal, behind = ([each for each in found if np.sign(each[0]) == sign] for sign in (1, 0, -1))
         sets = len(data["renderers"][renderer])
         line = (
-            f"In `{renderer}`, the fitted stack is behind the best of the other three at {len(behind)} of {len(found)} "
-            f"scales of {sets} {'set' if sets == 1 else 'sets'}"
+            f"In `{renderer}`, the fitted stack is ahead of the best of the other three at {len(ahead)} of "
+            f"{len(found)} scales of {sets} {'set' if sets == 1 else 'sets'}, equal to it at {len(equal)}, and behind "
+            f"it at {len(behind)}"
         )
         if behind:
             least, name, scale = min(behind)
             line += f", at most by {-least:.1f} dB ({name}, {scale})"
-        said.append(f"{line}. In the mean, the difference to the best of them is {np.mean(gains):+.1f} dB.")
+        said.append(f"{line}. In the mean, the difference to the best of them is {_mean(found)} dB.")
+    if len(said) > 1:
+        by_scale = [(scale, [each for each in every if each[2] == scale]) for scale in SCALES]
+        parts = [
+            f"{sum(each[0] > 0 for each in found)} of {len(found)} ({scale}, {_mean(found)} dB in the mean)"
+            for scale, found in by_scale
+            if found
+        ]
+        said.append(f"Over all renderers, the fitted stack is ahead at {', '.join(parts)}.")
     return " ".join(said)
+
+
+def _mean(found: Sequence[tuple[float, str, str]]) -> str:
+    return f"{round(float(np.mean([each[0] for each in found])), 1) + 0.0:+.1f}"  # and never -0
 
 
 def single_table(data: Mapping[str, Any], measure: str) -> str:

@@ -68,7 +68,7 @@ What to look for is how far the other stacks are behind the stack in the input's
 
 The method of the pictures is {shown}. The tables have all methods. Closed forms and `auto` convert between models
 texel by texel, by a formula.
-{networks}.
+{networks}.{trained}
 """
 
 
@@ -80,6 +80,9 @@ class Sphere:
     snr: float
     flip: float
 
+
+_CROSS_STEPS = 310_000
+"""Steps of the whole schedule of `paper-cross`."""
 
 Shown = Mapping[tuple[str, str, str], Sphere]
 """Method, output model and scale to the sphere."""
@@ -180,7 +183,7 @@ def page_of(data: Mapping[str, Any], stem: str) -> str:
     trained = data["networks"]
     listed = ", ".join(f"`{name}`" for name in trained)
     words = f"Networks ({listed}) make the models of their training" if trained else "None of them is a network"
-    parts = [_TEXT.format(name=data["set"], shown=f"`{data['shown']}`", networks=words)]
+    parts = [_TEXT.format(name=data["set"], shown=f"`{data['shown']}`", networks=words, trained=_trained(trained))]
     for source, outputs in data["inputs"].items():
         picture = f"![Spheres of every output model beside the reference]({stem}-{source}.webp)\n"
         parts += [f"## Input: `{source}`\n", picture]
@@ -191,6 +194,17 @@ def page_of(data: Mapping[str, Any], stem: str) -> str:
                 lines.append(f"| `{output}` | {method} | {' | '.join(cells)} |")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
+
+
+def _trained(names: Sequence[str]) -> str:
+    """How far `paper-cross` was trained, where it is among the networks."""
+    steps = [info.steps for info in list_weights() if info.name == CROSS and info.name in names]
+    if not steps or steps[0] >= _CROSS_STEPS:
+        return ""
+    return (
+        f"\n`{CROSS}` has {steps[0]:,} of {_CROSS_STEPS:,} steps of its schedule "
+        "([the paper's networks](training.md#the-papers-networks))."
+    )
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,6 +133,18 @@ def test_links_lead_somewhere(page: str) -> None:
         if anchor and goal.suffix == ".md":
             there = anchors(goal.read_text(encoding="utf-8"))
             assert anchor in there, f"{page}: {file or page} has no heading {anchor}"
+
+
+def test_the_soup_of_the_page_of_fits_becomes_its_picture() -> None:
+    text = (ROOT / "docs" / "fit.md").read_text(encoding="utf-8")
+    [code] = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "stochastic.perturb" in block]
+    before, loop = code.split("\nfor step in ")
+    names: dict[str, Any] = {}
+    exec(before, names)
+    error = [float(np.square(names["render"](names["soup"])[0] - names["wanted"]).mean())]
+    exec(f"for step in {loop}", names)
+    error.append(float(np.square(names["render"](names["soup"])[0] - names["wanted"]).mean()))
+    assert error[1] < 0.1 * error[0]
 
 
 def test_the_glossary_has_each_term_once() -> None:

@@ -48,7 +48,7 @@ WORDS = {
             *("mipbake/bake.py", "mipbake/baking/", "mipbake/content.py", "mipbake/prefilter/__init__.py"),
             *("mipbake/prefilter/promise.py", "mipbake/prefilter/search/methods.py", "cli/bake.py"),
             *("mipbake/prefilter/search/time_budget.py", "mipbake/prefilter/search/descent_effort.py"),
-            "mipbake/prefilter/search/forecast.py",
+            *("mipbake/prefilter/search/forecast.py", "mipbake/prefilter/search/stages.py"),
             *("mipbake/fitting/fitting.py", "mipbake/fitting/loop.py", "cli/fit.py"),
         ),
         names=("prefilter.search.time_budget",),

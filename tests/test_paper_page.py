@@ -50,6 +50,8 @@ def test_claims_that_hold_and_that_do_not(page: Callable[[], str], tmp_path: Pat
     ten = paragraph(text, "Figure 10")
     assert "**Here:** not reproduced." in ten  # MIPNet is 1.5 dB ahead on boosted sets
     assert "on boosted sets, middle: +5.0 dB over naive averaging, -1.5 dB over MIPNet" in ten
+    assert "behind none of the other methods of the claim by 1 dB or more" in ten
+    assert "to the end of a schedule of 12,000 steps" in " ".join(text.split())
     means = text.split("## Figure 10", 1)[1]
     assert row(means, "default network").startswith("| default network | **18.0 dB** / **0.040** |")
     assert row(means, "paper's network").startswith("| paper's network | 16.0 dB / 0.043 |")
@@ -86,9 +88,13 @@ def test_ahead_everywhere_is_reproduced(page: Callable[[], str], tmp_path: Path)
     eleven = paragraph(text, "Figure 11")
     assert "**Here:** reproduced." in eleven and "paper's network +0.5 dB" in eleven
     # The network's flicker of 1.1 is nearest to 1; its 0.5 is farther from it than 1.2 is.
-    assert "**Here:** reproduced. Flicker: naive averaging 3.00, paper's network 1.10." in paragraph(text, "Figure 4")
-    assert "**Here:** not reproduced." in paragraph(text, "Figure 6")
+    four, six = paragraph(text, "Figure 4"), paragraph(text, "Figure 6")
+    assert "**Here:** reproduced. Flicker: naive averaging 3.00, paper's network 1.10." in four
+    assert "the nearest to 1 of these methods" in four and four.endswith("The network changes more than it should.")
+    assert "**Here:** not reproduced." in six and six.endswith("The network changes less than it should.")
     # A lobe with 11 dB is no struggle any more.
-    assert "**Here:** not reproduced. SNR of the lobe: naive averaging 3.0 dB" in paragraph(text, "Figure 8")
+    eight = paragraph(text, "Figure 8")
+    assert "**Here:** not reproduced. SNR of the lobe: naive averaging 3.0 dB" in eight
+    assert "where it has less than 10 dB" in eight
     assert row(text, "[4](#figure-4-a-slow-rotation)").endswith("| reproduced |")
     assert "not measured with this version" in text.split("## Figure 9", 1)[1].split("## Figure 10", 1)[0]

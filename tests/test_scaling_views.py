@@ -21,7 +21,7 @@ FOUND: dict[str, Any] = {
                 "neural": {"1": 400.0, "2": 800.0}},
     },
     "formats": {"png": {"1": 100.0, "2": 150.0}},
-    "parts": {"linear": PART, "neural": PART},
+    "parts": {name: {**PART, "held": {**PART, "processor": 7.2, "memory": 2 << 30}} for name in ("linear", "neural")},
 }  # fmt: skip
 
 
@@ -51,12 +51,12 @@ def test_hours(views: ModuleType) -> None:
 
 
 def test_tables(views: ModuleType) -> None:
-    records = Records(throughput=FOUND)
+    records = Records({"throughput": FOUND, "throughput-large": FOUND})
     by_size = views.throughput_by_size(records)
     assert "| 64 x 64 | linear | 450 | 700 | 1.56 | 0.50 |" in by_size
     assert by_size.endswith("Measured 2026-01-02 on a machine.")
     assert "| png | 100 | 150 | 1.50 |" in views.throughput_by_format(records)
-    assert "| linear | 1.0 | 2.0 | 1.0 | 4.0 | 7.2 | 2.00 | 60 | 90 |" in views.throughput_parts(records)
+    assert "| linear | 1.0 | 2.0 | 1.0 | 4.0 | 7.2 | 2.00 | 7.2 | 2.00 | 60 | 90 |" in views.throughput_parts(records)
     assert "50% with linear, 80% with neural" in views.ten_thousand(records)
 
 

@@ -195,6 +195,9 @@ KNOWN: Mapping[str, Known] = {
     ),
     "library": _measured("library", "a library that is baked, killed again and again, and gone on with"),
     "throughput": _measured("throughput", "sets an hour by size, method, format and processes, beside maketx"),
+    "throughput-large": _measured(
+        "throughput", "the same of large sets, and what one takes, part by part", "--sizes", "4096", "--parts"
+    ),
     "soak": _measured("soak", "many small sets in one process: memory, open files, threads, time"),
     "timing-fit": _timing("fit_cost", "what a step of a fit costs, by its parts"),
     "timing-shading": _timing("shading", "the shading kernel beside torch"),

@@ -39,16 +39,18 @@ MACHINES = (
 )
 
 
-def throughput_by_size(records: Records) -> str:
-    found = records["throughput"]
+LARGE = "throughput-large"
+
+
+def throughput_by_size(records: Records, name: str = "throughput") -> str:
     rows = []
-    for size, row in found["sizes"].items():
+    for size, row in records[name]["sizes"].items():
         for program in (name for name in row if name != "sets"):
             one, two = row[program]["1"], row[program]["2"]
             rows.append([f"{size} x {size}", program, _count(one), _count(two), f"{two / one:.2f}",
                          f"{one / row['maketx']['1']:.2f}"])  # fmt: skip
     heads = ["maps", "program", "sets an hour, 1 process", "2 processes", "gain", "of maketx"]
-    return "\n\n".join([table(heads, rows), _where(records, "throughput")])
+    return "\n\n".join([table(heads, rows), _where(records, name)])
 
 
 def throughput_by_format(records: Records) -> str:
@@ -61,7 +63,7 @@ def throughput_by_format(records: Records) -> str:
 
 
 def throughput_parts(records: Records) -> str:
-    found = records["throughput"]
+    found = records[LARGE]
     phases = list(dict.fromkeys(name for each in found["parts"].values() for name in each["phases"]))
     rows = [
         [
@@ -70,13 +72,16 @@ def throughput_parts(records: Records) -> str:
             f"{each['seconds']:.1f}",
             f"{each['processor']:.1f}",
             f"{each['memory'] / 2**30:.2f}",
+            f"{each['held']['processor']:.1f}",
+            f"{each['held']['memory'] / 2**30:.2f}",
             f"{each['read'] / 1e6:.0f}",
             f"{each['written'] / 1e6:.0f}",
         ]
         for method, each in found["parts"].items()
     ]
-    heads = ["method", *phases, "in all, s", "processor, s", "GiB", "MB read", "MB written"]
-    return table(heads, rows)
+    heads = ["method", *phases, "in all, s", "processor, s", "GiB", "held: processor, s", "held: GiB", "MB read",
+             "MB written"]  # fmt: skip
+    return "\n\n".join([table(heads, rows), _where(records, LARGE)])
 
 
 def in_use(found: Mapping[str, Any], method: str) -> float:
@@ -86,8 +91,8 @@ def in_use(found: Mapping[str, Any], method: str) -> float:
 
 
 def hours(found: Mapping[str, Any], method: str, machine: Machine) -> tuple[float, str]:
-    """Hours that a machine takes for all sets, and what holds it up."""
-    part = found["parts"][method]
+    """Hours that a machine takes for all sets, and what holds it up. Every process is held to little memory."""
+    part = found["parts"][method]["held"]
     processor = part["processor"]
     if machine.network_free and method in ("neural", "auto"):
         processor -= processor * part["phases"]["prefilter"] / sum(part["phases"].values()) * (method == "neural")
@@ -101,7 +106,7 @@ def hours(found: Mapping[str, Any], method: str, machine: Machine) -> tuple[floa
 
 
 def ten_thousand(records: Records) -> str:
-    found = records["throughput"]
+    found = records[LARGE]
     methods = list(found["parts"])
     rows = []
     for machine in MACHINES:
@@ -160,9 +165,10 @@ def _time(value: float) -> str:
 
 SCALING_VIEWS: Mapping[str, Callable[[Records], str]] = {
     "throughput/by-size": throughput_by_size,
+    "throughput-large/by-size": lambda records: throughput_by_size(records, LARGE),
     "throughput/by-format": throughput_by_format,
-    "throughput/parts": throughput_parts,
-    "throughput/ten-thousand": ten_thousand,
+    "throughput-large/parts": throughput_parts,
+    "throughput-large/ten-thousand": ten_thousand,
     "library/words": library_words,
     "soak/table": soak_table,
 }

@@ -1,0 +1,48 @@
+"""benchmarks/fit_tables.py: what the tables of fits say in words."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def one(scales: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """A set whose methods have these SNR in dB at each scale: sums are of one view, signal, error, noise."""
+    return {
+        "scales": {
+            scale: [{"sums": {"snr": {name: [1.0, 10 ** (-snr / 10), 0.0] for name, snr in found.items()}}}]
+            for scale, found in scales.items()
+        }
+    }
+
+
+def test_words_count_what_is_ahead_equal_and_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    tables = importlib.import_module("fit_tables")
+    others = {"linear": 10.0, "lean": 12.0, "auto": 11.0}
+    first = one({"near": others | {"fitted": 12.04}, "far": others | {"fitted": 13.0}})
+    second = one({"near": others | {"fitted": 11.6}, "far": others | {"fitted": 12.2}})
+    said = tables.words({"renderers": {"gl": {"a": first, "b": second}}}, "snr")
+    assert said == (
+        "In `gl`, the fitted stack is ahead of the best of the other three at 2 of 4 scales of 2 sets, equal to it at "
+        "1, and behind it at 1, at most by 0.4 dB (b, near). In the mean, the difference to the best of them is "
+        "+0.2 dB."
+    )
+    both = tables.words({"renderers": {"gl": {"a": first}, "three": {"b": second}}}, "snr")
+    assert both.endswith(
+        "Over all renderers, the fitted stack is ahead at 0 of 2 (near, -0.2 dB in the mean), 2 of 2 (far, +0.6 dB in "
+        "the mean)."
+    )
+
+
+def test_a_mean_is_never_minus_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    tables = importlib.import_module("fit_tables")
+    equal, others = {"linear": 9.0, "lean": 9.0, "auto": 9.0}, {"near": 9.0, "1:1": 9.0, "middle": 9.0, "far": 8.9}
+    data = {"renderers": {"gl": {"a": one({scale: equal | {"fitted": snr} for scale, snr in others.items()})}}}
+    assert tables.words(data, "snr").endswith("the difference to the best of them is +0.0 dB.")
