@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from mipbake import _native
 from records import films, fits, results
 from records.code import ROOT, hashes, together
 from records.known import MATERIALS, OUT, WORK, Known
@@ -144,7 +145,7 @@ def _share(about: Confirmed | None) -> str:
 
 
 def _machine() -> str:
-    return str(script("benchmarks", "timing").cpu_name())
+    return f"{script('benchmarks', 'timing').cpu_name()}, {_native.isa()}"
 
 
 def _processor_seconds() -> float:
