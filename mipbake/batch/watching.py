@@ -74,9 +74,8 @@ def touched(
     if paths is not None:
         own = [(entry, seen.files(entry)) for entry in library.entries]
         every = set().union(*(files for _, files in own))
-        around = {str(folder) for file in every for folder in Path(file).parents}
         # What is gone and was never a part of an entry, or around one, is a file that a program saved into at first.
-        changed = {p for p in map(os.path.realpath, paths) if p in every or p in around or os.path.lexists(p)}
+        changed = {p for p in map(os.path.realpath, paths) if p in every or os.path.lexists(p) or _is_around(p, every)}
         if all(p in every and Path(p).is_file() for p in changed):
             return library, Library(tuple(entry for entry, files in own if changed & files))
     try:
@@ -84,6 +83,11 @@ def touched(
     except InputError:  # the last source is gone: there may be another
         found = Library(())
     return found, found
+
+
+def _is_around(folder: str, files: Iterable[str]) -> bool:
+    inside = os.path.join(folder, "")
+    return any(file.startswith(inside) for file in files)
 
 
 class Seen:
