@@ -86,7 +86,7 @@ def touched(
 
 
 def _is_around(folder: str, files: Iterable[str]) -> bool:
-    inside = os.path.join(folder, "")
+    inside = f"{folder}{os.sep}"
     return any(file.startswith(inside) for file in files)
 
 
