@@ -127,7 +127,7 @@ def fit(
         str,
         typer.Option(
             metavar=f"30s|2m|{BEST}",
-            help=f"Time for the steps of each set; {BEST} goes on until no level gains any more.",
+            help=f"Time for the steps and rounds of each set; {BEST} goes on until no level gains any more.",
         ),
     ] = DEFAULT_BUDGET,
     steps: Annotated[
@@ -136,6 +136,13 @@ def fit(
     ] = None,
     renders: Annotated[
         int, typer.Option(metavar="NUMBER", help="How often a step is rendered, each time with new signs.")
+    ] = 1,
+    rounds: Annotated[
+        int,
+        typer.Option(
+            metavar="NUMBER",
+            help="Rounds of least squares after the steps, which move all texels of a level together; 0 for none.",
+        ),
     ] = 1,
     texels: Annotated[
         str, typer.Option(metavar=one_of(TEXELS), help="Which texels of its lookup a pixel's error is credited to.")
@@ -188,8 +195,8 @@ def fit(
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(
                     stack, made, learned, others=others, held_out=checked, source=texture_set, steps=most,
-                    budget=seconds, renders=renders, texels=texels, seed=seed, error=error, checkpoint=kept,
-                    progress=_shown(phases), preparing=partial(phases, "views"),
+                    budget=seconds, renders=renders, rounds=rounds, texels=texels, seed=seed, error=error,
+                    checkpoint=kept, progress=_shown(phases), preparing=partial(phases, "views"),
                 )  # fmt: skip
                 phases("fit", 1.0)
                 files = fitted.save(place, format, partial(phases, "write"), preset=preset)

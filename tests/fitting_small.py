@@ -90,8 +90,8 @@ def start(side: int = SIDE) -> MipStack:
 
 
 def fitted(renderer: Any = None, views: Sequence[Any] | None = None, stack: MipStack | None = None, **more: Any) -> Any:
-    """A fit of the small set in a few steps."""
-    settings = {"steps": 96, "passes": 16} | more
+    """A fit of the small set in a few steps, without rounds of least squares."""
+    settings = {"steps": 96, "passes": 16, "rounds": 0} | more
     if "reference" not in settings:
         settings["source"] = texture_set()
     found = spots() if views is None else views

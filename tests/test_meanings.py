@@ -49,7 +49,7 @@ WORDS = {
             *("mipbake/prefilter/promise.py", "mipbake/prefilter/search/methods.py", "cli/bake.py"),
             *("mipbake/prefilter/search/time_budget.py", "mipbake/prefilter/search/descent_effort.py"),
             *("mipbake/prefilter/search/forecast.py", "mipbake/prefilter/search/stages.py"),
-            *("mipbake/fitting/fitting.py", "mipbake/fitting/loop.py", "cli/fit.py"),
+            *("mipbake/fitting/fitting.py", "mipbake/fitting/loop.py", "mipbake/fitting/shared.py", "cli/fit.py"),
         ),
         names=("prefilter.search.time_budget",),
         types=(r"str( \| None)?", r"float \| None"),  # as users write it, and seconds
@@ -155,6 +155,7 @@ WORDS = {
             *("io.map_files.RoundedLevels", "io.map_files.StoredLevels", "io.read_back.whole_levels"),
             "training.picture_loss.plain_levels",
             *("fitting.renderer.Levels", "fitting.parameters.Parameters.levels", "fitting.loop.Loop.levels_of"),
+            "fitting.loop.Loop.levels_with",
             *("fitting.prepared.Prepared.levels", "fitting.prepared.scores_of_levels", "fitting.starts.Starts.levels"),
             *("nvdiffrast.log.get_log_level", "nvdiffrast.log.set_log_level"),  # names that nvdiffrast chose
         ),

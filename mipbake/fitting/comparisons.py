@@ -17,6 +17,9 @@ ERRORS = ("both", "displayed", "plain")
 """What a fit can aim at. `both`: what a display shows, and linear radiance. `displayed`: what a display shows alone.
 `plain`: the numbers of images as they are."""
 
+_LOSS = 4.0
+"""So many decibels that one part gains make up for one that another part loses. A guess."""
+
 LEAST_ERROR = 1e-9
 """A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before. A guess."""
 
@@ -89,6 +92,15 @@ def joined(parts: Sequence[Comparison], pixels: Sequence[Array]) -> Array:
 def decibels(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """SNR in dB of errors that are shares of 1."""
     return np.asarray(-10 * np.log10(np.maximum(errors, LEAST_ERROR)))
+
+
+def worth(gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What gains are worth, in dB: their mean over the parts, where a loss counts several times.
+
+    Args:
+        gains: (..., parts) in dB; NaN where nothing is known, which a mean then is, too.
+    """
+    return np.asarray(np.where(gains < 0, _LOSS * gains, gains).mean(-1), np.float64)
 
 
 def displayed(image: Array, exposure: float) -> Array:

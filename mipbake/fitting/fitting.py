@@ -17,8 +17,9 @@ from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
 from mipbake.fitting.probing import Trial, probe
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
+from mipbake.fitting.shared import Rounds
 from mipbake.fitting.starts import Starts
-from mipbake.fitting.state import Checkpoint, FitState, key_of
+from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
 from mipbake.fitting.supersampled import named
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
@@ -42,6 +43,7 @@ def fit(
     texels: str = TEXELS[0],
     rate: float = 1.0,
     passes: int | None = None,
+    rounds: int = 1,
     seed: int = 0,
     error: str = ERRORS[0],
     checkpoint: str | Path | None = None,
@@ -53,8 +55,8 @@ def fit(
     Each step takes a view. All texels that show in it are perturbed by random signs, up to the quantisation step of
     files of 8 bits, and the view is rendered twice. Each pixel's difference of errors is credited to the texels that
     this pixel looked up (equation 8), and Adam moves these. After each round over the views, views that are held out
-    say of each level whether it is the best so far. The best ones are returned, and a level that gained nothing stays
-    as it was.
+    say of each level whether it is the best so far, and the best ones are kept. Then numbers that all texels of a level
+    share are found by least squares, see `mipbake.fitting.shared`. A level that gained nothing stays as it was.
 
     Args:
         stack: where the fit starts; of any material model.
@@ -70,17 +72,20 @@ def fit(
             With `held_out` the images of these views follow.
         held_out: views to check with. None: every fifth of `views`, which then is not learned from.
         steps: how many at most; None: 2000, where no budget is given either.
-        budget: seconds for the steps, checks included; preparing the views comes on top.
+        budget: seconds for the steps, checks included, and for the rounds, which take a third of it at most; preparing
+            the views comes on top.
         renders: how often a step is rendered, each time with new signs and with their opposites: N of equation 9.
         texels: "all" that a pixel's lookup reads are credited, or the "nearest" alone, as in the paper.
         rate: of Adam, in quantisation steps.
         passes: renders of a supersampled reference; None: 16 at level of detail 0, up to 256 at coarser ones, and four
             times as many for views that are held out.
+        rounds: of Gauss-Newton steps of what all texels of a level share, after the other steps; 0: none, as in the
+            paper.
         seed: of all that is random.
         error: what is compared. "displayed": images are linear radiance, and are compared as a display shows them, as
             sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4). "both": also
-            as linear radiance; a level is kept where both gain. "plain": the numbers of images are compared as they
-            are, which suits renderers that show what a display gets.
+            as linear radiance; what one of the two loses counts several times what the other one gains. "plain": the
+            numbers of images are compared as they are, which suits renderers that show what a display gets.
         checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
             the fit goes on from it, after its views have been prepared once more.
         progress: told how far the fit is, after every check. preparing: told the share of views that are prepared.
@@ -100,7 +105,7 @@ def fit(
     """
     if not callable(getattr(renderer, "render", None)):
         raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
-    settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error)
+    settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error, rounds)
     learned, checked = _split(views, held_out)
     images = _images(reference, [*views, *(held_out or [])])
     starts = Starts.of(stack, others)
@@ -113,7 +118,7 @@ def fit(
     file = state = None
     if checkpoint is not None:
         names = [named(view) for _, view in both]
-        key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None))
+        key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
         file = Checkpoint(Path(checkpoint), key)
         state = file.load()
     resting, prepared = loop.levels_of(values), []
@@ -130,9 +135,10 @@ def fit(
         first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
         if others:
             # No step has learned from any view yet, so that all of them are fair judges.
-            origins = starts.chosen(loop, prepared)
-            errors = loop.errors(starts.joined(origins), checking)
-        state = FitState.first(starts.joined(origins), scores_of_levels(checking, errors), first, origins)
+            origins = loop.chosen(starts.values, prepared)
+            errors = loop.errors(parameters.joined(starts.values, origins), checking)
+        begun = parameters.joined(starts.values, origins)
+        state = FitState.first(begun, scores_of_levels(checking, errors), first, origins)
         if file is not None:
             file.save(state)
     still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
@@ -142,13 +148,18 @@ def fit(
             "there: expected more views",
             stacklevel=2,
         )
-    loop.run(state, training, checking, file, progress)
-    best = loop.settled(state.best, starts.joined(state.origins), checking)
+    movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
+    last = Rounds.planned(loop, state.best, (training, checking), movable, settings)
+    left = None if budget is None else budget - last.seconds
+    loop.run(state, training, checking, file, progress, left, 1 - last.share)
+    best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)
+    with kept_in(file, state):
+        best = last.run(loop, best, prepared)
     reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
-        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps with "
-        f"error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
+        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps"
+        f"{last.told} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
         f"{len(checking)} other views: {gained}"
     )
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import stochastic
-from mipbake.errors import RendererError, UsageError
-from mipbake.fitting.comparisons import ERRORS
+from mipbake.errors import UsageError
+from mipbake.fitting.comparisons import ERRORS, decibels, worth
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Prepared, render_pixels, scores, scores_of_levels
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import Stamps
-from mipbake.fitting.state import Checkpoint, FitState
+from mipbake.fitting.state import Checkpoint, FitState, kept_in
 
 DEFAULT_STEPS = 2000  # a guess
 
@@ -46,8 +46,11 @@ class FitSettings:
     passes: int | None = None
     seed: int = 0
     error: str = ERRORS[0]
+    rounds: int = 1
 
     def __post_init__(self) -> None:
+        if self.rounds < 0:
+            raise UsageError(f"rounds is {self.rounds}: expected 0 or more")
         for name in ("steps", "renders", "passes"):
             number = getattr(self, name)
             if number is not None and number < 1:
@@ -84,8 +87,8 @@ class Progress:
         moving: how many levels still gain.
         scores: mean SNR in dB over the views that are held out, by scale, now, as `mipbake.fitting.prepared.scores` has
             it. What is kept may be better.
-        gains: of each level how many dB it has gained so far, over the views that show it, in the part that gained
-            least.
+        gains: of each level how many dB it has gained so far, over the views that show it: in the mean of all that is
+            compared, where losses count several times.
     """
 
     share: float
@@ -102,7 +105,7 @@ class Loop:
     def __init__(
         self, renderer: Renderer[Any], parameters: Parameters, wrap: tuple[str, str], settings: FitSettings
     ) -> None:
-        self._renderer, self._parameters, self._wrap, self._settings = renderer, parameters, wrap, settings
+        self._renderer, self.parameters, self._wrap, self._settings = renderer, parameters, wrap, settings
         self._channels = parameters.channels
         # No step, and normals as they are: what is perturbed by this is a copy.
         self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude), lifted=None)
@@ -111,7 +114,7 @@ class Loop:
     def levels_of(self, values: Array) -> Levels:
         """What the renderer gets of any values: all stamps are new."""
         self._stamps.touch_all()
-        levels = self._parameters.levels(values, self._wrap, self._stamps.handed_out())
+        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
         self._stamps.touch_all()  # nobody knows what the renderer gets next
         return levels
 
@@ -119,7 +122,7 @@ class Loop:
         """What the renderer gets of values that differ from the state's in these tiles alone, with new stamps for tiles
         that are others than what it got before."""
         self._stamps.touch(tiles)
-        levels = self._parameters.levels(values, self._wrap, self._stamps.handed_out())
+        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
         # What comes next has other signs here, or the state's own values, which may have moved.
         self._stamps.touch(tiles)
         return levels
@@ -131,8 +134,31 @@ class Loop:
     def _errors(self, levels: Levels, views: Sequence[Prepared]) -> NDArray[np.float64]:
         return np.stack([view.errors(render_pixels(self._renderer, levels, view)) for view in views])
 
-    def _compared(self, levels: Levels, view: Prepared) -> Array:
+    def compared(self, levels: Levels, view: Prepared) -> Array:
+        """(P, 3 parts) what is compared of a view, as the renderer shows it."""
         return view.compared(render_pixels(self._renderer, levels, view))
+
+    def levels_with(self, values: Array, level: int) -> Levels:
+        """What the renderer gets of values that differ in this level alone from those that it gets otherwise."""
+        self._stamps.touch_all(level)
+        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
+        self._stamps.touch_all(level)
+        return levels
+
+    def chosen(self, variants: Sequence[Array], views: Sequence[Prepared]) -> NDArray[np.int64]:
+        """(levels,) number of the variant that each level is taken from.
+
+        It is the one that the views gain most with. It is the first one where the views lose by the others, beside the
+        levels that were chosen.
+        """
+        found = [scores_of_levels(views, self.errors(each, views)) for each in variants]
+        gains = np.stack([worth(each - found[0]) for each in found])  # NaN where no view shows a level
+        chosen = np.argmax(np.nan_to_num(gains), 0)
+        joined = self.parameters.joined(variants, chosen)
+        settled = self.settled(joined, variants[0], views)
+        cuts = itertools.pairwise(self.parameters.starts)
+        kept = [np.array_equal(settled[first:last], joined[first:last]) for first, last in cuts]
+        return np.where(kept, chosen, 0).astype(np.int64)
 
     def settled(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
         """The best values, less the levels without which the views that are held out gain more.
@@ -141,7 +167,7 @@ class Loop:
         """
         kept: Array = best.copy()
         value = self._gain(kept, checking)
-        for first, last in itertools.pairwise(self._parameters.starts):
+        for first, last in itertools.pairwise(self.parameters.starts):
             if np.array_equal(best[first:last], start[first:last]):
                 continue
             without = kept.copy()
@@ -151,16 +177,12 @@ class Loop:
                 kept, value = without, other
         return kept
 
-    def _gain(self, values: Array, checking: Sequence[Prepared]) -> float:
-        """How many dB are gained since the start, in the mean over scales, in the part that gains least."""
-        begun = np.array([view.started for view in checking])
-        old, new = scores(checking, begun), scores(checking, self.errors(values, checking))
-        names = [part.name for part in checking[0].parts]
-        gains: list[list[float]] = [[] for _ in names]
-        for scale, score in new.items():
-            own = [index for index, name in enumerate(names) if index and scale.endswith(f" ({name})")]
-            gains[own[0] if own else 0].append(score - old[scale])
-        return min(sum(each) / len(each) for each in gains)
+    def _gain(self, values: Array, views: Sequence[Prepared]) -> float:
+        """What is gained since the start, as `worth` has it, in the mean over scales."""
+        parts, scales = len(views[0].parts), sorted({view.scale for view in views})
+        gained = decibels(self.errors(values, views)) - decibels(np.array([view.started for view in views]))
+        of_scales = [gained[[view.scale == scale for view in views]].mean(0) for scale in scales]
+        return float(worth(np.reshape(of_scales, (len(scales), parts))).mean())
 
     def run(
         self,
@@ -169,13 +191,21 @@ class Loop:
         checking: Sequence[Prepared],
         file: Checkpoint | None,
         progress: Callable[[Progress], None],
+        budget: float | None,
+        whole: float = 1.0,
     ) -> None:
-        """Steps until the budget or the steps are spent, or until no level gains any more.
+        """Steps until these seconds or the steps are spent, or until no level gains any more.
+
+        Args:
+            state: changes. training, checking: views to learn from, and those that are held out.
+            file: where the state is kept after each check.
+            progress: told after each check, with all steps as the share `whole` of the fit.
+            budget: seconds for the steps.
 
         Raises:
             RendererError: the renderer failed. The state is kept in the file, where there is one.
         """
-        settings, gradient = self._settings, np.zeros_like(state.values)
+        settings, gradient = replace(self._settings, budget=budget), np.zeros_like(state.values)
         sides = (state.values.copy(), state.values.copy())
         begun, before = time.monotonic(), state.seconds
 
@@ -188,7 +218,7 @@ class Loop:
 
         while (share() < 1 or unchecked()) and state.rates.any():
             order = np.random.default_rng([settings.seed, state.step // len(training)]).permutation(len(training))
-            try:
+            with kept_in(file, state):
                 for index in () if unchecked() else order[state.step % len(training) :]:
                     falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
                     self._step(state, training[index], gradient, sides, settings.rate * falling)
@@ -196,16 +226,10 @@ class Loop:
                         break
                 now = self._check(state, checking, sides)
                 state.checked = state.step
-            except BaseException as error:
-                if file is not None:
-                    file.save(state)
-                if file is None or not isinstance(error, RendererError):
-                    raise
-                raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
             done, moving = share(), int(np.count_nonzero(state.rates))
             if file is not None:
                 file.save(state)
-            progress(Progress(done, state.step, state.seconds, moving, now, state.gains.tolist()))
+            progress(Progress(whole * done, state.step, state.seconds, moving, now, state.gains.tolist()))
 
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
@@ -213,13 +237,13 @@ class Loop:
             for index in range(self._settings.renders):
                 number = state.step * self._settings.renders + index + 1
                 stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
-                images = [self._compared(self._levels_near(side, view.tiles), view) for side in sides]
+                images = [self.compared(self._levels_near(side, view.tiles), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.wanted, view.shown)
                 stochastic.add_gradient(
                     gradient, differences, view.credited, self._channels, number, self._settings.seed
                 )
             elements = np.asarray(view.credited.elements)
-            bounds = np.searchsorted(elements, self._parameters.starts)
+            bounds = np.searchsorted(elements, self.parameters.starts)
             for level in view.levels:
                 own = elements[bounds[level] : bounds[level + 1]]
                 factor = rate * float(state.rates[level])
@@ -234,9 +258,8 @@ class Loop:
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self._errors(self._levels_near(state.values, _NO_TILES), checking)
-        starts = self._parameters.starts
-        # In the part that gains least: what one part gains is not to be paid by another one.
-        for level, gain in enumerate((scores_of_levels(checking, found) - state.begun).min(-1)):
+        starts = self.parameters.starts
+        for level, gain in enumerate(worth(scores_of_levels(checking, found) - state.begun)):
             own = slice(starts[level], starts[level + 1])
             if gain > state.gains[level]:
                 state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -104,6 +106,11 @@ class Parameters:
     def _cut(self, values: Array) -> list[Array]:
         parts = zip(self.sizes, self.starts[:-1], self.starts[1:], strict=True)
         return [values[first:last].reshape(*size, -1) for size, first, last in parts]
+
+    def joined(self, variants: Sequence[Array], numbers: NDArray[np.integer]) -> Array:
+        """(texels, channels) values, each level of the variant of its number."""
+        cuts = itertools.pairwise(self.starts)
+        return np.concatenate([variants[n][first:last] for n, (first, last) in zip(numbers, cuts, strict=True)])
 
     def shares(self, read: Contributions) -> NDArray[np.float64]:
         """(levels,) how much of what pixels read lies in each level, as shares of 1."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import UsageError
-from mipbake.fitting.loop import Loop
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared, scores_of_levels
 from mipbake.fitting.renderer import Array
 from mipbake.stack import MipStack
 
@@ -47,23 +44,6 @@ class Starts:
         every = (stack, *others)
         parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
         return Starts(every, parameters, tuple(parameters.values(list(each.levels)) for each in every))
-
-    def chosen(self, loop: Loop, views: Sequence[Prepared]) -> NDArray[np.int64]:
-        """(levels,) number of the stack that each level starts from.
-
-        It is the stack that the views gain most with, in the part that gains least, as for the levels of a fit. It is
-        the first one where the views lose by the others, beside the levels that were chosen.
-        """
-        found = [scores_of_levels(views, loop.errors(each, views)) for each in self.values]
-        gains = np.stack([(each - found[0]).min(-1) for each in found])  # NaN where no view shows a level
-        origins = np.argmax(np.nan_to_num(gains), 0)
-        settled = loop.settled(self.joined(origins), self.values[0], views)
-        return np.where([self._same(settled, 0, level) for level in range(len(origins))], 0, origins).astype(np.int64)
-
-    def joined(self, origins: NDArray[np.integer]) -> Array:
-        """(texels, channels) values, each level of the stack of its number."""
-        cuts = itertools.pairwise(self.parameters.starts)
-        return np.concatenate([self.values[n][first:last] for n, (first, last) in zip(origins, cuts, strict=True)])
 
     def levels(self, values: Array) -> list[Array]:
         """Stored channels of each level. Where the values are a stack's own, it is the stack's level, bit for bit."""

@@ -7,19 +7,19 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError
+from mipbake.errors import InputError, OutputError, RendererError
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 4
+_FORMAT = 5
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
 
@@ -35,7 +35,7 @@ class FitState:
         moments: of Adam.
         best: of each level the values that were best on the views that are held out.
         begun: (levels, parts) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
-        gains: (levels,) float64, how many dB more `best` has, in the part that gains least.
+        gains: (levels,) float64, how many dB more `best` has, as `comparisons.worth` counts them.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
@@ -170,6 +170,23 @@ class Checkpoint:
                     f"with {then:.1f} dB, and show it with {score:.1f} dB now, so that the renderer, its shader, what "
                     "the views show or the references are others: delete it, or choose another file"
                 )
+
+
+@contextmanager
+def kept_in(file: Checkpoint | None, state: FitState) -> Iterator[None]:
+    """Keeps the state in the file, where there is one, whatever ends what is done with it.
+
+    Raises:
+        RendererError: the renderer failed; it names the file.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if file is not None:
+            file.save(state)
+        if file is None or not isinstance(error, RendererError):
+            raise
+        raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
 
 
 def key_of(starts: Iterable[Array], *settings: object) -> str:

@@ -1,0 +1,166 @@
+"""Rounds of least squares that end a fit: what they find, what stops them, and what they leave alone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mipbake import MipStack
+from mipbake.errors import RendererError, UsageError
+from mipbake.fitting import Frame, Levels, fit, standard_views
+from mipbake.fitting.kernels import TorchRenderer
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.shared import SharedNumbers
+from mipbake.material import MODELS
+
+from .fitting_small import REPEATS, Plain, error, fitted, levels_of, same, spots, start
+from .independent_scenes import bilinear
+from .viewer_scenes import material, stack_of
+
+ROUND: dict[str, Any] = {"steps": 1, "rate": 1e-6, "rounds": 1}
+"""A fit whose steps move nothing that anyone would see."""
+
+
+class Sums(Plain):
+    """Shows sums of maps, so that least squares are right at once."""
+
+    def render(self, levels: Levels, view: Any) -> Frame:
+        frame = super().render(levels, view)
+        level = min(view.level, len(levels.sizes) - 1)
+        colour, metallic, roughness = (
+            bilinear(levels.maps[name][level].astype(np.float64), np.asarray(frame.uv, np.float64))
+            for name in ("base_color", "metallic", "roughness")
+        )
+        return replace(frame, image=colour + metallic + 0.3 * roughness * [1, 0, 0] + 0.2 * np.square(roughness))
+
+
+def changed(stack: MipStack, name: str, made: Any) -> MipStack:
+    own = MODELS[stack.model].maps[name]
+    levels = [level.copy() for level in stack.levels]
+    for level in levels:
+        level[..., own] = made(level[..., own])
+    return replace(stack, levels=levels)
+
+
+def images_of(stack: MipStack, renderer: Any) -> list[np.ndarray]:
+    return [renderer.render(levels_of(stack), view).image for view in spots()]
+
+
+def worst(stack: MipStack, renderer: Any, images: list[np.ndarray]) -> float:
+    return max(error(stack, renderer, view, image) for view, image in zip(spots(), images, strict=True))
+
+
+def inner() -> MipStack:
+    """The start, with maps away from their limits."""
+    return changed(changed(start(), "roughness", lambda r: 0.3 + 0.4 * r), "metallic", lambda m: 0.2 + 0.3 * m)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [lambda r: r + 0.1, lambda r: r.mean() + 0.6 * (r - r.mean()), lambda r: 0.2 + 0.7 * r],
+    ids=["offset", "contrast", "both"],
+)
+def test_what_all_texels_of_a_level_share_is_found_in_one_round(made: Any) -> None:
+    right = inner()
+    wrong, images = changed(right, "roughness", made), images_of(right, Sums())
+    before, after = (
+        worst(fitted(Sums(), stack=wrong, reference=images, **(ROUND | {"rounds": rounds})), Sums(), images)
+        for rounds in (0, 1)
+    )
+    assert after < before / 50
+
+
+def test_more_rounds_come_nearer_where_shading_is_not_linear() -> None:
+    right = inner()
+    wrong, images = changed(right, "roughness", lambda r: 0.8 * r), images_of(right, Plain())
+    errors = [
+        worst(fitted(Plain(), stack=wrong, reference=images, **(ROUND | {"rounds": n})), Plain(), images)
+        for n in (0, 1, 3)
+    ]
+    assert errors[0] > 3 * errors[1] and errors[1] > errors[2]
+
+
+def test_a_number_that_a_limit_stops_leaves_the_others_right() -> None:
+    """Pictures want less metallic than 0. Base colour, which shows alike, has to make up for that."""
+    right = changed(start(), "metallic", np.zeros_like)
+    wrong = changed(right, "base_color", lambda c: c + 0.1)
+    images = images_of(right, Sums())
+    result = fitted(Sums(), stack=wrong, reference=images, **ROUND)
+    assert all((level[..., 3] >= 0).all() for level in result.levels)
+    assert worst(result, Sums(), images) < worst(wrong, Sums(), images) / 20
+
+
+def test_levels_that_gain_nothing_stay_bit_for_bit() -> None:
+    stack = start()
+    assert same(fitted(stack=stack, reference=images_of(stack, Plain()), **ROUND), stack)
+    one = replace(stack, levels=[*stack.levels[:1], 0.9 * stack.levels[1], *stack.levels[2:]])
+    result = fitted(stack=one, reference=images_of(stack, Plain()), **ROUND)
+    kept = [a.tobytes() == b.tobytes() for a, b in zip(result.levels, one.levels, strict=True)]
+    assert kept == [True, False, True, True]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_rounds_of_other_models_stay_within_limits_and_gain(model: str) -> None:
+    stack, renderer = stack_of(material(model, 16, 16), model), TorchRenderer()
+    views = standard_views((16, 16), REPEATS, each=3)
+    images = [renderer.render(levels_of(stack), view).image for view in views]
+    wrong = replace(stack, levels=[0.85 * level for level in stack.levels])
+
+    def errors(of: MipStack) -> float:
+        return float(np.mean([error(of, renderer, view, i) for view, i in zip(views, images, strict=True)]))
+
+    result = fit(wrong, renderer, views, reference=images, **ROUND)
+    assert errors(result) < 0.5 * errors(wrong)
+    parameters = Parameters.of(model, 16, 16, len(stack.levels))
+    values, channels = parameters.values(list(result.levels)), parameters.channels
+    assert np.isfinite(values).all()
+    assert (values >= np.float32(channels.low) - 1e-6).all() and (values <= np.float32(channels.high) + 1e-6).all()
+
+
+def test_directions_move_one_map_each_by_two_steps_of_8_bits() -> None:
+    parameters = Parameters.of("gltf", 8, 8, 4)
+    values = parameters.values(list(start().levels))
+    steps = np.asarray(parameters.channels.magnitude)
+    for level in range(3):
+        found = list(SharedNumbers(parameters).directions(values, level))
+        assert len(found) == 7 + 4  # channels whose values are free, and maps
+        for direction in found:
+            moving = np.flatnonzero(np.abs(direction).max(0))
+            assert (
+                sum(bool(set(moving) & set(range(own.start, own.stop))) for own in parameters.model.maps.values()) == 1
+            )
+            sizes = np.square(direction[:, moving] / steps[moving]).sum(-1)
+            assert np.sqrt(sizes.mean()) == pytest.approx(2, rel=1e-4)
+    assert len(list(SharedNumbers(parameters).directions(values, 3))) == 7  # one texel has no contrast
+
+
+def test_a_budget_that_is_too_short_has_no_rounds() -> None:
+    told = fitted(steps=None, budget=0.05, rounds=1).provenance.adjustments[-1]
+    assert "least squares" not in told
+    assert re.search(r"steps and 1 round of least squares with", fitted(rounds=1, steps=4).provenance.adjustments[-1])
+    assert "steps and 2 rounds of" in fitted(rounds=2, steps=None, budget=60.0, rate=1e-6).provenance.adjustments[-1]
+
+
+def test_a_failure_within_a_round_keeps_the_steps(tmp_path: Path) -> None:
+    settings: dict[str, Any] = {"steps": 32, "rounds": 1, "reference": images_of(inner(), Plain())}
+    whole = fitted(Plain(), **settings)
+    counted = Plain()
+    fitted(counted, **(settings | {"rounds": 0}))
+
+    def broken(frame: Frame, count: int) -> Frame:
+        return replace(frame, image=frame.image * np.nan) if count > len(counted.log) + 40 else frame
+
+    file = tmp_path / "fit"
+    with pytest.raises(RendererError, match=f"What was fitted so far is kept in {re.escape(str(file))}"):
+        fitted(Plain(broken), checkpoint=file, **settings)
+    assert same(fitted(Plain(), checkpoint=file, **settings), whole)
+
+
+def test_rounds_that_make_no_sense() -> None:
+    with pytest.raises(UsageError, match="rounds is -1: expected 0 or more"):
+        fitted(rounds=-1)
