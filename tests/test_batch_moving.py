@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,35 @@ def test_batches_tell_what_belongs_to_no_set(two: Path, capsys: pytest.CaptureFi
     out = ["-o", str(two.parent / "alone"), "--method", "linear", "--format", "png"]
     assert main(["bake", str(two / "bricks"), *out]) == 0
     assert capsys.readouterr().out.count("belongs to none of the sets, and is left out") == 1
+
+
+def test_results_whose_sources_are_gone_are_told_of(
+    two: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_set(two / "steel")
+    out = two.parent / "out"
+    told(aged(two), capsys)
+    for name in ("wood", "steel"):
+        shutil.rmtree(two / name)
+    said = f"note: 2 results, such as {out / 'steel'}, have no source any more, and nothing is baked there"
+    assert said in told(two, capsys)
+    part = ["bake", str(two / "bricks"), "-o", str(out), "--method", "linear", "--format", "png"]
+    assert main(part) == 0  # a set beside them
+    shutil.rmtree(out / "steel")
+    assert f"note: the result {out / 'wood'} has no source any more" in told(two, capsys)
+    write_set(two / "other" / "wood")  # which takes another place
+    write_set(two / "wood")
+    aged(two, 5.0)
+    assert "no source any more" not in told(two, capsys)
+
+
+def test_a_place_that_another_source_has_taken_is_no_result_without_one(
+    tmp_path: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "lib"
+    write_set(root / "steel")
+    told(aged(root), capsys)
+    shutil.make_archive(str(root / "steel"), "zip", root / "steel")
+    shutil.rmtree(root / "steel")
+    aged(root, 5.0)
+    assert "no source any more" not in told(root, capsys)

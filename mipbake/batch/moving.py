@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path, PurePath
 
 from mipbake.batch.library import Home
+from mipbake.batch.results import declares
 from mipbake.batch.state import FileState, Known, results_are_same
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
@@ -86,6 +87,22 @@ def remains(known: Known, out: Path) -> list[Path]:
             inside = [each for each in folder.iterdir() if not is_companion(each)]
             found += inside if set(inside) <= ours else []
     return found
+
+
+def forsaken(gone: Iterable[Known], homes: Iterable[Home], out: Path) -> list[Path]:
+    """Results whose sources are gone, and that no other source has replaced: folders of stacks, and files.
+
+    Args:
+        gone: what is known of such sources. homes: of all other results. out: the folder of all results.
+    """
+    taken = {home.folder / home.name for home in homes}
+    found: dict[Path, None] = {}
+    for known in gone:
+        for path in (PurePath(each.path) for each in known.results):
+            place = path.parent if is_manifest(path.name) else path
+            if declares(path) and not any(_is_in(place, each) for each in taken) and (out / path).exists():
+                found[out / place] = None
+    return list(found)
 
 
 def _is_in(path: PurePath, folder: PurePath) -> bool:

@@ -20,7 +20,7 @@ from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, Shard, found_library
 from mipbake.batch.library import Entry, Library
-from mipbake.batch.moving import folders_around, in_the_way, may_replace, remains, with_stacks, withdraw
+from mipbake.batch.moving import folders_around, forsaken, in_the_way, may_replace, remains, with_stacks, withdraw
 from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
 from mipbake.batch.state import (
@@ -320,9 +320,19 @@ class Batch:
 
     def tell(self, library: Library, plan: Plan, jobs: int) -> None:
         """Tells the listener of what is going to be baked in so many processes, and of what is left."""
-        self.listener.found(library.entries, library.notes, jobs)
+        self.listener.found(library.entries, (*library.notes, *self._forsaken(library)), jobs)
         for each in plan.left.values():
             self.listener.left(each)
+
+    def _forsaken(self, library: Library) -> list[str]:
+        """A sentence on results whose sources are gone. A part of a library says nothing of the others."""
+        if self.how.within or self.how.shard is not None:
+            return []
+        found = forsaken(self.states.without_source(), (entry.home for entry in library.entries), self.out)
+        if not found:
+            return []
+        what = f"{len(found)} results, such as {found[0]}, have" if len(found) > 1 else f"the result {found[0]} has"
+        return [f"{what} no source any more, and nothing is baked there: remove what nobody needs"]
 
     def bake(self, plan: Plan, pool: Pool) -> Summary:
         """Does the tasks of a plan."""

@@ -173,6 +173,11 @@ class States:
         found = {PurePath(file.path).parent.as_posix() for each in free if each for file in each.results}
         return found if rows else None
 
+    def without_source(self) -> list[Known]:
+        """What is known of entries whose sources are gone."""
+        rows = self._rows("select source, content from entries order by label")
+        return [known for source, content in rows if not os.path.lexists(source) if (known := _known(content))]
+
     def remember(self, label: str, source: Path, key: str, known: Known) -> None:
         """Keeps what is known of an entry."""
         files = [[f.path, f.size, f.modified, f.changed] for f in known.files]
