@@ -123,6 +123,23 @@ def changed_manifest(file: Path, **provenance: Any) -> None:
     file.write_text(json.dumps(content))
 
 
+def test_a_dry_run_says_what_cannot_be_written(library: Path, inline: Inline) -> None:
+    out = library.parent / "out"
+    out.touch()
+    for dry_run in (True, False):
+        said = {str(failure.error) for failure in bake(library, dry_run=dry_run).failures}
+        assert said == {
+            f"cannot write to {out / name}: {out} is a file, choose another folder" for name in ("metals/steel", "wood")
+        }
+    out.unlink()
+    (out / "wood").mkdir(parents=True)
+    (out / "wood" / "notes.txt").touch()  # no result of ours
+    for dry_run in (True, False):
+        [failure] = bake(library, dry_run=dry_run).failures
+        assert f"cannot write to {out / 'wood'}: " in str(failure.error)
+    assert (out / "wood" / "notes.txt").exists()
+
+
 def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) -> None:
     out = library.parent / "out"
     assert {each.why for e in bake(library, dry_run=True).entries for each in e.results} == {"there is no result yet"}
@@ -154,8 +171,9 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     assert why() == "its file normal_mip00.png has another size than when it was written"
     normal.unlink()
     assert why() == "its file normal_mip00.png is missing"
-    manifest.write_text("{")
-    assert why() == "there is no result yet"
+    manifest.write_text("{")  # nothing says any more whose files these are
+    [failure] = bake(library, dry_run=True).failures
+    assert f"cannot write to {out / 'wood'}: it holds files that are not mipbake's" in str(failure.error)
     shutil.rmtree(out / "wood")
     assert why() == "there is no result yet"
     assert counts(bake(library)) == (1, 1, 0)

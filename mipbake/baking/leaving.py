@@ -9,6 +9,7 @@ from mipbake.baking.recipe import document_changed, set_changed
 from mipbake.baking.results import NotBaked, Planned, Result, Unchanged
 from mipbake.baking.sets import Run
 from mipbake.errors import MipbakeError
+from mipbake.found import file_hashes
 from mipbake.io.layout import tiles_in
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
@@ -67,6 +68,7 @@ def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | 
     """What is said of jobs that are not baked; None where they are to be baked. `whole`: they are all of their source,
     so that a tile that is none of theirs is gone."""
     first, why, place = jobs[0], "", out
+    folders: dict[Path, dict[str, str]] = {}  # each with the files that its stack is of, and their hashes
     if first.document is not None and run.asked.wants_glb(first):
         place = out / f"{first.place}.{GLB}"
         why = document_changed(place, run.ingredients.document(jobs))
@@ -76,9 +78,13 @@ def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | 
             folder = out / job.place / (together_at(job)[1] or next(iter(found.values())).name)
             place = place if place != out else folder
             why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
+            for each in found.values():
+                folders.setdefault(folder, {}).update(file_hashes(each))
         if first.tiled and not why and whole:
             gone = tiles_in(place) - {tile for job in jobs for tile in job.parts}
             why = f"the source of its tile {min(gone)} is gone" if gone else ""
     if not why:
         return Unchanged(first.source, place)
+    for folder, hashes in folders.items() if run.which == "none" else ():
+        run.check_output(folder, hashes)  # a plan that cannot be carried out is none
     return Planned(first.source, place, why) if run.which == "none" else None
