@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from mipbake.errors import RendererError, UsageError
 from mipbake.fitting import Frame, Levels, fit, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.shared import SharedNumbers
+from mipbake.fitting.shared import SharedNumbers, _thinned
 from mipbake.material import MODELS
 
 from .fitting_small import REPEATS, Plain, error, fitted, levels_of, same, spots, start
@@ -122,27 +122,53 @@ def test_rounds_of_other_models_stay_within_limits_and_gain(model: str) -> None:
     assert (values >= np.float32(channels.low) - 1e-6).all() and (values <= np.float32(channels.high) + 1e-6).all()
 
 
-def test_directions_move_one_map_each_by_two_steps_of_8_bits() -> None:
+def test_numbers_move_one_map_each_by_two_steps_of_8_bits() -> None:
     parameters = Parameters.of("gltf", 8, 8, 4)
-    values = parameters.values(list(start().levels))
+    values, shared = parameters.values(list(inner().levels)), SharedNumbers(parameters)
     steps = np.asarray(parameters.channels.magnitude)
     for level in range(3):
-        found = list(SharedNumbers(parameters).directions(values, level))
-        assert len(found) == 7 + 4  # channels whose values are free, and maps
-        for direction in found:
-            moving = np.flatnonzero(np.abs(direction).max(0))
-            assert (
-                sum(bool(set(moving) & set(range(own.start, own.stop))) for own in parameters.model.maps.values()) == 1
-            )
-            sizes = np.square(direction[:, moving] / steps[moving]).sum(-1)
-            assert np.sqrt(sizes.mean()) == pytest.approx(2, rel=1e-4)
-    assert len(list(SharedNumbers(parameters).directions(values, 3))) == 7  # one texel has no contrast
+        numbers = shared.of(values, level)
+        assert len(numbers) == 7 + 4  # channels whose values are free, and maps
+        for number in numbers:
+            maps = parameters.model.maps.values()
+            assert sum(bool(set(number.channels) & set(range(own.start, own.stop))) for own in maps) == 1
+            own = slice(*parameters.starts[level : level + 2])
+            by = (shared.moved(values, level, [number], [1.0]) - values[own])[:, number.channels]
+            sizes = np.square(by / steps[list(number.channels)]).sum(-1)
+            assert np.sqrt(sizes.mean()) == pytest.approx(2, rel=1e-3)
+    assert len(shared.of(values, 3)) == 7  # one texel has no contrast
+
+
+@pytest.mark.parametrize("name", ["metallic", "roughness"])
+def test_what_lies_at_a_limit_can_leave_it(name: str) -> None:
+    for limit, wanted in ((1.0, 0.9), (0.0, 0.1)):
+        right = changed(inner(), name, lambda a, wanted=wanted: np.full_like(a, wanted))
+        wrong = changed(right, name, lambda a, limit=limit: np.full_like(a, limit))
+        images = images_of(right, Plain())
+        result = fitted(Plain(), stack=wrong, reference=images, **(ROUND | {"rounds": 3}))
+        found = [abs(float(level[..., MODELS["gltf"].maps[name]].mean()) - limit) for level in result.levels]
+        assert min(found) > 0.01  # other maps do much of the same
+        assert worst(result, Plain(), images) < worst(wrong, Plain(), images) / 8
+
+
+def test_short_budgets_learn_from_some_views_of_each_scale() -> None:
+    @dataclass(frozen=True)
+    class Scaled:
+        scale: str
+
+    views: list[Any] = [Scaled(scale) for scale in "ababaaaac"]
+    assert [views.index(each) for each in _thinned(views, 1)] == [views.index(each) for each in views]
+    assert sorted(each.scale for each in _thinned(views, 4)) == ["a", "a", "b", "c"]
 
 
 def test_a_budget_that_is_too_short_has_no_rounds() -> None:
     told = fitted(steps=None, budget=0.05, rounds=1).provenance.adjustments[-1]
     assert "least squares" not in told
     assert re.search(r"steps and 1 round of least squares with", fitted(rounds=1, steps=4).provenance.adjustments[-1])
+    assert (
+        "least squares"
+        not in fitted(stack=start(), reference=images_of(start(), Plain()), **ROUND).provenance.adjustments[-1]
+    )
     assert "steps and 2 rounds of" in fitted(rounds=2, steps=None, budget=60.0, rate=1e-6).provenance.adjustments[-1]
 
 

@@ -17,7 +17,7 @@ from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
 from mipbake.fitting.probing import Trial, probe
 from mipbake.fitting.renderer import Levels, Renderer, new_stamps
-from mipbake.fitting.shared import Rounds
+from mipbake.fitting.shared import Rounds, rounds_told
 from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
 from mipbake.fitting.supersampled import named
@@ -154,12 +154,12 @@ def fit(
     loop.run(state, training, checking, file, progress, left, 1 - last.share)
     best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)
     with kept_in(file, state):
-        best = last.run(loop, best, prepared)
+        best, rounds_made = last.run(loop, best, prepared)
     reached = scores(checking, loop.errors(best, checking))
     gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
     told = (
         f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps"
-        f"{last.told} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
+        f"{rounds_told(rounds_made)} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
         f"{len(checking)} other views: {gained}"
     )
     provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))

@@ -31,16 +31,24 @@ _DAMPINGS = (0.01, 0.1, 1.0, 10.0)
 """A level takes the step with the best of these shares of the curvature added to it. Guesses."""
 
 _LEAST_SHARE = 0.01
-"""A view says nothing of a level that less of what its pixels read lies in. A guess."""
+"""Pixels of a view read several levels. A level takes part in a view where it has this share of what they read. A
+guess."""
 
 _MOST = 1 / 3
-"""Rounds take so much of a budget at most. A guess."""
+"""All rounds together take so much of a budget at most. A guess."""
 
-_FEWEST = 8
-"""Where a budget is so short that only every such view or fewer could be learned from, there are no rounds. A guess."""
+_WIDEST = 8
+"""Of each scale, every view up to every eighth one is learned from. Where even that takes too long, there are no
+rounds. A guess."""
+
+_PIXELS = 2**14
+"""About so many pixels of a view are learned from. A guess."""
 
 _HELD = 2**24
-"""Derivatives of so many pixels are held at once, about 400 MB of them. A guess."""
+"""Derivatives of so many pixels are held at once, about 400 MB. One view alone may have more. A guess."""
+
+_SAMPLED = 2**16
+"""Means and spreads of a level, and what its limits leave, are taken from about so many of its texels. A guess."""
 
 _STOPPED = 0.25
 """A number stays where it is where limits of channels leave less than so much of what its texels move by, in squares.
@@ -49,6 +57,26 @@ A guess."""
 _FLOOR = 1e-6
 """So much of the mean curvature is added everywhere: numbers that do the same have one answer. A guess."""
 
+_TRIES = 3
+"""A step is computed about so often, because limits stop numbers. A guess."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that all texels of a level share. It is in units of `_DIFFERENCE`.
+
+    Args:
+        level: whose texels move. channels: that move.
+        factor: how far they move where the number grows by 1: to all the same, or for the contrast, as a share of what
+            they differ from their mean by.
+        contrast: whether it moves the contrast of a map, and not a channel.
+    """
+
+    level: int
+    channels: tuple[int, ...]
+    factor: float
+    contrast: bool
+
 
 @dataclass(frozen=True, eq=False)
 class SharedNumbers:
@@ -56,43 +84,52 @@ class SharedNumbers:
 
     parameters: Parameters
 
-    def directions(self, values: Array, level: int) -> Iterator[Array]:
-        """(texels of the level, channels) float32 for each number: how far texels move where the number grows by 1.
+    def of(self, values: Array, level: int) -> list[Number]:
+        """The numbers of a level. There is none that moves nothing."""
+        steps = np.asarray(self.parameters.channels.magnitude)  # 0 for what follows from other channels
+        spread = self._sampled(values, level) - self._mean(values, level)
+        found = []
+        for each in self.parameters.model.maps.values():
+            own = tuple(index for index in range(each.start, each.stop) if steps[index] > 0)
+            found += [Number(level, (index,), _DIFFERENCE * float(steps[index]), False) for index in own]
+            size = float(np.sqrt(np.square(spread[:, own] / steps[list(own)]).sum(-1).mean()))
+            if size > 1e-3:  # quantisation steps; less is rounding
+                found.append(Number(level, own, _DIFFERENCE / size, True))
+        return found
 
-        It is `_DIFFERENCE` in the root mean square over texels. There is no direction along which nothing moves.
-        """
-        own = slice(*self.parameters.starts[level : level + 2])
+    def moved(self, values: Array, level: int, numbers: Sequence[Number], by: Sequence[float]) -> Array:
+        """(texels of the level, channels) of these values, with numbers of the level moved, within the limits."""
         channels = self.parameters.channels
-        steps = np.asarray(channels.magnitude, np.float32)  # 0 for what follows from other channels
-        here = values[own]
-        for first, last in ((each.start, each.stop) for each in self.parameters.model.maps.values()):
-            inside = (np.arange(len(steps)) >= first) & (np.arange(len(steps)) < last) & (steps > 0)
-            offsets = (np.eye(len(steps), dtype=np.float32)[index] for index in np.flatnonzero(inside))
-            contrast = here - here.mean(0)
-            for moved in (*offsets, contrast):
-                kept = np.where(inside, np.broadcast_to(moved, here.shape), np.float32(0))
-                size = np.divide(kept, steps, out=np.zeros_like(kept), where=steps > 0)
-                length = float(np.sqrt(np.square(size, dtype=np.float64).sum(-1).mean()))
-                if length > 1e-3:  # of a quantisation step, less is rounding
-                    yield kept * np.float32(_DIFFERENCE / length)
-
-    def moved(self, values: Array, level: int, by: Array) -> Array:
-        """(texels of the level, channels) of these values, moved, within the limits of channels."""
-        channels = self.parameters.channels
-        own = values[slice(*self.parameters.starts[level : level + 2])]
-        moved = self._limited(own + by)
+        offsets, gains = np.zeros((2, self.parameters.model.channels), np.float32)
+        for number, amount in zip(numbers, by, strict=True):
+            moving = gains if number.contrast else offsets
+            moving[list(number.channels)] += np.float32(amount * number.factor)
+        offsets -= gains * self._mean(values, level)
+        moved = values[self._own(level)] * (1 + gains) + offsets
+        np.clip(moved, np.asarray(channels.low, np.float32), np.asarray(channels.high, np.float32), out=moved)
         still = replace(channels, magnitude=tuple(0.0 for _ in channels.magnitude))
         return np.asarray(stochastic.perturb(moved, still, 0, 0)[0])  # with normals of unit length
 
-    def reached(self, values: Array, level: int, by: Array) -> float:
+    def reached(self, values: Array, number: Number, by: float) -> float:
         """How much of the sum of squares of a move the limits of channels leave, from 0 to 1; 1 of no move."""
-        own = values[slice(*self.parameters.starts[level : level + 2])]
-        wanted = float(np.square(by, dtype=np.float64).sum())
-        return float(np.square(self._limited(own + by) - own, dtype=np.float64).sum()) / wanted if wanted > 0 else 1.0
+        channels, own = self.parameters.channels, list(number.channels)
+        before = self._sampled(values, number.level)[:, own]
+        wanted = np.full_like(before, by * number.factor)
+        if number.contrast:
+            wanted *= before - self._mean(values, number.level)[own]
+        got = np.clip(before + wanted, np.asarray(channels.low)[own], np.asarray(channels.high)[own]) - before
+        energy = float(np.square(wanted).sum())
+        return float(np.square(got).sum()) / energy if energy > 0 else 1.0
 
-    def _limited(self, values: Array) -> Array:
-        channels = self.parameters.channels
-        return np.clip(values, np.asarray(channels.low, np.float32), np.asarray(channels.high, np.float32))
+    def _own(self, level: int) -> slice:
+        return slice(*self.parameters.starts[level : level + 2])
+
+    def _sampled(self, values: Array, level: int) -> NDArray[np.float64]:
+        own = values[self._own(level)]
+        return own[:: -(-len(own) // _SAMPLED)].astype(np.float64)
+
+    def _mean(self, values: Array, level: int) -> Array:
+        return np.asarray(self._sampled(values, level).mean(0), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,20 +137,20 @@ class Rounds:
     """Gauss-Newton steps that end a fit.
 
     Args:
-        numbers: that move.
-        count: of rounds.
+        shared: what moves.
+        count: of rounds, at most.
         movable: numbers of the levels that may move.
         learning: views that derivatives are taken in.
         seconds: of the budget that the rounds are expected to take; 0 where there is none.
         share: of the whole fit that they are, about, from 0 to 1.
     """
 
-    numbers: SharedNumbers
+    shared: SharedNumbers
     count: int
     movable: Sequence[int]
     learning: Sequence[Prepared]
-    seconds: float
-    share: float
+    seconds: float = 0.0
+    share: float = 0.0
 
     @staticmethod
     def planned(
@@ -130,31 +167,33 @@ class Rounds:
             views: to learn from, and those that are held out. movable: numbers of the levels that may move.
         """
         learning, checking = views
-        numbers, rounds = SharedNumbers(loop.parameters), settings.rounds
-        counts = {level: sum(1 for _ in numbers.directions(values, level)) for level in movable}
+        shared, rounds = SharedNumbers(loop.parameters), settings.rounds
+        if not rounds or not movable:
+            return Rounds(shared, 0, movable, learning)
+        counts = {level: len(shared.of(values, level)) for level in movable}
         derived = sum(1 + sum(counts[n] for n in movable if view.shares[n] >= _LEAST_SHARE) for view in learning)
-        judged = (len(_DAMPINGS) + 1 + len(movable)) * (len(learning) + len(checking))
-        if settings.budget is None or not rounds:
+        judged = (len(_DAMPINGS) + 2 + len(movable)) * (len(learning) + len(checking))
+        if settings.budget is None:
             steps = math.inf if settings.last is None else settings.last
             renders = rounds * (derived + judged)
-            return Rounds(numbers, rounds, movable, learning, 0.0, renders / (renders + 2 * steps * settings.renders))
+            return Rounds(shared, rounds, movable, learning, 0.0, renders / (renders + 2 * steps * settings.renders))
+        began = time.monotonic()
+        for level in movable:
+            shared.moved(values, level, (), ())
+        texels = (time.monotonic() - began) * (max(counts.values()) + _TRIES * len(_DAMPINGS))
         began = time.monotonic()
         loop.errors(values, checking)
         pace = (time.monotonic() - began) / len(checking)
-        left = _MOST * settings.budget / rounds / pace - judged
+        left = (_MOST * settings.budget / rounds - texels) / pace - judged
         every = math.ceil(derived / left) if left > 0 else math.inf
-        if every > _FEWEST:
-            return Rounds(numbers, 0, movable, learning, 0.0, 0.0)
-        seconds = rounds * pace * (derived / every + judged)
-        return Rounds(numbers, rounds, movable, learning[:: int(every)], seconds, seconds / settings.budget)
+        if every > _WIDEST:
+            return Rounds(shared, 0, movable, learning)
+        chosen = _thinned(learning, int(every))
+        seconds = rounds * (texels + pace * (judged + derived * len(chosen) / len(learning)))
+        return Rounds(shared, rounds, movable, chosen, seconds, min(seconds / settings.budget, _MOST))
 
-    @property
-    def told(self) -> str:
-        """How a sentence on the steps of a fit goes on; empty where there are no rounds."""
-        return f" and {self.count} round{'' if self.count == 1 else 's'} of least squares" if self.count else ""
-
-    def run(self, loop: Loop, values: Array, judging: Sequence[Prepared]) -> Array:
-        """The values after all rounds.
+    def run(self, loop: Loop, values: Array, judging: Sequence[Prepared]) -> tuple[Array, int]:
+        """The values after all rounds, and how many rounds there were: none follows one that changes nothing.
 
         Args:
             loop: what renders. values: (texels, channels) to begin with.
@@ -163,62 +202,66 @@ class Rounds:
         Returns:
             (texels, channels). A level that gains nothing stays bit for bit.
         """
-        for _ in range(self.count):
-            equations = _Equations.of(loop, self.numbers, values, self.learning, self.movable)
+        for done in range(self.count):
+            equations = _Equations.of(loop, self.shared, values, self.learning, self.movable)
             if not equations.right.any():
-                break
-            variants = [values, *(equations.stepped(self.numbers, values, damping) for damping in _DAMPINGS)]
-            values = loop.parameters.joined(variants, loop.chosen(variants, judging))
-        return values
+                return values, done
+            variants = [values, *(equations.stepped(self.shared, values, damping) for damping in _DAMPINGS)]
+            chosen = loop.chosen(variants, judging)
+            if not chosen.any():
+                return values, done
+            values = loop.parameters.joined(variants, chosen)
+        return values, self.count
 
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Normal equations of least squares: `matrix` @ numbers = `right` where views are right to first order.
+    """Normal equations of least squares: `matrix` @ amounts = `right` where views are right to first order.
 
     Args:
-        levels: which level each number is of, in increasing order.
+        numbers: that move, in the order of their levels.
         matrix: float64, sums over pixels of products of two derivatives. right: of a derivative and what is missing.
     """
 
-    levels: NDArray[np.int64]
+    numbers: Sequence[Number]
     matrix: NDArray[np.float64]
     right: NDArray[np.float64]
 
     @staticmethod
     def of(
-        loop: Loop, numbers: SharedNumbers, values: Array, views: Sequence[Prepared], movable: Sequence[int]
+        loop: Loop, shared: SharedNumbers, values: Array, views: Sequence[Prepared], movable: Sequence[int]
     ) -> _Equations:
-        """Those of views, by a render of each for each number that moves what it shows."""
-        counts = {level: sum(1 for _ in numbers.directions(values, level)) for level in movable}
-        levels = np.repeat(list(counts), list(counts.values())).astype(np.int64)
-        matrix, right = np.zeros((len(levels), len(levels))), np.zeros(len(levels))
+        """Those of views, by a render of each for each number of a level that takes part in it."""
+        numbers = [number for level in movable for number in shared.of(values, level)]
+        levels = np.array([number.level for number in numbers], np.int64)
+        matrix, right = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
         told = [np.isin(levels, np.flatnonzero(view.shares >= _LEAST_SHARE)) for view in views]
         resting = loop.levels_of(values)
-        pictures = [loop.compared(resting, view) for view in views]
+        pictures = [_thin(loop.compared(resting, view), view) for view in views]
         scratch = values.copy()
         for part in _parts([len(picture) * int(own.sum()) for picture, own in zip(pictures, told, strict=True)]):
             columns: dict[int, list[Array]] = {index: [] for index in part if told[index].any()}
-            number = 0
-            for level in counts:
-                texels = slice(*numbers.parameters.starts[level : level + 2])
-                for direction in numbers.directions(values, level):
-                    seen = [index for index in columns if told[index][number]]
-                    if seen:
-                        scratch[texels] = numbers.moved(values, level, direction)
-                        moved = loop.levels_with(scratch, level)
-                        for index in seen:
-                            picture = loop.compared(moved, views[index])
-                            columns[index].append(_difference(picture, pictures[index], views[index]))
-                    number += 1
-                scratch[texels] = values[texels]
-            for index, own in columns.items():
-                derivatives, shown = np.stack(own), np.flatnonzero(told[index])
-                matrix[np.ix_(shown, shown)] += derivatives @ derivatives.T
-                right[shown] += derivatives @ _difference(views[index].wanted, pictures[index], views[index])
-        return _Equations(levels, matrix, right)
+            for at, number in enumerate(numbers):
+                seen = [index for index in columns if told[index][at]]
+                if not seen:
+                    continue
+                # To the side that limits leave free: what lies at a limit can move away from it alone.
+                side = 1.0 if shared.reached(values, number, 1.0) >= shared.reached(values, number, -1.0) else -1.0
+                own = slice(*loop.parameters.starts[number.level : number.level + 2])
+                scratch[own] = shared.moved(values, number.level, [number], [side])
+                moved = loop.levels_with(scratch, number.level)
+                for index in seen:
+                    picture = _thin(loop.compared(moved, views[index]), views[index])
+                    columns[index].append((side * (picture - pictures[index])).ravel())
+                scratch[own] = values[own]
+            for index, derivatives in columns.items():
+                every, shown = np.stack(derivatives), np.flatnonzero(told[index])
+                missing = _thin(views[index].wanted, views[index]) - pictures[index]
+                matrix[np.ix_(shown, shown)] += every @ every.T
+                right[shown] += every @ missing.ravel()
+        return _Equations(numbers, matrix, right)
 
-    def stepped(self, numbers: SharedNumbers, values: Array, damping: float) -> Array:
+    def stepped(self, shared: SharedNumbers, values: Array, damping: float) -> Array:
         """The values after a damped step.
 
         A number that limits of channels would stop stays where it is, and the others make up for it: a metallic map of
@@ -230,30 +273,34 @@ class _Equations:
         while True:
             found = np.zeros(len(self.right))
             found[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], self.right[moving])
-            stepped, stopped = self._applied(numbers, values, found)
+            reached = [shared.reached(values, *each) for each in zip(self.numbers, found.tolist(), strict=True)]
+            stopped = np.array(reached) < _STOPPED
             if not stopped.any():
-                return stepped
+                break
             moving &= ~stopped
-
-    def _applied(
-        self, numbers: SharedNumbers, values: Array, found: NDArray[np.float64]
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """The values, moved; and which numbers move texels by less than half of what they should, by themselves."""
-        stepped, stopped = values.copy(), np.zeros(len(found), np.bool_)
-        for level in np.unique(self.levels):
-            own = np.flatnonzero(self.levels == level)
-            total = np.float32(0)
-            for number, direction in zip(own, numbers.directions(values, int(level)), strict=True):
-                by = direction * np.float32(found[number])
-                stopped[number] = numbers.reached(values, int(level), by) < _STOPPED
-                total = total + by
-            stepped[slice(*numbers.parameters.starts[level : level + 2])] = numbers.moved(values, int(level), total)
-        return stepped, stopped
+        stepped: Array = values.copy()
+        for level in {number.level for number in self.numbers}:
+            own = [index for index, number in enumerate(self.numbers) if number.level == level]
+            moved = shared.moved(values, level, [self.numbers[index] for index in own], found[own].tolist())
+            stepped[slice(*shared.parameters.starts[level : level + 2])] = moved
+        return stepped
 
 
-def _difference(picture: Array, resting: Array, view: Prepared) -> Array:
-    """(3 parts P,) what a view counts of a difference of pictures."""
-    return ((picture - resting) * view.shown[:, None]).ravel()
+def _thinned(views: Sequence[Prepared], every: int) -> list[Prepared]:
+    """Every so-manieth view of each scale, the first of each among them."""
+    counts: dict[str, int] = {}
+    kept = []
+    for view in views:
+        if counts.setdefault(view.scale, 0) % every == 0:
+            kept.append(view)
+        counts[view.scale] += 1
+    return kept
+
+
+def _thin(picture: Array, view: Prepared) -> Array:
+    """Some of the pixels (P, 3 parts), and 0 for those that do not count."""
+    every = -(-len(picture) // _PIXELS) | 1  # odd, so that not the same columns are taken of all rows
+    return np.asarray(picture[::every] * view.shown[::every, None], np.float32)
 
 
 def _parts(sizes: Sequence[int]) -> Iterator[list[int]]:
@@ -268,3 +315,8 @@ def _parts(sizes: Sequence[int]) -> Iterator[list[int]]:
         held += size
     if part:
         yield part
+
+
+def rounds_told(count: int) -> str:
+    """How a sentence on the steps of a fit goes on; empty where there were no rounds."""
+    return f" and {count} round{'' if count == 1 else 's'} of least squares" if count else ""
