@@ -174,3 +174,18 @@ def test_a_place_that_another_source_has_taken_is_no_result_without_one(
     shutil.rmtree(root / "steel")
     aged(root, 5.0)
     assert "no source any more" not in told(root, capsys)
+
+
+def test_one_of_two_sets_without_files_is_told_of_and_patterns_are_not(
+    two: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = two.parent / "tiles"
+    write_maps(root / "body", "Body", tile=".1001")
+    pattern = str(aged(root) / "body" / "Body_Normal.<UDIM>.png")
+    out = ["-o", str(two.parent / "out"), "--method", "linear", "--format", "png", "--force"]
+    assert main(["bake", pattern, *out, "--map", "roughness=1"]) == 0
+    write_maps(two / "bricks", "Third", 100)
+    told(aged(two), capsys)
+    assert (two.parent / "out/bricks/Third").exists()
+    without(two, "Third")
+    assert f"note: the result {two.parent / 'out/bricks/Third'} has no source any more" in told(two, capsys)

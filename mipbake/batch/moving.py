@@ -100,7 +100,7 @@ def forsaken(gone: Iterable[Known], homes: Iterable[Home], out: Path) -> list[Pa
     for known in gone:
         for path in (PurePath(each.path) for each in known.results):
             place = path.parent if is_manifest(path.name) else path
-            if declares(path) and not any(_is_in(place, each) for each in taken) and (out / path).exists():
+            if declares(path) and taken.isdisjoint((place, *place.parents)) and (out / path).exists():
                 found[out / place] = None
     return list(found)
 

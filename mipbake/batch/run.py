@@ -36,9 +36,10 @@ from mipbake.batch.state import (
 from mipbake.batch.task import Done, Task
 from mipbake.batch.watching import Seen, changes, touched, watched
 from mipbake.batch.workers import Share, workers
-from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
+from mipbake.manifest import check_output
 
 Choose: TypeAlias = Callable[[str], Chosen]
 """Label of an entry to how it is read and baked."""
@@ -286,10 +287,9 @@ class Batch:
             if known is not None and same and results_are_same(known, self.out):
                 left[entry.label] = self._left(entry, known, key)
                 continue
-            if same and self.how.dry_run:
-                place = self.out / entry.home.folder / entry.home.name
-                planned = Planned(entry.source, place, "its result changed")
-                left[entry.label] = EntryResult(entry, (planned,))
+            last = self.states.last(entry.label) if self.how.dry_run else None
+            if last is not None and (same or remains(last, self.out)):
+                left[entry.label] = EntryResult(entry, (_planned(entry, last, self.out),))
                 continue
             which = "all" if same else self.how.which  # a result that somebody changed is no result
             own = places is not None and may_replace(entry.home, self.out, places)
@@ -328,7 +328,8 @@ class Batch:
         """A sentence on results whose sources are gone. A part of a library says nothing of the others."""
         if self.how.within or self.how.shard is not None:
             return []
-        found = forsaken(self.states.without_source(), (entry.home for entry in library.entries), self.out)
+        gone = self.states.without_source({entry.label for entry in library.entries})
+        found = forsaken(gone, (entry.home for entry in library.entries), self.out)
         if not found:
             return []
         what = f"{len(found)} results, such as {found[0]}, have" if len(found) > 1 else f"the result {found[0]} has"
@@ -368,6 +369,17 @@ class Batch:
 def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
     """Equal where an entry is asked for in the same way."""
     return key_of(__version__, ingredients.options, ingredients.weights, asdict(load), str(entry.home))
+
+
+def _planned(entry: Entry, last: Known, out: Path) -> Planned | NotBaked:
+    """What a dry run says of an entry whose result somebody changed or removed in part, where `last` is known of it."""
+    place = out / entry.home.folder / entry.home.name
+    try:
+        if not remains(last, out):  # which a bake would remove
+            check_output(place)
+    except OutputError as error:
+        return NotBaked(entry.source, error)
+    return Planned(entry.source, place, "its result changed")
 
 
 _ENTRY = 300_000

@@ -12,7 +12,7 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -173,10 +173,16 @@ class States:
         found = {PurePath(file.path).parent.as_posix() for each in free if each for file in each.results}
         return found if rows else None
 
-    def without_source(self) -> list[Known]:
-        """What is known of entries whose sources are gone."""
-        rows = self._rows("select source, content from entries order by label")
-        return [known for source, content in rows if not os.path.lexists(source) if (known := _known(content))]
+    def without_source(self, labels: Collection[str]) -> list[Known]:
+        """What is known of entries with other labels than these, all of whose files are gone."""
+        there = {_text(label) for label in labels}
+        rows = self._rows("select label, source, content from entries order by label")
+        others = ((Path(source).parent, _known(content)) for label, source, content in rows if label not in there)
+        return [
+            known
+            for folder, known in others
+            if known and known.files and not any(os.path.lexists(folder / file.path) for file in known.files)
+        ]
 
     def remember(self, label: str, source: Path, key: str, known: Known) -> None:
         """Keeps what is known of an entry."""
