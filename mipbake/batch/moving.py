@@ -11,7 +11,8 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePath
 
-from mipbake.batch.library import Home
+from mipbake.baking.results import NotBaked, Planned
+from mipbake.batch.library import Entry, Home
 from mipbake.batch.results import declares
 from mipbake.batch.state import FileState, Known, results_are_same
 from mipbake.errors import InputError, OutputError
@@ -20,7 +21,7 @@ from mipbake.io.json_text import parsed
 from mipbake.io.layout import SCHEMA, is_manifest, manifests
 from mipbake.io.map_files import listed_files
 from mipbake.io.publish import is_companion
-from mipbake.manifest import holds_stacks
+from mipbake.manifest import check_output, holds_stacks
 
 
 def may_replace(home: Home, out: Path, places: Collection[str]) -> bool:
@@ -87,6 +88,21 @@ def remains(known: Known, out: Path) -> list[Path]:
             inside = [each for each in folder.iterdir() if not is_companion(each)]
             found += inside if set(inside) <= ours else []
     return found
+
+
+def planned(entry: Entry, last: Known, out: Path) -> Planned | NotBaked:
+    """What a dry run says of an entry whose result somebody changed or removed in part.
+
+    Args:
+        last: what is known of the entry. out: the folder of all results.
+    """
+    place = out / entry.home.folder / entry.home.name
+    try:
+        if not remains(last, out):  # which a bake would remove
+            check_output(place)
+    except OutputError as error:
+        return NotBaked(entry.source, error)
+    return Planned(entry.source, place, "its result changed")
 
 
 def forsaken(gone: Iterable[Known], homes: Iterable[Home], out: Path) -> list[Path]:

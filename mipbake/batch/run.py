@@ -16,11 +16,20 @@ from mipbake._threads import threads
 from mipbake._version import __version__
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
-from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned
+from mipbake.baking.results import BakedDocument, BakedSet, NotBaked
 from mipbake.baking.sets import Which
 from mipbake.batch.finding import PathLike, Shard, found_library
 from mipbake.batch.library import Entry, Library
-from mipbake.batch.moving import folders_around, forsaken, in_the_way, may_replace, remains, with_stacks, withdraw
+from mipbake.batch.moving import (
+    folders_around,
+    forsaken,
+    in_the_way,
+    may_replace,
+    planned,
+    remains,
+    with_stacks,
+    withdraw,
+)
 from mipbake.batch.project import Chosen
 from mipbake.batch.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
 from mipbake.batch.state import (
@@ -36,10 +45,9 @@ from mipbake.batch.state import (
 from mipbake.batch.task import Done, Task
 from mipbake.batch.watching import Seen, changes, touched, watched
 from mipbake.batch.workers import Share, workers
-from mipbake.errors import InputError, MipbakeError, OutputError, UsageError
+from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.inputs import expand
 from mipbake.io.options import LoadOptions
-from mipbake.manifest import check_output
 
 Choose: TypeAlias = Callable[[str], Chosen]
 """Label of an entry to how it is read and baked."""
@@ -289,7 +297,7 @@ class Batch:
                 continue
             last = self.states.last(entry.label) if self.how.dry_run else None
             if last is not None and (same or remains(last, self.out)):
-                left[entry.label] = EntryResult(entry, (_planned(entry, last, self.out),))
+                left[entry.label] = EntryResult(entry, (planned(entry, last, self.out),))
                 continue
             which = "all" if same else self.how.which  # a result that somebody changed is no result
             own = places is not None and may_replace(entry.home, self.out, places)
@@ -369,17 +377,6 @@ class Batch:
 def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
     """Equal where an entry is asked for in the same way."""
     return key_of(__version__, ingredients.options, ingredients.weights, asdict(load), str(entry.home))
-
-
-def _planned(entry: Entry, last: Known, out: Path) -> Planned | NotBaked:
-    """What a dry run says of an entry whose result somebody changed or removed in part, where `last` is known of it."""
-    place = out / entry.home.folder / entry.home.name
-    try:
-        if not remains(last, out):  # which a bake would remove
-            check_output(place)
-    except OutputError as error:
-        return NotBaked(entry.source, error)
-    return Planned(entry.source, place, "its result changed")
 
 
 _ENTRY = 300_000
