@@ -3,16 +3,18 @@
     python benchmarks/fit.py --materials MATERIALS SET SET --results RESULTS [--pictures FOLDER]
 
 MATERIALS is a folder of texture sets, and SET names some of them. Each set is baked by `linear`, `lean` and `auto`, and
-fitted in each renderer as `mipbake fit` does, from `auto` and `linear`. That renderer then shows all four stacks in
-views that the fit has not seen, and its own supersampled pictures of the source are the references. RESULTS is a JSON
-file. It takes the figures of a set in a renderer as soon as they are there, and a run that was stopped goes on from it.
-New code is not noticed: it wants a new file.
+fitted in each renderer as `mipbake fit` does, from `auto` and `linear`. What the fit has after each of its stages is
+kept: after the starts were chosen, after the steps, and in the end. That renderer then shows all six stacks in views
+that the fit has not seen, and its own supersampled pictures of the source are the references. RESULTS is a JSON file.
+It takes the figures of a set in a renderer as soon as they are there, and a run that was stopped goes on from it. New
+code is not noticed: it wants a new file.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -21,7 +23,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from fit_tables import FITTED, MEASURES, METHODS, OTHERS, START, cost_table, table, words
+from fit_tables import FITTED, MEASURES, METHODS, OTHERS, STAGES, START, cost_table, stages_table, table, words
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
@@ -30,7 +32,9 @@ import mipbake
 from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, View, standard_views
 from mipbake.fitting.gl import GlRenderer, shipped_shader
+from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.prepared import passes_for
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.three import ThreeRenderer
@@ -83,7 +87,7 @@ class Effort:
         size: texels a side of the middle of each set, which is shown once; 0: the whole set, with its own wrap.
         repeat: 1: the middle repeats without end, seams included, in place of that.
         steps: of each fit at most, so that figures do not depend on how busy the machine is.
-        each: views at each level of detail to fit to.
+        each: views at each level of detail to fit to. As many more as the command line takes are held out.
         witnesses: views at each scale to measure in.
         passes: renders of each of both estimates of a reference at level of detail 0; twice as many at each level
             more, up to four times as many.
@@ -176,16 +180,70 @@ def rounded(value: Any) -> Any:
 
 
 def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort) -> Image.Image:
-    """One view of every stack and of the reference, side by side, as a display shows them at one exposure."""
+    """One view of the bakes, the fit and the reference, side by side, as a display shows them at one exposure."""
     size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
     lod = min(PICTURED_LOD, float(len(level_sizes(*size)) - 1))
     [view] = standard_views(size, wrap, 1, PICTURED, [lod])
     source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, wrap)
     right = reference(renderer, source, view, lod, effort, ESTIMATES[0])
-    shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in stacks.values()]
+    every = [stacks[name] for name in (*METHODS, FITTED)]
+    shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in every]
     picture = displayed(np.concatenate([*shown, right], 1) * exposed(right))
     larger = max(1, PICTURED_SIDE // view.size[0])
     return Image.fromarray(np.rint(255 * picture).astype(np.uint8).repeat(larger, 0).repeat(larger, 1))
+
+
+def stages(
+    stacks: Mapping[str, MipStack], renderer: Renderer, texture_set: TextureSet, effort: Effort
+) -> tuple[dict[str, MipStack], dict[str, Any]]:
+    """The stack after each stage of a fit; and how many views, steps, levels that still moved, and seconds there were.
+
+    Each stage goes on from the checkpoint of the one before, as a fit that was stopped does. All stages have the same
+    references.
+    """
+    size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
+    learned, checked = RendererChoice("gl").views_of(size, wrap, effort.each, LEARNED)  # as the command line has them
+    assert checked is not None
+    began = time.monotonic()
+    images = references(renderer, texture_set, learned, False) + references(renderer, texture_set, checked, True)
+    spent = {"preparing": time.monotonic() - began}
+    found: dict[str, MipStack] = {}
+    told: list[mipbake.fitting.Progress] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for stage, steps, rounds in zip(STAGES, (0, effort.steps, effort.steps), (0, 0, 1), strict=True):
+            prepared: list[float] = []
+            found[stage] = mipbake.fitting.fit(
+                stacks[START],
+                renderer,
+                learned,
+                others=[stacks[name] for name in OTHERS],
+                reference=images,
+                held_out=checked,
+                steps=steps,
+                rounds=rounds,
+                checkpoint=Path(folder) / "fit",
+                progress=told.append,
+                preparing=lambda _, times=prepared: times.append(time.monotonic()),
+            )
+            spent[stage] = time.monotonic() - prepared[-1]
+    last = told[-1]
+    seconds = {"preparing": spent["preparing"], "steps": last.seconds, "rounds": spent[FITTED]}
+    views = len(learned) + len(checked)
+    return found, {"views": views, "steps": last.step, "moving": last.moving, "seconds": seconds}
+
+
+def references(renderer: Renderer, texture_set: TextureSet, views: Sequence[View], held_out: bool) -> list[Image3]:
+    """What views of all levels of detail should show, each by as many renders as a fit makes itself."""
+    model = texture_set.source_model
+    source = levels_of([texture_set.material(model)], model, texture_set.wrap)
+    last = len(level_sizes(texture_set.height, texture_set.width)) - 1
+    each = len(views) // (2 * last + 1)
+    found = []
+    for index, view in enumerate(views):
+        whole = bool((np.asarray(renderer.render(source, view).id) > 0).all())
+        passes = passes_for(index // each / 2, held_out)
+        found.append(supersampled(renderer, source, view, filter_named(FILTER), passes, whole=whole))
+    return found
 
 
 def one(
@@ -194,38 +252,17 @@ def one(
     """All figures of a set in a renderer."""
     began = time.monotonic()
     stacks = {method: mipbake.bake(texture_set, method, pixel_filter=FILTER) for method in METHODS}
-    baked = time.monotonic()
-    views = standard_views((texture_set.height, texture_set.width), texture_set.wrap, effort.each, LEARNED)
-    told: list[mipbake.fitting.Progress] = []
-    stacks[FITTED] = mipbake.fitting.fit(
-        stacks[START],
-        renderer,
-        views,
-        others=[stacks[name] for name in OTHERS],
-        source=texture_set,
-        steps=effort.steps,
-        progress=told.append,
-    )
-    fitted = time.monotonic()
+    baking = time.monotonic() - began
+    found, about = stages(stacks, renderer, texture_set, effort)
+    stacks |= found
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
         image = strip(renderer, stacks, texture_set, effort)
         image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
-    scales, now = measured(renderer, stacks, texture_set, effort), told[-1]
-    seconds = {
-        "baking": baked - began,
-        "preparing": fitted - baked - now.seconds,
-        "fitting": now.seconds,
-        "measuring": time.monotonic() - fitted,
-    }
-    return {
-        "size": [texture_set.height, texture_set.width],
-        "views": len(views),
-        "steps": now.step,
-        "moving": now.moving,
-        "seconds": rounded(seconds),
-        "scales": scales,
-    }
+    began = time.monotonic()
+    scales = measured(renderer, stacks, texture_set, effort)
+    seconds = {"baking": baking, **about.pop("seconds"), "measuring": time.monotonic() - began}
+    return {"size": [texture_set.height, texture_set.width], **about, "seconds": rounded(seconds), "scales": scales}
 
 
 def kept(path: Path, effort: Effort) -> dict[str, Any]:
@@ -271,7 +308,7 @@ def main() -> None:
                 save(options.results, data)
                 print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)
     parts = [f"{measure}:\n\n{table(data, measure)}\n\n{words(data, measure)}" for measure in MEASURES]
-    print(*parts, cost_table(data), sep="\n\n")
+    print(*parts, stages_table(data, MEASURES[-1]), cost_table(data), sep="\n\n")
 
 
 def save(path: Path, data: Mapping[str, Any]) -> None:

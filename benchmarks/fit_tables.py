@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,10 @@ METHODS = ("linear", "lean", "auto")
 START, OTHERS = "auto", ("linear",)
 """The method that a fit starts from, and others that levels may start from."""
 
-FITTED = "fitted"
+STAGES = ("start", "steps", "fitted")
+"""What a fit does, in order: each level's start is chosen, steps follow, and a round of least squares ends the fit."""
+
+FITTED = STAGES[-1]
 
 MEASURES = ("snr", "snr-displayed")
 """SNR of linear radiance, and SNR of what a display shows of it."""
@@ -28,7 +32,7 @@ def snr(data: Mapping[str, Any], renderer: str, name: str, measure: str) -> dict
     return {
         scale: {
             method: float(snr_from_sums(np.sum([view["sums"][measure][method] for view in scales[scale]], 0)))
-            for method in (*METHODS, FITTED)
+            for method in (*METHODS, *STAGES)
         }
         for scale in SCALES
         if scale in scales
@@ -58,7 +62,7 @@ def table(data: Mapping[str, Any], measure: str) -> str:
                 for scale in SCALES
                 if any(where == scale for _, where, _ in found)
             }
-            for method in (*METHODS, FITTED)
+            for method in (*METHODS, *STAGES)
         }
         for method, by_scale in means.items():
             shown = [
@@ -102,8 +106,26 @@ def words(data: Mapping[str, Any], measure: str) -> str:
     return " ".join(said)
 
 
+def stages_table(data: Mapping[str, Any], measure: str) -> str:
+    """Markdown: dB that each stage of a fit adds to the one before it, in the mean over sets, by renderer and scale."""
+    rows = []
+    for renderer in data["renderers"]:
+        found = list(cells(data, renderer, measure))
+        for before, stage in itertools.pairwise((START, *STAGES)):
+            added = {
+                scale: [each[stage] - each[before] for _, where, each in found if where == scale] for scale in SCALES
+            }
+            rows.append([renderer, stage, *(f"{_rounded(each):+.1f}" if each else "" for each in added.values())])
+    return _markdown(["renderer", "dB that it adds, mean over sets", *SCALES], rows)
+
+
 def _mean(found: Sequence[tuple[float, str, str]]) -> str:
-    return f"{round(float(np.mean([each[0] for each in found])), 1) + 0.0:+.1f}"  # and never -0
+    return f"{_rounded([each[0] for each in found]):+.1f}"
+
+
+def _rounded(found: Sequence[float]) -> float:
+    """The mean in tenths, and never -0."""
+    return round(float(np.mean(found)), 1) + 0.0
 
 
 def single_table(data: Mapping[str, Any], measure: str) -> str:
@@ -126,9 +148,11 @@ def cost_table(data: Mapping[str, Any]) -> str:
             seconds, (height, width) = each["seconds"], each["size"]
             rows.append([
                 renderer, name, f"{width} x {height}", str(each["views"]), f"{each['steps']:,}",
-                f"{seconds['preparing']:.0f} s", f"{seconds['fitting']:.0f} s",
+                *(f"{seconds[part]:.0f} s" for part in ("preparing", "steps", "rounds")),
             ])  # fmt: skip
-    return _markdown(["renderer", "set", "texels", "views", "steps", "preparing the views", "fitting"], rows)
+    return _markdown(
+        ["renderer", "set", "texels", "views", "steps", "preparing the views", "the steps", "the rounds"], rows
+    )
 
 
 def _markdown(heads: list[str], rows: list[list[str]]) -> str:

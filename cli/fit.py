@@ -132,7 +132,11 @@ def fit(
     ] = DEFAULT_BUDGET,
     steps: Annotated[
         Optional[int],  # noqa: UP045
-        typer.Option(metavar="NUMBER", help="Steps at most.", show_default="as many as the budget allows"),
+        typer.Option(
+            metavar="NUMBER",
+            help="Steps at most; 0 leaves the choice of starts and the rounds.",
+            show_default="as many as the budget allows",
+        ),
     ] = None,
     renders: Annotated[
         int, typer.Option(metavar="NUMBER", help="How often a step is rendered, each time with new signs.")

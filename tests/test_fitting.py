@@ -266,7 +266,7 @@ def test_a_budget_ends_a_fit() -> None:
         ({"views": []}, "0 views are given: expected two or more"),
         ({"views": spots(1, (0,))}, "1 views are given: expected two or more"),
         ({"held_out": []}, "held_out is empty: expected views"),
-        ({"steps": 0}, "steps is 0: expected 1 or more"),
+        ({"steps": -1}, "steps is -1: expected 0 or more"),
         ({"renders": 0}, "renders is 0: expected 1 or more"),
         ({"passes": 0}, "passes is 0: expected 1 or more"),
         ({"budget": 0.0}, "budget is 0.0: expected seconds"),

@@ -77,6 +77,20 @@ def test_what_all_texels_of_a_level_share_is_found_in_one_round(made: Any) -> No
     assert after < before / 50
 
 
+def test_a_level_between_two_stacks_is_found_in_one_round() -> None:
+    """No offset and no contrast leads there: what differs from the start is another pattern in each stack."""
+    rng = np.random.default_rng(8)
+    first, second = (
+        changed(inner(), "roughness", lambda r: np.clip(r + 0.1 * rng.standard_normal(r.shape), 0.1, 0.9))
+        for _ in range(2)
+    )
+    pairs = zip(first.levels, second.levels, strict=True)
+    right = replace(first, levels=[0.3 * one + 0.7 * other for one, other in pairs])
+    images = images_of(right, Sums())
+    alone, both = (fitted(Sums(), stack=first, others=others, reference=images, **ROUND) for others in ((), (second,)))
+    assert worst(both, Sums(), images) < worst(alone, Sums(), images) / 50
+
+
 def test_more_rounds_come_nearer_where_shading_is_not_linear() -> None:
     right = inner()
     wrong, images = changed(right, "roughness", lambda r: 0.8 * r), images_of(right, Plain())
@@ -139,6 +153,12 @@ def test_numbers_move_one_map_each_by_two_steps_of_8_bits() -> None:
             sizes = np.square(by / steps[list(number.channels)]).sum(-1)
             assert np.sqrt(sizes.mean()) == pytest.approx(2, rel=1e-3)
     assert len(shared.of(values, 3)) == 7  # one texel has no contrast
+    others = [parameters.values(list(start().levels)), values]  # metallic and roughness of `start` are others
+    towards = [number for number in SharedNumbers(parameters, others).of(values, 1) if number.other is not None]
+    assert [(number.other, number.channels) for number in towards] == [(0, (3,)), (0, (4,))]
+    whole = [1 / number.factor for number in towards]
+    moved = SharedNumbers(parameters, others).moved(values, 1, towards, whole)
+    assert moved[:, :5] == pytest.approx(others[0][slice(*parameters.starts[1:3]), :5], abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["metallic", "roughness"])

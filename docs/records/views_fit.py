@@ -38,5 +38,6 @@ FIT_VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fit/single": lambda records: _tables().single_table(records[RECORD], "snr-displayed"),
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,
+    "fit/stages": lambda records: _tables().stages_table(records[RECORD], "snr-displayed"),
     "fit/cost": lambda records: _tables().cost_table(records[RECORD]),
 }

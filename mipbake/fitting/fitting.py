@@ -71,7 +71,8 @@ def fit(
         reference: in place of that, an image (H, W, 3) for each view, in order; or a function from a view to its image.
             With `held_out` the images of these views follow.
         held_out: views to check with. None: every fifth of `views`, which then is not learned from.
-        steps: how many at most; None: 2000, where no budget is given either.
+        steps: how many at most; None: 2000, where no budget is given either. With 0, starts are chosen and rounds
+            are made alone.
         budget: seconds for the steps, checks included, and for the rounds, which take a third of it at most; preparing
             the views comes on top.
         renders: how often a step is rendered, each time with new signs and with their opposites: N of equation 9.
@@ -149,7 +150,7 @@ def fit(
             stacklevel=2,
         )
     movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
-    last = Rounds.planned(loop, state.best, (training, checking), movable, settings)
+    last = Rounds.planned(loop, state.best, (training, checking), movable, settings, starts.values)
     left = None if budget is None else budget - last.seconds
     loop.run(state, training, checking, file, progress, left, 1 - last.share)
     best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)

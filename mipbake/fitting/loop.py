@@ -49,12 +49,10 @@ class FitSettings:
     rounds: int = 1
 
     def __post_init__(self) -> None:
-        if self.rounds < 0:
-            raise UsageError(f"rounds is {self.rounds}: expected 0 or more")
-        for name in ("steps", "renders", "passes"):
+        for name, least in (("steps", 0), ("rounds", 0), ("renders", 1), ("passes", 1)):
             number = getattr(self, name)
-            if number is not None and number < 1:
-                raise UsageError(f"{name} is {number}: expected 1 or more")
+            if number is not None and number < least:
+                raise UsageError(f"{name} is {number}: expected {least} or more")
         if self.budget is not None and not (isinstance(self.budget, (int, float)) and self.budget > 0):
             raise UsageError(f"budget is {self.budget!r}: expected seconds as a number, more than 0")
         if not 0 < self.rate < math.inf:
@@ -73,6 +71,8 @@ class FitSettings:
 
     def share(self, step: int, seconds: float) -> float:
         """How much of the steps and of the budget is spent, whichever is more, from 0 to 1."""
+        if self.last == 0:
+            return 1.0
         by_steps = 0.0 if self.last is None else step / self.last
         return min(1.0, max(by_steps, 0.0 if self.budget is None else seconds / self.budget))
 

@@ -67,45 +67,61 @@ class Number:
 
     Args:
         level: whose texels move. channels: that move.
-        factor: how far they move where the number grows by 1: to all the same, or for the contrast, as a share of what
-            they differ from their mean by.
-        contrast: whether it moves the contrast of a map, and not a channel.
+        factor: how far they move where the number grows by 1: for an offset, to all the same. Otherwise it is a share
+            of how far they are from their mean, or from another stack.
+        contrast: whether it moves the contrast of a map.
+        other: number of the stack that it moves a map towards; None where it does not.
     """
 
     level: int
     channels: tuple[int, ...]
     factor: float
-    contrast: bool
+    contrast: bool = False
+    other: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class SharedNumbers:
-    """What may move of each level: an offset of each channel, and the contrast of each map around its mean."""
+    """What may move of each level: an offset of each channel, the contrast of each map around its mean, and how far a
+    map lies towards those of other stacks.
+
+    Args:
+        parameters: of the stacks.
+        others: values of these stacks, (texels, channels).
+    """
 
     parameters: Parameters
+    others: Sequence[Array] = ()
 
     def of(self, values: Array, level: int) -> list[Number]:
         """The numbers of a level. There is none that moves nothing."""
         steps = np.asarray(self.parameters.channels.magnitude)  # 0 for what follows from other channels
-        spread = self._sampled(values, level) - self._mean(values, level)
+        sampled = self._sampled(values, level)
+        away: dict[int | None, NDArray[np.float64]] = {None: sampled - self._mean(values, level)}
+        for index, other in enumerate(self.others):
+            away[index] = self._sampled(other, level) - sampled
         found = []
         for each in self.parameters.model.maps.values():
             own = tuple(index for index in range(each.start, each.stop) if steps[index] > 0)
-            found += [Number(level, (index,), _DIFFERENCE * float(steps[index]), False) for index in own]
-            size = float(np.sqrt(np.square(spread[:, own] / steps[list(own)]).sum(-1).mean()))
-            if size > 1e-3:  # quantisation steps; less is rounding
-                found.append(Number(level, own, _DIFFERENCE / size, True))
+            found += [Number(level, (index,), _DIFFERENCE * float(steps[index])) for index in own]
+            for toward, distance in away.items():
+                size = float(np.sqrt(np.square(distance[:, own] / steps[list(own)]).sum(-1).mean()))
+                if size > 1e-3:  # quantisation steps; less is rounding
+                    found.append(Number(level, own, _DIFFERENCE / size, toward is None, toward))
         return found
 
     def moved(self, values: Array, level: int, numbers: Sequence[Number], by: Sequence[float]) -> Array:
         """(texels of the level, channels) of these values, with numbers of the level moved, within the limits."""
         channels = self.parameters.channels
-        offsets, gains = np.zeros((2, self.parameters.model.channels), np.float32)
+        offsets, gains, *parts = np.zeros((2 + len(self.others), self.parameters.model.channels), np.float32)
         for number, amount in zip(numbers, by, strict=True):
-            moving = gains if number.contrast else offsets
+            moving = parts[number.other] if number.other is not None else gains if number.contrast else offsets
             moving[list(number.channels)] += np.float32(amount * number.factor)
         offsets -= gains * self._mean(values, level)
-        moved = values[self._own(level)] * (1 + gains) + offsets
+        moved = values[self._own(level)] * (1 + gains - sum(parts)) + offsets
+        for part, other in zip(parts, self.others, strict=True):
+            if part.any():
+                moved += part * other[self._own(level)]
         np.clip(moved, np.asarray(channels.low, np.float32), np.asarray(channels.high, np.float32), out=moved)
         still = replace(channels, magnitude=tuple(0.0 for _ in channels.magnitude))
         return np.asarray(stochastic.perturb(moved, still, 0, 0)[0])  # with normals of unit length
@@ -115,7 +131,9 @@ class SharedNumbers:
         channels, own = self.parameters.channels, list(number.channels)
         before = self._sampled(values, number.level)[:, own]
         wanted = np.full_like(before, by * number.factor)
-        if number.contrast:
+        if number.other is not None:
+            wanted *= self._sampled(self.others[number.other], number.level)[:, own] - before
+        elif number.contrast:
             wanted *= before - self._mean(values, number.level)[own]
         got = np.clip(before + wanted, np.asarray(channels.low)[own], np.asarray(channels.high)[own]) - before
         energy = float(np.square(wanted).sum())
@@ -159,20 +177,22 @@ class Rounds:
         views: tuple[Sequence[Prepared], Sequence[Prepared]],
         movable: Sequence[int],
         settings: FitSettings,
+        others: Sequence[Array] = (),
     ) -> Rounds:
         """Rounds that take a share of the budget at most: few of the views are learned from where there are too many.
 
         Args:
             values: (texels, channels), about as they will be.
             views: to learn from, and those that are held out. movable: numbers of the levels that may move.
+            others: values of stacks that levels may move towards.
         """
         learning, checking = views
-        shared, rounds = SharedNumbers(loop.parameters), settings.rounds
+        shared, rounds = SharedNumbers(loop.parameters, others), settings.rounds
         if not rounds or not movable:
             return Rounds(shared, 0, movable, learning)
         counts = {level: len(shared.of(values, level)) for level in movable}
         derived = sum(1 + sum(counts[n] for n in movable if view.shares[n] >= _LEAST_SHARE) for view in learning)
-        judged = (len(_DAMPINGS) + 2 + len(movable)) * (len(learning) + len(checking))
+        judged = (2 * len(_DAMPINGS) + 2 + len(movable)) * (len(learning) + len(checking))
         if settings.budget is None:
             steps = math.inf if settings.last is None else settings.last
             renders = rounds * (derived + judged)
@@ -180,7 +200,7 @@ class Rounds:
         began = time.monotonic()
         for level in movable:
             shared.moved(values, level, (), ())
-        texels = (time.monotonic() - began) * (max(counts.values()) + _TRIES * len(_DAMPINGS))
+        texels = (time.monotonic() - began) * (max(counts.values()) + 2 * _TRIES * len(_DAMPINGS))
         began = time.monotonic()
         loop.errors(values, checking)
         pace = (time.monotonic() - began) / len(checking)
@@ -206,7 +226,9 @@ class Rounds:
             equations = _Equations.of(loop, self.shared, values, self.learning, self.movable)
             if not equations.right.any():
                 return values, done
-            variants = [values, *(equations.stepped(self.shared, values, damping) for damping in _DAMPINGS)]
+            variants = [values]
+            for damping in _DAMPINGS:
+                variants += [equations.stepped(self.shared, values, damping, alone) for alone in (False, True)]
             chosen = loop.chosen(variants, judging)
             if not chosen.any():
                 return values, done
@@ -261,15 +283,18 @@ class _Equations:
                 right[shown] += every @ missing.ravel()
         return _Equations(numbers, matrix, right)
 
-    def stepped(self, shared: SharedNumbers, values: Array, damping: float) -> Array:
+    def stepped(self, shared: SharedNumbers, values: Array, damping: float, alone: bool = False) -> Array:
         """The values after a damped step.
+
+        Where a level moves `alone`, no number that moves it towards another stack does: fewer numbers follow views that
+        were learned from less closely.
 
         A number that limits of channels would stop stays where it is, and the others make up for it: a metallic map of
         0 cannot fall, for one.
         """
         scale = np.diag(self.matrix)
         damped = self.matrix + np.diag(damping * scale + _FLOOR * scale.mean())
-        moving = scale > 0
+        moving = (scale > 0) & ~np.array([alone and number.other is not None for number in self.numbers], bool)
         while True:
             found = np.zeros(len(self.right))
             found[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], self.right[moving])
