@@ -121,6 +121,14 @@ def test_a_value_of_several_lines(tmp_path: Path) -> None:
         read_project(written(tmp_path, '[[sets]]\nmatches = [\n  "a",\n  "b",\n]\nmatch = "c"\n'))
 
 
+@pytest.mark.parametrize("quotes", ['"' * 3, "'" * 3])
+def test_text_of_several_lines_holds_no_keys(tmp_path: Path, quotes: str) -> None:
+    text = f"{quotes}\n[[sets]]\nstrength = 1\n# {quotes}"
+    lines = f'[options]\nmap.roughness = {text}\nmethod = "x" # {quotes}\n'
+    with pytest.raises(UsageError, match="line 8: unknown method 'x'"):
+        read_project(written(tmp_path, lines))
+
+
 def test_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"mipbake\.toml has no out: expected out = a folder"):
         read_project(written(tmp_path, "", 'library = "x"\n'))

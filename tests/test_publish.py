@@ -15,7 +15,7 @@ from mipbake.cli.main import main
 from mipbake.errors import OutputError
 from mipbake.io import publish
 from mipbake.io.leftovers import remove, unfinished
-from mipbake.io.publish import check_place, published, replaced_file
+from mipbake.io.publish import check_place, published, replaced_file, temporary_folder
 
 from .command_line import fails, write_set
 
@@ -219,3 +219,27 @@ def test_what_engines_put_beside_files_moves_on(tmp_path: Path, capsys: pytest.C
     (result / "nothing.png.meta").write_text("guid: 3")
     assert "files that are not mipbake's" in fails(capsys, 4, *bake)
     assert (result / "nothing.png.meta").exists() and kept.read_text() == "guid: 1"
+
+
+def test_temporary_files_of_killed_processes_are_removed_and_no_others(tmp_path: Path) -> None:
+    code = """
+import sys
+from pathlib import Path
+from mipbake.io.publish import temporary_folder
+
+with temporary_folder(Path(sys.argv[1])) as folder:
+    (folder / "large").write_text("text")
+    print(folder.name, flush=True)
+    sys.stdin.read()
+"""
+    killed, alive = program(code, tmp_path), program(code, tmp_path)
+    assert killed.stdout is not None and alive.stdout is not None
+    theirs, others = killed.stdout.readline().strip(), alive.stdout.readline().strip()
+    killed.kill()
+    killed.wait()
+    assert names(tmp_path) == sorted([theirs, others])
+    with temporary_folder(tmp_path) as own:
+        assert names(tmp_path) == sorted([own.name, others]) and names(tmp_path / others) == ["large"]
+        assert own.stat().st_mode & 0o777 == 0o700
+    alive.communicate()
+    assert names(tmp_path) == []

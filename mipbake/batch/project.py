@@ -241,6 +241,10 @@ _PART = r"""[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*'"""
 _DOTTED = rf"(?:{_PART})(?:\s*\.\s*(?:{_PART}))*"
 _HEADER = re.compile(rf"\s*\[(\[)?\s*({_DOTTED})\s*\]")
 _KEY = re.compile(rf"\s*({_DOTTED})\s*=")
+_TEXTS = re.compile(
+    r"""(\"{3}(?:[^\\]|\\.)*?\"{3,5}|'{3}.*?'{3,5})|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\#[^\n]*""", re.DOTALL
+)
+"""Strings and comments; those of several lines as a group, because what stands in them may look like keys."""
 
 
 def _keys(dotted: str) -> tuple[str, ...]:
@@ -270,7 +274,8 @@ class _Source:
         found: dict[tuple[str | int, ...], int] = {}
         table: tuple[str | int, ...] = ()
         counts: dict[tuple[str | int, ...], int] = {}
-        for number, line in enumerate(self.text.split("\n"), 1):
+        text = _TEXTS.sub(lambda each: "\n" * each[0].count("\n") if each[1] else each[0], self.text)
+        for number, line in enumerate(text.split("\n"), 1):
             if header := _HEADER.match(line):
                 table = _within(_keys(header[2]), counts)
                 if header[1]:

@@ -28,7 +28,7 @@ _LITTER = (".DS_Store", "Thumbs.db", "desktop.ini")
 """What file managers leave in folders. It is in nobody's way."""
 
 _BLOCK = 1 << 20  # bytes
-TRIAL = "mipbake-trial"
+TRIAL, TEMPORARY = "mipbake-trial", "mipbake-files"
 _TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD of fcntl.h, RENAME_EXCHANGE of linux/fs.h
 
@@ -182,16 +182,20 @@ def temporary_files(parent: Path | None = None) -> Iterator[None]:
 def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
     """A folder for files that are not needed for long, removed when the block ends.
 
+    What killed processes left of theirs beside it is removed, too.
+
     Args:
         parent: where it lies; None for the system's folder of such.
 
     Raises:
         OutputError: it cannot be made.
     """
-    with temporary_files(parent):
-        made = tempfile.TemporaryDirectory(prefix="mipbake-", dir=parent, ignore_cleanup_errors=True)
-    with made as folder:
-        yield Path(folder)
+    with contextlib.ExitStack() as held:
+        with temporary_files(parent):
+            place = (parent or Path(tempfile.gettempdir())) / TEMPORARY
+            tidy(place)
+            folder = held.enter_context(begun(place, lambda path: path.mkdir(mode=0o700)))
+        yield folder
 
 
 def write_temporary(path: Path, data: bytes | memoryview) -> None:
