@@ -287,8 +287,11 @@ def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster, number: int) -
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nonsense"])
 def test_no_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str], address: str) -> None:
     library = write_library(tmp_path / "lib", 1)
-    said = fails(capsys, 2, "bake", library, "-r", "-o", tmp_path / "out", "--cluster", address, "--quiet")
+    (tmp_path / "given").mkdir()
+    out = tmp_path / "given" / "new" / "out"
+    said = fails(capsys, 2, "bake", library, "-r", "-o", out, "--cluster", address, "--quiet")
     assert f"no Ray cluster can be used at {address}" in said and "ray start --head" in said
+    assert list((tmp_path / "given").iterdir()) == []
 
 
 def test_another_version_is_refused(tmp_path: Path) -> None:

@@ -191,6 +191,10 @@ class States:
         row = (_text(label), _told(source), key, json.dumps([known.count, files, results, known.faults]))
         self._rows("insert or replace into entries values (?, ?, ?, ?)", *row)
 
+    def is_empty(self) -> bool:
+        """Whether it can be read, and nothing is known of any entry."""
+        return not self._rows("select label from entries limit 1") and self._connection is not None
+
     def _rows(self, query: str, *values: str) -> list[tuple[str, ...]]:
         if self._connection is None:
             return []
@@ -235,21 +239,28 @@ def _known(content: str) -> Known | None:
 def opened(out: Path, name: str = "batch", write: bool = True) -> Iterator[States]:
     """The database of a folder of results. Where it cannot be had, nothing is known; a damaged one is begun anew.
 
+    One in which nothing was remembered does not stay, nor do the folders that were made for it.
+
     Args:
         name: of the database.
         write: whether it is made where there is none; else what is remembered is forgotten.
     """
     place = out / FOLDER / f"{name}{_SUFFIX}"
-    connection = _connected(place, write) or _begun(sqlite3.connect(":memory:"))
+    made = [folder for folder in (place.parent, *place.parent.parents) if write and not folder.exists()]
+    found = _connected(place, write)
+    connection = found or _begun(sqlite3.connect(":memory:"))
     beside = [path for path in sorted(place.parent.glob(f"*{_SUFFIX}")) if path != place]
     states = States(connection, beside)
     try:
         yield states
     finally:
+        useless = write and found is not None and (states.is_empty() or states.damaged)
         connection.close()
-        if states.damaged and write:
+        if useless:
             with suppress(OSError):
                 place.unlink()
+                for folder in made:  # as far as nothing else lies in them
+                    folder.rmdir()
 
 
 def _connected(place: Path, write: bool) -> sqlite3.Connection | None:
