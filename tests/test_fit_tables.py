@@ -8,6 +8,9 @@ from typing import Any
 
 import pytest
 
+STAGED = {"start": 0.0, "steps": 0.0}
+"""Rows that words say nothing of."""
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -25,8 +28,8 @@ def test_words_count_what_is_ahead_equal_and_behind(monkeypatch: pytest.MonkeyPa
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     tables = importlib.import_module("fit_tables")
     others = {"linear": 10.0, "lean": 12.0, "auto": 11.0}
-    first = one({"near": others | {"fitted": 12.04}, "far": others | {"fitted": 13.0}})
-    second = one({"near": others | {"fitted": 11.6}, "far": others | {"fitted": 12.2}})
+    first = one({"near": others | STAGED | {"fitted": 12.04}, "far": others | STAGED | {"fitted": 13.0}})
+    second = one({"near": others | STAGED | {"fitted": 11.6}, "far": others | STAGED | {"fitted": 12.2}})
     said = tables.words({"renderers": {"gl": {"a": first, "b": second}}}, "snr")
     assert said == (
         "In `gl`, the fitted stack is ahead of the best of the other three at 2 of 4 scales of 2 sets, equal to it at "
@@ -44,5 +47,19 @@ def test_a_mean_is_never_minus_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     tables = importlib.import_module("fit_tables")
     equal, others = {"linear": 9.0, "lean": 9.0, "auto": 9.0}, {"near": 9.0, "1:1": 9.0, "middle": 9.0, "far": 8.9}
-    data = {"renderers": {"gl": {"a": one({scale: equal | {"fitted": snr} for scale, snr in others.items()})}}}
+    data = {"renderers": {"gl": {"a": one({scale: equal | STAGED | {"fitted": snr} for scale, snr in others.items()})}}}
     assert tables.words(data, "snr").endswith("the difference to the best of them is +0.0 dB.")
+
+
+def test_stages_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    tables = importlib.import_module("fit_tables")
+    others = {"linear": 9.0, "lean": 9.0, "auto": 10.0}
+    first = one({"near": others | {"start": 10.0, "steps": 10.5, "fitted": 10.46}})
+    second = one({"near": others | {"start": 10.4, "steps": 10.7, "fitted": 10.7}})
+    lines = tables.stages_table({"renderers": {"gl": {"a": first, "b": second}}}, "snr").splitlines()
+    assert lines[2:] == [
+        "| gl | start | +0.2 |  |  |  |",
+        "| gl | steps | +0.4 |  |  |  |",
+        "| gl | fitted | +0.0 |  |  |  |",
+    ]

@@ -55,6 +55,17 @@ def test_each_level_starts_from_the_stack_that_shows_it_best() -> None:
     assert "level 1, 2 from linear" in result.provenance.adjustments[-1]
 
 
+def test_without_steps_starts_are_chosen_and_rounds_are_made() -> None:
+    told: list[Progress] = []
+    chosen = fitted(stack=spoilt(1, 2), others=[spoilt(0, 3)], steps=0, rounds=0, progress=told.append)
+    assert same(chosen, start()) and told == []
+    assert "by 0 steps with error" in chosen.provenance.adjustments[-1]
+    darker = replace(start(), levels=[0.9 * level for level in start().levels])
+    reached = fitted(stack=darker, steps=0).provenance.adjustments[-1]
+    assert "by 0 steps and 1 round of least squares" in reached
+    assert not same(fitted(stack=darker, steps=0), darker)
+
+
 def test_a_stack_that_is_no_better_changes_nothing() -> None:
     assert same(fitted(others=[spoilt(0, 1, 2, 3), start()], steps=12), fitted(steps=12))
 
