@@ -246,7 +246,7 @@ def opened(out: Path, name: str = "batch", write: bool = True) -> Iterator[State
         write: whether it is made where there is none; else what is remembered is forgotten.
     """
     place = out / FOLDER / f"{name}{_SUFFIX}"
-    made = [folder for folder in (place.parent, *place.parent.parents) if write and not folder.exists()]
+    made = [folder for folder in (place.parent, *place.parent.parents) if write and not os.path.lexists(folder)]
     found = _connected(place, write)
     connection = found or _begun(sqlite3.connect(":memory:"))
     beside = [path for path in sorted(place.parent.glob(f"*{_SUFFIX}")) if path != place]

@@ -190,7 +190,9 @@ class Rounds:
         shared, rounds = SharedNumbers(loop.parameters, others), settings.rounds
         if not rounds or not movable:
             return Rounds(shared, 0, movable, learning)
-        counts = {level: len(shared.of(values, level)) for level in movable}
+        # Once steps have moved a level, each of its maps can move back towards the stack that it started from, as well.
+        back = len(loop.parameters.model.maps) if others and settings.last != 0 else 0
+        counts = {level: len(shared.of(values, level)) + back for level in movable}
         derived = sum(1 + sum(counts[n] for n in movable if view.shares[n] >= _LEAST_SHARE) for view in learning)
         judged = (2 * len(_DAMPINGS) + 2 + len(movable)) * (len(learning) + len(checking))
         if settings.budget is None:
