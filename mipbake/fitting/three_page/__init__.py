@@ -13,12 +13,12 @@ import secrets
 import signal
 import struct
 import subprocess
-import tempfile
 import threading
 import time
 import weakref
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import RendererError
+from mipbake.io.publish import temporary_folder
 
 __all__ = ["START_SECONDS", "Page"]
 
@@ -70,27 +71,29 @@ class Page:
 
     Raises:
         RendererError: Chromium does not start, or the page does not.
+        OutputError: there is no room for its files.
     """
 
     def __init__(self, three: Path, chromium: str, flags: Sequence[str]) -> None:
+        held = ExitStack()
+        folder = held.enter_context(temporary_folder())
         self._exchange = _Exchange()
         self._job, secret = 0, secrets.token_urlsafe()
         self._server = _Server(("127.0.0.1", 0), partial(_Handler, self._exchange, f"/{secret}/", three))
         thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         thread.start()
-        self._profile = tempfile.TemporaryDirectory(prefix="mipbake-", ignore_cleanup_errors=True)
-        self._printed = Path(self._profile.name, "printed.txt")
+        self._printed = folder / "printed.txt"
         address = f"http://127.0.0.1:{self._server.server_port}/{secret}/page.html"
-        command = [chromium, *_FLAGS, *flags, f"--user-data-dir={self._profile.name}/profile", address]
+        command = [chromium, *_FLAGS, *flags, f"--user-data-dir={folder}/profile", address]
         try:
             with self._printed.open("wb") as printed:
                 self._process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=printed, stderr=printed, start_new_session=True
                 )
         except OSError as error:
-            _end(None, self._server, self._profile)
+            _end(None, self._server, held)
             raise RendererError(f"{chromium} does not start ({error}): expected Chromium") from error
-        self.close = weakref.finalize(self, _end, self._process, self._server, self._profile)
+        self.close = weakref.finalize(self, _end, self._process, self._server, held)
         """Ends Chromium; may be called again."""
         self.described: Mapping[str, Any] = self._answer(START_SECONDS)[0]
         """What the page says of itself: `three`, its version, and `gpu`, the device that draws."""
@@ -234,7 +237,7 @@ def _unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     return header, arrays
 
 
-def _end(process: subprocess.Popen[bytes] | None, server: _Server, profile: tempfile.TemporaryDirectory[str]) -> None:
+def _end(process: subprocess.Popen[bytes] | None, server: _Server, held: ExitStack) -> None:
     if process is not None:
         if os.name == "posix" and process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
@@ -242,4 +245,4 @@ def _end(process: subprocess.Popen[bytes] | None, server: _Server, profile: temp
         process.wait()
     server.shutdown()
     server.server_close()
-    profile.cleanup()
+    held.close()
