@@ -405,7 +405,7 @@ def test_the_list_of_what_is_unrecorded_shrinks_alone(module: Callable[[str], Mo
 
 def test_a_sample_of_fits_is_compared_set_by_set(module: Callable[[str], ModuleType]) -> None:
     fits = module("records.fits")
-    sums = {method: [100.0, 1.0, 0.5] for method in ("linear", "lean", "auto", "fitted")}
+    sums = {method: [100.0, 1.0, 0.5] for method in ("linear", "lean", "auto", "start", "steps", "fitted")}
     off = {**sums, "fitted": [100.0, 1.05, 0.5]}
 
     def data(*sets: tuple[str, dict[str, list[float]]]) -> dict[str, Any]:
@@ -415,7 +415,7 @@ def test_a_sample_of_fits_is_compared_set_by_set(module: Callable[[str], ModuleT
     record, sample = data(("a", sums), ("b", sums)), data(("b", off))
     assert fits.sets(record) == ["a", "b"]
     found = fits.differences(record, sample)
-    assert len(found) == 8 and all(each.name.startswith("gl clearcoat, b, snr") for each in found)
+    assert len(found) == 12 and all(each.name.startswith("gl clearcoat, b, snr") for each in found)
     wrong = {each.name: each.share for each in found if each.share > 1}
     assert set(wrong) == {f"gl clearcoat, b, {m}, far, fitted" for m in ("snr", "snr-displayed")}
     assert fits.differences(record, data(("c", off))) == []

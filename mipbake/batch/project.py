@@ -244,7 +244,7 @@ _KEY = re.compile(rf"\s*({_DOTTED})\s*=")
 _TEXTS = re.compile(
     r"""(\"{3}(?:[^\\]|\\.)*?\"{3,5}|'{3}.*?'{3,5})|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\#[^\n]*""", re.DOTALL
 )
-"""Strings and comments; those of several lines as a group, because what stands in them may look like keys."""
+"""Strings and comments; a string of several lines as a group, because what stands in it may look like keys."""
 
 
 def _keys(dotted: str) -> tuple[str, ...]:

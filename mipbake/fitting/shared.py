@@ -83,7 +83,7 @@ class Number:
 @dataclass(frozen=True, eq=False)
 class SharedNumbers:
     """What may move of each level: an offset of each channel, the contrast of each map around its mean, and how far a
-    map lies towards those of other stacks.
+    map lies towards the same map of other stacks.
 
     Args:
         parameters: of the stacks.
