@@ -232,7 +232,7 @@ def test_a_program_renders(folder, tmp_path):
         (("--renderer", "nowhere_at_all:make"), "cannot be imported"),
         (("--renderer", "json:dumps_nothing"), "cannot be imported"),
         (("--renderer", "torch", "--views", "0"), "views is 0"),
-        (("--renderer", "torch", "--steps", "0"), "steps is 0"),
+        (("--renderer", "torch", "--steps", "-1"), "steps is -1"),
         (("--renderer", "torch", "--texels", "some"), "texels is 'some'"),
         (("--renderer", "torch", "--error", "none"), "error is 'none'"),
         (("--renderer", "torch", "--start", "nothing"), "no method and no stack nothing"),
