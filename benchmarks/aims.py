@@ -1,6 +1,6 @@
 """What `--aim` moves, and how far the limit is: SNR under single lights, and what people see, of small parts of sets.
 
-    python docs/remake.py aims --materials MATERIALS    measures, and makes the section of docs/results.md
+    python docs/remake.py --measure aims --materials MATERIALS   measures, and makes the section of docs/results.md
     python benchmarks/aims.py MATERIALS RESULTS         measures, and writes the file RESULTS
 
 MATERIALS is a folder of texture sets. The middle of some of them is baked by `auto` with several aims, by the network

@@ -4,8 +4,8 @@
 
 Every level of such a texture is the material itself. What a network makes of it is off by what the network loses when
 it encodes and decodes, and by nothing else. The materials are texels drawn from real sets, converted to the paper's
-material models, and from generated sets of Beckmann lobes. `python docs/remake.py constant-materials` runs it, and
-docs/paper-figures.md shows what came out.
+material models, and from generated sets of Beckmann lobes. `python docs/remake.py --measure constant-materials` runs
+it, and docs/paper-figures.md shows what came out.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Films of texture sets, and what people see in them: every method, both samplers, with accumulation and without.
 
-    python docs/remake.py films --materials MATERIALS             measures, and makes the blocks of RESULTS-films.md
+    python docs/remake.py --measure films --materials MATERIALS   measures, and makes the blocks of RESULTS-films.md
     python benchmarks/films.py MATERIALS FOLDER --plans SET SET   measures some sets
 
 MATERIALS is a folder of texture sets, FOLDER takes a file a set. A run that was stopped goes on from these files, and
-several runs with different sets may share one FOLDER: the folder of docs/remake.py is build/records/films-HASH. New
+several runs with different sets may share one FOLDER: the folder of docs/remake.py is build/records/films. New
 code is not noticed: it wants a new FOLDER. Every set is filmed as floor, wall and sphere, under one of three lightings
 in turn. Methods that take a sampler make a stack for each sampler. The films of a set share their references.
 """

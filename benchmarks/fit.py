@@ -283,13 +283,11 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="folder for pictures, one of each set in each renderer")
     parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))
     parser.add_argument("--three", type=Path, help="folder `build` of the npm package three; found where it is nearby")
-    parser.add_argument("--plans", nargs="+", metavar="SET", help="only these of the sets")
     for each in fields(Effort):
         parser.add_argument(f"--{each.name}", type=type(each.default), default=each.default)
     options = parser.parse_args()
     effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
     folder, *names = options.materials
-    names = [name for name in names if options.plans is None or name in options.plans]
     sets = folder_sets(Path(folder))
     unknown = [name for name in names if name not in sets]
     if unknown or not names:

@@ -2,7 +2,7 @@
 
     python benchmarks/results.py SETS_FOLDER RESULTS_FOLDER
 
-`python docs/remake.py results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record;
+`python docs/remake.py --measure results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record;
 docs/results.md and other pages are made from the record.
 
 Every sub-folder of SETS_FOLDER is one texture set. Six kinds of measurements, each in a folder of its own:
@@ -15,8 +15,8 @@ Every sub-folder of SETS_FOLDER is one texture set. Six kinds of measurements, e
     correlated   generated materials whose channels depend on each other, and twins where they do not
 
 Sets whose file says that it was measured with the same methods, weights and settings are left alone, so a run that was
-stopped goes on, and new weights are measured. New code is not noticed: it wants a new RESULTS_FOLDER, which
-docs/remake.py gives it. A set that fails is named at the end, and the others are measured.
+stopped goes on, and new weights are measured. New code is not noticed: it wants a new RESULTS_FOLDER. A set that fails
+is named at the end, and the others are measured.
 """
 
 from __future__ import annotations
@@ -99,7 +99,6 @@ def run(
     parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
     parser.add_argument("--without", nargs="+", default=[], metavar="WEIGHTS", help="networks that are not measured")
     parser.add_argument("--only", nargs="+", help="names of sets")
-    parser.add_argument("--plans", nargs="+", help="names of files, which may be of generated sets; default all")
     for field in dataclasses.fields(ResultsEffort):
         parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
     options = parser.parse_args()
@@ -112,7 +111,7 @@ def run(
     for kind in options.kinds:
         folder = options.results / kind
         folder.mkdir(parents=True, exist_ok=True)
-        for every in (each for each in kinds[kind](asked) if not options.plans or each.name in options.plans):
+        for every in kinds[kind](asked):
             plan = dataclasses.replace(every, methods=[m for m in every.methods if m.weights not in options.without])
             file = folder / f"{plan.name}.json"
             key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}

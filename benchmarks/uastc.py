@@ -1,6 +1,6 @@
 """What the textures of a GLB lose of the shaded result, set by set: where the loss comes from, and what prevents it.
 
-    python docs/remake.py uastc --materials MATERIALS    measures everything, and makes RESULTS-uastc.md
+    python docs/remake.py --measure uastc --materials MATERIALS    measures, and makes RESULTS-uastc.md
     python benchmarks/uastc.py MATERIALS --only SET,SET  measures some sets, and prints the page of them
 
 MATERIALS is a folder of texture sets. Losses are in dB of SNR, in the mean of the levels of detail that `mipbake bake`

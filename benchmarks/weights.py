@@ -1,6 +1,6 @@
 """What the weights of the judge do: each halved and doubled, and what `auto` makes of sets then.
 
-    python docs/remake.py weights --materials MATERIALS    measures, and makes RESULTS-weights.md
+    python docs/remake.py --measure weights --materials MATERIALS    measures, and makes RESULTS-weights.md
     python benchmarks/weights.py MATERIALS                 measures, and prints the table
 
 MATERIALS is a folder of texture sets that nothing is tested on: weights are chosen here. The middle of a few of them is

@@ -1,6 +1,6 @@
 """Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [OUT]`, minutes on one core.
 
-`python docs/remake.py beckmann` keeps what it writes to OUT. It prints
+`python docs/remake.py --measure beckmann` keeps what it writes to OUT. It prints
 
 1. the polynomials of csrc/shading/beckmann_masking.h, and how far they are from erfc;
 2. for each alpha, the `beckmann` mirror that is nearest to a GGX mirror, what `mipbake.material.ggx_to_beckmann` keeps

@@ -4,8 +4,8 @@
 
 The texture lies around the sphere a whole number of times and turns by one of its repeats, so the last frame runs into
 the first. Prints each candidate's flicker (its mean squared change from frame to frame over the reference's) and SNR,
-over all frames, and writes them to a file, from which the caption is made (`python docs/remake.py animation` does
-both). Radiance is shown as x / (1 + x), then sRGB.
+over all frames, and writes them to a file, from which the caption is made (`python docs/remake.py --measure animation`
+does both). Radiance is shown as x / (1 + x), then sRGB.
 """
 
 from __future__ import annotations

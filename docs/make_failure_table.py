@@ -2,7 +2,7 @@
 
     python docs/make_failure_table.py [--points 8192] [--samples 64] [--set FOLDER] OUT
 
-`python docs/remake.py failure` runs it and writes the table.
+`python docs/remake.py --measure failure` runs it and writes the table.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@ figure 7 of Kemppinen et al. 2023.
 
     python docs/make_figure_7.py --figures FILE [PAGE] [--set FOLDER] [--side 112] [--passes 512] [--methods ...]
 
-`python docs/remake.py figure-7` runs it and writes the page from its figures; pictures are written beside the page.
+`python docs/remake.py --measure figure-7` runs it and writes the page from its figures; pictures are written beside
+the page.
 
 The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
 render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert

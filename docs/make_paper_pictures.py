@@ -3,9 +3,9 @@ Kemppinen et al. 2023, with materials of this project.
 
     python docs/make_paper_pictures.py FOLDER --figures FILE [--side 128] [--passes 256]
 
-`python docs/remake.py paper-pictures` runs it. The materials are the examples, converted to the paper's material models
-and boosted (a little glossier and bumpier, section 4 of the paper), and generated ones. Columns are the methods that
-the paper compares: naive averaging, LEAN mapping, MIPNet, the paper's network, and the reference.
+`python docs/remake.py --measure paper-pictures` runs it. The materials are the examples, converted to the paper's
+material models and boosted (a little glossier and bumpier, section 4 of the paper), and generated ones. Columns are
+the methods that the paper compares: naive averaging, LEAN mapping, MIPNet, the paper's network, and the reference.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 import pictures
 from numpy.typing import NDArray
 from PIL import Image
-from records.code import ROOT
+from records.record import ROOT
 from records.scripts import script
 
 import mipbake

@@ -3,8 +3,8 @@
     python docs/make_picture.py [--set FOLDER] [--side 192] [--passes 4096] [--figures FILE] [OUT]
 
 Prints the SNR of every sphere against the reference, which also stands below it, and writes it to a file, from which
-the caption is made (`python docs/remake.py picture` does both). The views are those that `mipbake compare` measures;
-radiance is shown as x / (1 + x), then sRGB.
+the caption is made (`python docs/remake.py --measure picture` does both). The views are those that `mipbake compare`
+measures; radiance is shown as x / (1 + x), then sRGB.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def write(folder: Path, kind: str, *files: dict[str, Any]) -> None:
 def save(folder: Path, name: str, data: dict[str, Any]) -> None:
     """Writes a record."""
     record = importlib.import_module("records.record")
-    record.Record(name, record.Measured("today", "a machine", 1.0, ""), {}, data, folder=folder).save()
+    record.Record(name, record.Measured("today", "a machine", 1.0, "0.1.0"), data, folder).save()
 
 
 def maker(module: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[], str]:

@@ -70,9 +70,8 @@ def test_the_section_says_what_the_record_holds(module: Any, tmp_path: Path) -> 
         "two": {name: figures(20.0, 4 * value) for name, value in seen.items()},
     }
     sets["two"]["linear (box)"], sets["two"]["lean (box)"] = sets["two"]["lean (box)"], sets["two"]["linear (box)"]
-    record.Record(
-        "aims", record.Measured("today", "a machine", 1.0, ""), {}, {"side": 16, "sets": sets}, folder=tmp_path
-    ).save()
+    measured = record.Measured("today", "a machine", 1.0, "0.1.0")
+    record.Record("aims", measured, {"side": 16, "sets": sets}, tmp_path).save()
     text = "\n".join(page.section(tmp_path, tmp_path / "page.md"))
     assert "On the middle 16 x 16 texels of each of 2 sets" in text
     assert "| linear (box) | 15.0 | 15.0 | 1.131 | 1.131 |" in text

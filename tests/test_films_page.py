@@ -231,20 +231,3 @@ def test_rank_correlations(module: Callable[[str], ModuleType]) -> None:
     # Ranks 1, 2.5, 2.5, 4 and 1, 2, 3, 4 by hand: covariance 4.5, variances 4.5 and 5.
     assert spearman([(1, 1), (5, 2), (5, 3), (9, 4)]) == pytest.approx(4.5 / math.sqrt(4.5 * 5))
     assert math.isnan(spearman([(1, 1), (2, 2)])) and math.isnan(spearman([(1, 1), (1, 2), (1, 3)]))
-
-
-@pytest.mark.parametrize(
-    ("measure", "off", "agrees"),
-    [("jod-37", 0.02, True), ("jod-37", 0.04, False), ("snr", 0.11, False), ("sparkle", 9e-5, True)],
-)
-def test_a_sample_of_films_keeps_the_record_or_does_not(
-    module: Callable[[str], ModuleType], tmp_path: Path, measure: str, off: float, agrees: bool
-) -> None:
-    record, measuring, known = (module(f"records.{name}") for name in ("record", "measuring", "known"))
-    old = record.Record("films", record.Measured("then", "machine", 9.0, "x"), {"gone.py": "1"}, data())
-
-    def run(name: str, known: object, materials: object, work: object, more: tuple[str, ...], root: Path) -> object:
-        return data(lambda method, _: {measure: usual(method)[measure] + off}, (more[1],))
-
-    stamped, lines = measuring.confirm(old, known.KNOWN["films"], Path(), "now", tmp_path, run)
-    assert (stamped is not None) == agrees, lines

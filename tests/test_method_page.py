@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from pkgutil import resolve_name
 
-import numpy as np
 import pytest
 
 from mipbake.aim import DEFAULT_AIM
@@ -20,19 +18,6 @@ def rows(head: str) -> list[list[str]]:
     _, _, table = PAGE.partition(head + "\n")
     lines = table.partition("\n\n")[0].splitlines()[1:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-
-
-NUMBERS = rows("| what | number | place in the code | where it comes from |")
-
-
-def test_the_table_of_numbers_has_rows() -> None:
-    assert len(NUMBERS) > 30
-
-
-@pytest.mark.parametrize(("number", "place"), [(row[1], row[2]) for row in NUMBERS])
-def test_a_number_is_the_one_of_the_code(number: str, place: str) -> None:
-    expected = np.ravel(resolve_name(place.strip("`"))).tolist()
-    assert [float(each) for each in number.strip("`").split(",")] == expected
 
 
 def test_the_weights_are_the_ones_of_the_code() -> None:

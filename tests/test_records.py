@@ -1,4 +1,4 @@
-"""Records: what makes them stale, how a sample confirms them, and that all that is printed comes from them."""
+"""Records: pages are what their records say, and what records are made of."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import json
 import math
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -17,11 +16,6 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "docs"))  # for the names of the list below
-try:
-    LISTED = importlib.import_module("records.pages").unrecorded().records
-finally:
-    sys.path.remove(str(ROOT / "docs"))
 
 
 @pytest.fixture(autouse=True)
@@ -30,181 +24,68 @@ def module(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     return importlib.import_module
 
 
-# What is printed today
+def test_pages_are_what_their_records_say(module: Callable[[str], ModuleType]) -> None:
+    stale = [path.relative_to(ROOT).as_posix() for path in module("records.making").renewed()]
+    assert not stale, "python docs/remake.py makes these pages again"
 
 
-def test_everything_printed_is_recorded_and_every_record_is_current(module: Callable[[str], ModuleType]) -> None:
-    """What it says is what to do: measure a record again, confirm it by a sample, make a page again."""
-    assert module("remake").faults() == []
-
-
-@pytest.mark.parametrize("name", LISTED)
-def test_a_record_that_nobody_has_measured(name: str) -> None:
-    pytest.skip(f"{name} is unrecorded: what pages print of it is as it was typed")
-
-
-def test_blocks_have_views_and_views_have_blocks(module: Callable[[str], ModuleType]) -> None:
+def test_blocks_have_views_and_say_their_release(module: Callable[[str], ModuleType]) -> None:
     pages, views = module("records.pages"), module("records.views")
-    every = (*pages.pages(), *pages.cards())
-    used = {name for page in every for name in pages.blocks((ROOT / page).read_text(encoding="utf-8"))}
-    assert used == set(views.VIEWS)
+    blocks = {page: set(pages.blocks((ROOT / page).read_text(encoding="utf-8"))) for page in pages.pages()}
+    assert set().union(*blocks.values()) == {*views.VIEWS, pages.RELEASE}
+    assert [page for page, names in blocks.items() if names and pages.RELEASE not in names] == []
 
 
-def test_every_record_is_printed(module: Callable[[str], ModuleType]) -> None:
-    """A record is printed as a block, a whole page, a part of docs/results.md, or in a docstring."""
-    pages, views, known = (module(f"records.{name}") for name in ("pages", "views", "known"))
-    asked: set[str] = set()
-
-    class Asked:
-        folder = Path("nowhere")
-
-        def __getitem__(self, name: str) -> Any:
-            asked.add(name)
-            return json.loads((ROOT / "benchmarks/records" / f"{name}.json").read_text(encoding="utf-8"))["data"]
-
-        def record(self, name: str) -> Any:
-            asked.add(name)
-            raise module("records.missing").Missing(name)
-
-    for view in (*views.VIEWS.values(), *views.DOCSTRINGS.values()):
-        try:
-            view(Asked())
-        except (FileNotFoundError, module("records.missing").Missing) as missing:
-            asked.add(str(missing.args[0]) if len(missing.args) == 1 else Path(str(missing.filename)).stem)
-    fitting = {name for name in known.KNOWN if name.startswith("fitting-")}  # several in one block
-    results = {name for name in known.KNOWN if name.startswith("results-")}
-    sections = {"aims", "constant-materials", "paper-pictures"}  # of pages that are made from several records
-    assert asked | set(pages.WHOLE.values()) | fitting | results | sections == set(known.KNOWN)
+def test_files_of_records_are_known(module: Callable[[str], ModuleType]) -> None:
+    record, known = module("records.record"), module("records.known").KNOWN
+    assert {path.stem for path in record.FOLDER.glob("*.json")} <= set(known)
 
 
-def test_figures_of_quality_depend_on_code(module: Callable[[str], ModuleType]) -> None:
-    """Times belong to a machine, trainings to a revision; everything else gets old when its code changes."""
-    known = module("records.known").KNOWN
-    assert {name for name in known if known[name].entry is None} == {
-        *("commands", "library", "soak", "throughput", "throughput-large"),
-        *(name for name in known if name.startswith(("timing-", "training-"))),
-    }
+def test_a_page_says_which_release_it_is_of_and_whether_goldens_differ(
+    module: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    record, pages = module("records.record"), module("records.pages")
+    golden = {"stacks": "a", "trainings": "b", "films": "c"}
+    for name, on, goldens in (("one", "2026-01-01", golden), ("two", "2026-02-01", golden), ("time", "2026-01-03", {})):
+        measured = record.Measured(on, "machine", 1.0, "0.1.0", goldens)
+        record.Record(name, measured, {}, tmp_path).save()
+
+    def words(*names: str, **changes: str) -> str:
+        return " ".join(pages.release(names, record.Records(tmp_path), golden | changes).split())
+
+    same = "The golden outputs of today are the same."
+    assert words("one", "two", "gone").endswith(f"measured 2026-01-01 to 2026-02-01 (records `one`, `two`). {same}")
+    assert "the golden films and stacks have changed" in words("one", "two", stacks="x", films="y")
+    assert words("time", stacks="x") == "The figures are of release 0.1.0, measured 2026-01-03 (record `time`)."
+    assert words("gone").startswith("Nobody has measured")
+
+
+def test_every_kind_of_golden_output_has_a_digest(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
+    record, path = module("records.record"), tmp_path / "golden.json"
+    names = ("stacks, a", "trainings, a", "films, a")
+    path.write_text(json.dumps({"results": {name: {"bits": "1"} for name in names}}))
+    before = record.goldens(path)
+    for kind in record.KINDS:
+        changed = {name: {"bits": "2" if name.startswith(kind) else "1"} for name in names}
+        path.write_text(json.dumps({"results": changed}))
+        assert [each for each in before if before[each] != record.goldens(path)[each]] == [kind]
 
 
 def test_docstrings_say_what_was_measured(module: Callable[[str], ModuleType]) -> None:
-    records = module("records.making").Records()
+    records = module("records.record").Records()
     for path, words in module("records.views").DOCSTRINGS.items():
         package, name = path.rsplit(".", 1)
         said = " ".join((getattr(module(package), name).__doc__ or "").split())
         assert words(records) in said, f"the docstring of {path} shall say: {words(records)}"
 
 
-# What makes a record stale
-
-
-@pytest.fixture
-def project(tmp_path: Path) -> Path:
-    """A small project of the same rooms."""
-    files = {
-        "mipbake/__init__.py": "from mipbake.a import f\n",
-        "mipbake/a.py": '"""Words."""\nimport numpy\n\ndef f(x):\n    """More."""\n    from mipbake.b import g\n'
-        "    return g(x)\n",
-        "mipbake/b.py": "from mipbake.models.net import layers\nfrom mipbake.shading import shade\n"
-        "def g(x):\n    return x\n",
-        "mipbake/unused.py": "y = 1\n",
-        "mipbake/stack.py": "z = 1\n",
-        "mipbake/shading/__init__.py": "def shade(): ...\n",
-        "models/__init__.py": "",
-        "models/net.py": "layers = 3\n",
-        "docs/measure.py": "import mipbake\nimport helper\nmipbake.f(mipbake.stack.z)\n",
-        "docs/helper.py": "k = 1\n",
-        "csrc/bind/shading.cpp": '#include "shading/lobe.h"\nint a = 1; // one\n',
-        "csrc/shading/lobe.h": 'const char *s = "// kept"; /* gone */\n',
-        "csrc/cpu/raster.cpp": "int r;\n",
-    }
-    for name, text in files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    weights = tmp_path / "models" / "weights"
-    weights.mkdir()
-    (weights / "net.safetensors").write_bytes(b"numbers")
-    about = {"network": {"layers": 3}, "pixel_filters": ["box"], "default": True, "commit": "1"}
-    (weights / "net.json").write_text(json.dumps(about))
-    return tmp_path
-
-
-def hashes(module: Callable[[str], ModuleType], root: Path) -> dict[str, str]:
-    code = module("records.code")
-    code.forget()
-    found: dict[str, str] = code.hashes(code.Entry(("docs/measure.py",), ("net",)), root)
-    return found
-
-
-def test_what_a_record_depends_on(module: Callable[[str], ModuleType], project: Path) -> None:
-    """Scripts, imports of imports, imports inside functions, rooms elsewhere, the native core with its headers,
-    weights; neither what writes files nor what is not imported."""
-    assert set(hashes(module, project)) == {
-        "docs/measure.py", "docs/helper.py", "mipbake/a.py", "mipbake/b.py", "mipbake/shading/__init__.py",
-        "models/__init__.py", "models/net.py", "csrc/bind/shading.cpp", "csrc/shading/lobe.h", "weights net",
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("mipbake/a.py", '"""Words."""', '"""Other words, on\ntwo lines."""'),
-        ("mipbake/a.py", '    """More."""\n', ""),
-        ("mipbake/b.py", "    return x", "    # why\n\n    return  x  # what"),
-        ("csrc/bind/shading.cpp", "int a = 1; // one", "int a\n = 1;/* two\n lines */"),
-        ("mipbake/unused.py", "1", "2"),
-        ("models/weights/net.json", '"commit": "1"', '"commit": "2"'),
-    ],
-)
-def test_words_change_nothing(
-    module: Callable[[str], ModuleType], project: Path, file: str, old: str, new: str
-) -> None:
-    before, path = hashes(module, project), project / file
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    assert hashes(module, project) == before
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("mipbake/b.py", "return x", "return -x"),
-        ("models/net.py", "3", "4"),
-        ("docs/helper.py", "1", "1.0"),
-        ("csrc/shading/lobe.h", "// kept", "// kept?"),
-        ("csrc/bind/shading.cpp", "1", "2"),
-        ("models/weights/net.json", "3", "4"),
-        ("models/weights/net.safetensors", "numbers", "other numbers"),
-    ],
-)
-def test_code_and_weights_make_stale(
-    module: Callable[[str], ModuleType], project: Path, file: str, old: str, new: str
-) -> None:
-    record = module("records.record")
-    before = hashes(module, project)
-    made = record.Record("one", record.Measured("today", "machine", 1.0, "x"), before, {"a": 1.0}, folder=project)
-    assert record.state(made, before) == ("current", [])
-    (project / file).write_text((project / file).read_text().replace(old, new, 1))
-    name = file if not file.startswith("models/weights") else "weights net"
-    assert record.state(made, hashes(module, project)) == ("stale", [name])
-
-
-def test_an_entry_point_that_is_gone_is_an_error(module: Callable[[str], ModuleType], project: Path) -> None:
-    code = module("records.code")
-    for wrong in (code.Entry(("docs/gone.py",)), code.Entry(("mipbake.gone",)), code.Entry((), ("gone",))):
-        with pytest.raises((FileNotFoundError, ModuleNotFoundError)):
-            code.hashes(wrong, project)
-
-
 def test_records_survive_their_file(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
     record = module("records.record")
-    assert record.load("one", tmp_path) is None and record.state(None, {}) == ("missing", [])
-    stamp = record.Confirmed("tomorrow", "a, all figures", 3, 0.5, "y")
+    assert record.load("one", tmp_path) is None
     data = {"sets": {"a": {"x": [1.0, None], "y": "ü"}}, "list": [[1, 2], [3, 4]], "none": [], "text": "word"}
-    made = record.Record("one", record.Measured("today", "machine", 12.0, "x"), {"f": "0"}, data, stamp, tmp_path)
+    made = record.Record("one", record.Measured("today", "machine", 12.0, "0.1.0", {"films": "0"}), data, tmp_path)
     made.save()
     assert record.load("one", tmp_path) == made
-    assert record.state(made, {"f": "0"})[0] == "confirmed"
     assert record.rounded({"a": [1.23456, float("nan"), 123456, "t", True]}) == {"a": [1.235, None, 123456, "t", True]}
 
 
@@ -250,18 +131,22 @@ def test_measuring_keeps_what_a_command_writes(module: Callable[[str], ModuleTyp
     code = (
         "import sys, pathlib as p; p.Path(sys.argv[1]).write_bytes(b'x'); p.Path(sys.argv[2]).write_text('[1.2345678]')"
     )
-    writes = known.Known("", ("-c", code, known.WORK + "/a.png", known.OUT), None, pictures="kept")
+    writes = known.Known("", ("-c", code, known.WORK + "/a.png", known.OUT), pictures="kept")
     (tmp_path / "kept").mkdir()
-    made = measuring.measure("one", writes, None, "today", tmp_path)
-    assert made.data == [1.23457] and made.measured.on == "today" and made.measured.machine and made.code == {}
+    made = measuring.measure("one", writes, None, tmp_path)
+    assert (
+        made.data == [1.23457]
+        and made.measured.machine
+        and set(made.measured.goldens) == {"stacks", "trainings", "films"}
+    )
     assert (tmp_path / "kept" / "a.png").read_bytes() == b"x"
-    printed = known.Known("", ("-c", "print('a\\n\\nb')"), None)
-    assert measuring.measure("two", printed, None, "today", tmp_path).data == {"printed": ["a", "", "b"]}
-    both = known.Known("", ("-c", "print('a')", f"{known.WORK}/kept.json"), None)
-    assert measuring.measure("timing-three", both, None, "today", tmp_path).data == {"printed": ["a"]}
-    fails = known.Known("", ("-c", code + "; 1 / 0", known.WORK + "/b.png", known.OUT), None, pictures="kept")
+    printed = known.Known("", ("-c", "print('a\\n\\nb')"), golden=False)
+    assert measuring.measure("two", printed, None, tmp_path).data == {"printed": ["a", "", "b"]}
+    both = known.Known("", ("-c", "print('a')", f"{known.WORK}/kept.json"), golden=False)
+    assert measuring.measure("timing-three", both, None, tmp_path).data == {"printed": ["a"]}
+    fails = known.Known("", ("-c", code + "; 1 / 0", known.WORK + "/b.png", known.OUT), pictures="kept")
     with pytest.raises(subprocess.CalledProcessError):
-        measuring.measure("three", fails, None, "today", tmp_path)
+        measuring.measure("three", fails, None, tmp_path)
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["a.png"]
 
 
@@ -274,9 +159,6 @@ def test_an_older_native_core_is_not_measured(module: Callable[[str], ModuleType
     os.utime(source, (4e9, 4e9))
     with pytest.raises(SystemExit, match=r"a\.cpp is newer than the native core .*: build it"):
         measuring.check_built(tmp_path)
-
-
-# Confirming by a sample
 
 
 def results_file(name: str, snr: float) -> dict[str, Any]:
@@ -316,106 +198,27 @@ def test_results_are_packed_without_loss(module: Callable[[str], ModuleType]) ->
         assert [m["processor_seconds"] for m in new["methods"]] == [m["processor_seconds"] for m in old["methods"]]
 
 
-@pytest.mark.parametrize(("off", "agrees"), [(0.0, True), (0.09, True), (0.11, False), (-3.0, False)])
-def test_a_sample_keeps_a_record_or_does_not(
-    module: Callable[[str], ModuleType], tmp_path: Path, off: float, agrees: bool
-) -> None:
-    """Decibels agree within a tenth; methods that a budget of time ends, and costs, are not compared."""
-    record, results, measuring, known = (module(f"records.{n}") for n in ("record", "results", "measuring", "known"))
-    data = results.pack([results_file(name, 20.0) for name in "abcdefgh"])
-    old = record.Record("results-whole", record.Measured("then", "machine", 9.0, "x"), {"gone.py": "1"}, data)
-    asked: list[str] = []
-
-    def run(name: str, known: object, materials: object, work: object, more: tuple[str, ...], root: Path) -> object:
-        asked.extend(more)
-        sample = results_file(more[1], 20.0 + off)
-        for part in ("curve", "figures"):
-            for figure in sample[part]:
-                figure["value"] += 50 if figure["method"].startswith("refine") else 0
-        return results.pack([sample])
-
-    stamped, lines = measuring.confirm(old, known.KNOWN["results-whole"], Path(), "now", tmp_path, run)
-    assert asked[0] == "--plans" and asked[1] in data["sets"] and len(asked) == 2
-    assert (stamped is not None) == agrees
-    if stamped is not None:
-        assert stamped.confirmed.sample == f"{asked[1]}, all figures" and stamped.measured == old.measured
-        assert stamped.confirmed.largest == pytest.approx(abs(off) * 10, abs=0.01) and stamped.confirmed.figures == 5
-        now = module("records.code").hashes(known.KNOWN["results-whole"].entry)
-        assert record.state(stamped, now) == ("confirmed", [])
-    else:
-        assert "times what is tolerated" in "".join(lines) and "stale until it is measured again" in lines[-1]
-
-
-def test_nobody_chooses_the_sample(module: Callable[[str], ModuleType]) -> None:
-    drawn = module("records.record").drawn
-    names = [f"set{i}" for i in range(40)]
-    assert drawn(names, 2, {"f": "1"}) == drawn(names[::-1], 2, {"f": "1"})
-    assert len({tuple(drawn(names, 2, {"f": str(i)})) for i in range(20)}) > 15
-
-
-# Pages
-
-
 def test_what_a_benchmark_printed(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
     views, record = module("records.views").VIEWS, module("records.record")
     for lines, shown in (
         (["words " * 30, "", "| " + "cell " * 40 + "|"], ["| cell cell"]),
         (["a   1 ms", "b  10 ms"], ["```\na   1 ms\nb  10 ms\n```"]),
     ):
-        made = record.Record(
-            "timing-bake", record.Measured("today", "M", 1.0, ""), {}, {"printed": lines}, folder=tmp_path
-        )
+        made = record.Record("timing-bake", record.Measured("today", "M", 1.0, "0.1.0"), {"printed": lines}, tmp_path)
         made.save()
-        said = views["timing-bake/printed"](module("records.making").Records(tmp_path))
+        said = views["timing-bake/printed"](record.Records(tmp_path))
         assert all(part in said for part in shown) and said.endswith("\n\nMeasured today on M.")
         assert all(len(line) <= 120 or line.startswith("|") for line in said.splitlines())
 
 
-def test_blocks_are_filled_and_typed_figures_are_seen(module: Callable[[str], ModuleType]) -> None:
+def test_blocks_are_filled(module: Callable[[str], ModuleType]) -> None:
     pages = module("records.pages")
-    text = """It is 3.1 dB better in 95 % of 40 sets with version 4.2.
+    text = """As a `<!-- record:NAME/VIEW -->` is.
 <!-- record:one/words -->
 old 7.7 dB
 <!-- end -->
-and <!-- record:two/more -->7 ms<!-- end -->, <!-- history -->once 9 ms<!-- end -->, `8 ms`.
-
-| a | 4.25 |
-```
-it took 5 s
-```
+and <!-- record:two/more -->7 ms<!-- end -->.
 """
     assert pages.blocks(text) == ["one/words", "two/more"]
-    assert pages.typed(text) == ["3.1 dB", "95 %", "4.25"]
     made = pages.filled(text, lambda name: "new 8.8 dB" if name == "one/words" else None)
     assert made == text.replace("old 7.7 dB", "new 8.8 dB")
-
-
-def test_the_list_of_what_is_unrecorded_shrinks_alone(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
-    pages = module("records.pages")
-    (tmp_path / "README.md").write_text("takes 7 s, or 9 s at 1 GB")
-    listed = pages.Unrecorded(["one", "two"], {"README.md": ["7 s", "8 s"]}, {"README.md": ["1 GB"]})
-    assert list(pages.unlisted(listed, tmp_path)) == [("README.md", ["9 s"])]
-    shrunk = pages.shrunk(listed, ["two"], tmp_path)
-    assert shrunk == pages.Unrecorded(["two"], {"README.md": ["7 s"]}, {"README.md": ["1 GB"]})
-    pages.save(shrunk, tmp_path / "list.json")
-    assert pages.unrecorded(tmp_path / "list.json") == shrunk
-    assert pages.grown(shrunk, ["README.md"], tmp_path).given == {"README.md": ["1 GB", "9 s"]}
-    assert dataclasses.asdict(shrunk).keys() == json.loads((tmp_path / "list.json").read_text()).keys()
-
-
-def test_a_sample_of_fits_is_compared_set_by_set(module: Callable[[str], ModuleType]) -> None:
-    fits = module("records.fits")
-    sums = {method: [100.0, 1.0, 0.5] for method in ("linear", "lean", "auto", "start", "steps", "fitted")}
-    off = {**sums, "fitted": [100.0, 1.05, 0.5]}
-
-    def data(*sets: tuple[str, dict[str, list[float]]]) -> dict[str, Any]:
-        view = {name: [{"view": "v", "sums": {m: each for m in ("snr", "snr-displayed")}}] for name, each in sets}
-        return {"renderers": {"gl clearcoat": {name: {"scales": {"far": views}} for name, views in view.items()}}}
-
-    record, sample = data(("a", sums), ("b", sums)), data(("b", off))
-    assert fits.sets(record) == ["a", "b"]
-    found = fits.differences(record, sample)
-    assert len(found) == 12 and all(each.name.startswith("gl clearcoat, b, snr") for each in found)
-    wrong = {each.name: each.share for each in found if each.share > 1}
-    assert set(wrong) == {f"gl clearcoat, b, {m}, far, fitted" for m in ("snr", "snr-displayed")}
-    assert fits.differences(record, data(("c", off))) == []

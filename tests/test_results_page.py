@@ -135,7 +135,7 @@ def test_blocks_of_the_readme(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     views, making = importlib.import_module("records.views").VIEWS, importlib.import_module("records.making")
     more = WHOLE | {"godot (gaussian)": 11.0, "unreal (gaussian)": 12.5}
     write(tmp_path, "whole", file("first", more), file("second", more | {"auto": 12.0}))
-    records = making.Records(tmp_path)
+    records = importlib.import_module("records.record").Records(tmp_path)
     table = views["results-whole/table"](records)
     assert row(table, "best of `linear` and `lean` for each set and level").endswith(" 12.0 |" * 6)
     assert row(table, "Unreal Engine's rule (`unreal (gaussian)`)").endswith(" 12.5 |" * 6)
@@ -147,14 +147,14 @@ def test_blocks_of_the_readme(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
 def test_cards_say_what_was_measured_under_each_filter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.syspath_prepend(ROOT / "docs")
     by_filter = importlib.import_module("records.views_cards").by_filter
-    making = importlib.import_module("records.making")
+    record = importlib.import_module("records.record")
     for name, network in (("gaussian", 14.0), ("box", 9.0)):
         forms = {"linear (box)": 8.0, f"lean ({name})": 12.0}
         extra = {"model": "gltf", "kind": name, "crop": 64}
         for each in ("first", "second"):
             made = file(f"gltf--{name}--{each}", {"neural": network, **forms}, extra | {"set": each})
             write(tmp_path, "filters", made)
-    text = by_filter("some-weights")(making.Records(tmp_path))
+    text = by_filter("some-weights")(record.Records(tmp_path))
     assert "The middle 64 x 64 texels of 2 test sets" in " ".join(text.split())
     assert row(text, "gaussian") == "| gaussian | 14.0 | 12.0 | 14.0 | 12.0 |"
     assert row(text, "box") == "| box | 9.0 | 12.0 | 9.0 | 12.0 |"

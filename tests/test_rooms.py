@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "docs"))
 try:
-    table, picture = importlib.import_module("rooms.table"), importlib.import_module("rooms.picture")
+    table = importlib.import_module("rooms.table")
     modules, imports = (getattr(importlib.import_module("rooms.imports"), name) for name in ("modules", "imports"))
 finally:
     sys.path.remove(str(ROOT / "docs"))
@@ -34,12 +34,13 @@ def test_every_file_lies_in_a_room(verb: str) -> None:
     assert set(rooms) == {table.room_of(part, rooms) for part in parts}
 
 
-@pytest.mark.parametrize(("verb", "row"), [(verb, row) for verb in TABLES for row in table.rows(verb)])
-def test_a_room_imports_what_its_row_says(verb: str, row: table.Row) -> None:
+@pytest.mark.parametrize("verb", TABLES)
+def test_a_room_imports_what_its_row_says(verb: str) -> None:
     found = table.uses(table.rows(verb), TABLES[verb])
-    for room in row.rooms:
-        made = {other: parts for other, parts in found[room].items() if other != table.EVERYWHERE}
-        assert set(made) == set(row.may), f"{room}: {made}"
+    for row in table.rows(verb):
+        for room in row.rooms:
+            made = {other: parts for other, parts in found[room].items() if other != table.EVERYWHERE}
+            assert set(made) <= set(row.may), f"{room}: {made}"
 
 
 @pytest.mark.parametrize("verb", TABLES)
@@ -50,19 +51,13 @@ def test_rows_name_rows_above_them_alone(verb: str) -> None:
         above.update(row.rooms)
 
 
-def test_the_picture_of_the_rooms_shows_the_imports() -> None:
-    """`python docs/remake.py` makes it again."""
-    assert (ROOT / "docs" / "rooms.svg").read_text(encoding="utf-8") == picture.picture()
-
-
 def reaches(names: set[str], room: str) -> set[str]:
     return {name for name in names if name == room or name.startswith(room + ".")}
 
 
-@pytest.mark.parametrize("module", modules())
-def test_torch_stays_in_its_rooms(module: str) -> None:
-    if not TORCH_ALLOWED.match(module):
-        assert not reaches(imports(module, loading=True), "torch")
+def test_torch_stays_in_its_rooms() -> None:
+    for module in (each for each in modules() if not TORCH_ALLOWED.match(each)):
+        assert not reaches(imports(module, loading=True), "torch"), module
 
 
 @pytest.mark.parametrize("module", [f"{door}.reference" for door in DOORS])

@@ -128,7 +128,7 @@ def text(folder: Path, page: Path) -> str:
     """The page; its charts are written beside it."""
     whole, crop, directed = (read(folder, kind) for kind in ("whole", "crop", "directional"))
     if whole is None:
-        raise SystemExit(f"{folder} holds no results: run python docs/remake.py results-whole first")
+        raise SystemExit(f"{folder} holds no results: run python docs/remake.py --measure results-whole first")
     effort, threads = whole.files[0]["key"]["effort"], whole.files[0]["threads"]
     gain = directional.anisotropy_gain(directed) if directed and directional.targets(directed) else None
     for old in page.parent.glob("results-figure-5-*.svg"):  # of methods that may not be measured any more

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from records.record import Difference
-
 AUTO, NEURAL, LINEAR = "auto", "neural", "linear (box)"
 SUBJECTS = (AUTO, NEURAL)
 """What is no closed form, of what is filmed."""
@@ -197,33 +195,3 @@ def _ranks(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndar
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(counts)
     return np.asarray((last - (counts - 1) / 2)[place], np.float64)
-
-
-TOLERATED: Mapping[str, tuple[float, float]] = {
-    "snr": (0.1, 0.0), "snr-displayed": (0.1, 0.0), "flicker-snr": (0.1, 0.0), "jod-37": (0.03, 0.0),
-    "jod-75": (0.03, 0.0), "sparkle": (NO_SPARKLE, 0.02),
-}  # fmt: skip
-"""Measure to what a sample that confirms the record may differ by, in its units and as a share; others by two in a
-hundred, or 0.002. JOD of 0.03 is the least difference that an aim asks for."""
-
-
-def differences(record: Mapping[str, Any], sample: Mapping[str, Any]) -> list[Difference]:
-    """All figures of a sample beside the record's."""
-    have, found = named(record), []
-    for name, value in named(sample).items():
-        if name in have:
-            absolute, relative = TOLERATED.get(name[1], (0.002, 0.02))
-            tolerated = max(absolute, relative * abs(have[name]))
-            found.append(Difference(", ".join(name), have[name], value, abs(value - have[name]) / tolerated))
-    return found
-
-
-def named(data: Mapping[str, Any]) -> dict[tuple[str, ...], float]:
-    """Set, measure, scene and conditions, and method to the figure."""
-    found = {}
-    for film in (each for accumulated in (False, True) for each in films(data, accumulated)):
-        where = f"{film.scene}, {film.sampler}{', accumulated' if film.accumulated else ''}"
-        for method, figures in film.figures.items():
-            for measure, value in figures.items():
-                found[film.set, measure, where, method] = value
-    return found

@@ -1,24 +1,13 @@
-"""The list of records: what each holds, how it is measured, and the code and weights that its figures depend on."""
+"""The list of records: what each holds, and how it is measured."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mipbake.models.registry import list_weights
-from records.code import Entry
-
 MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
 """Places in a command: the folder of real texture sets, the file that it writes, and a folder that a stopped run
 goes on in."""
-
-ALL = ("*",)
-
-DEFAULTS = tuple(info.name for info in list_weights() if info.default)
-"""Weights that are baked with where none are named."""
-
-PAPERS = ("paper-ggx", "paper-beckmann", *DEFAULTS)
-"""Weights of the paper's comparisons, which are between networks of one model."""
 
 FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
 """Sets that fits are measured on."""
@@ -39,99 +28,80 @@ class Known:
         about: what it holds.
         command: measures it, as arguments of the interpreter; it writes JSON to OUT, or prints Markdown where
             there is no OUT.
-        entry: what its figures depend on; None for records of time, and of trainings.
-        sample: how many sets are measured again to confirm a record whose code has changed; 0 where all of it is
-            measured again, because that is soon done or no part of it can be measured by itself.
+        golden: whether its figures are outputs of the code; not so for records of time, and of trainings.
         pictures: the folder that takes the pictures which the command leaves in WORK; none where it is empty.
     """
 
     about: str
     command: Sequence[str]
-    entry: Entry | None
-    sample: int = 0
+    golden: bool = True
     pictures: str = ""
 
 
-def _results(kind: str, about: str, weights: Sequence[str], baselines: bool = False) -> Known:
-    command = ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind)
+def _results(kind: str, about: str, baselines: bool = False) -> Known:
     more = ("--weights", "benchmarks/baselines", "--without", "paper-cross") if baselines else ()
-    files = ("benchmarks/baselines/*.json",) if baselines else ()
-    return Known(about, (*command, *more), Entry(("benchmarks/results_measure.py",), weights, files=files), 1)
+    return Known(about, ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind, *more))
 
 
 def _fitting(name: str, about: str) -> Known:
     script = f"examples/fitting/{name}.py"
-    return Known(about, (script, "--output", WORK), Entry((script,)), pictures="examples/fitting/results")
+    return Known(about, (script, "--output", WORK), pictures="examples/fitting/results")
 
 
 def _timing(script: str, about: str, *options: str) -> Known:
-    return Known(about, (f"benchmarks/{script}.py", *options), None)
+    return Known(about, (f"benchmarks/{script}.py", *options), golden=False)
 
 
 def _measured(script: str, about: str, *options: str) -> Known:
-    return Known(about, (f"benchmarks/{script}.py", "--results", OUT, *options), None)
+    return Known(about, (f"benchmarks/{script}.py", "--results", OUT, *options), golden=False)
 
 
 KNOWN: Mapping[str, Known] = {
-    "results-whole": _results("whole", "every method on whole test sets, every measure", ("mipbake-2",)),
-    "results-crop": _results("crop", "the middle of test sets beside its optimum", ("mipbake-2",)),
-    "results-directional": _results("directional", "the anisotropic target on sets with directional bumps", DEFAULTS),
-    "results-filters": _results("filters", "default networks of all targets under all pixel filters", DEFAULTS),
-    "results-models": _results("models", "the paper's material models and networks", PAPERS, True),
-    "results-correlated": _results("correlated", "channels that go together, and twins", PAPERS, True),
+    "results-whole": _results("whole", "every method on whole test sets, every measure"),
+    "results-crop": _results("crop", "the middle of test sets beside its optimum"),
+    "results-directional": _results("directional", "the anisotropic target on sets with directional bumps"),
+    "results-filters": _results("filters", "default networks of all targets under all pixel filters"),
+    "results-models": _results("models", "the paper's material models and networks", True),
+    "results-correlated": _results("correlated", "channels that go together, and twins", True),
     "films": Known(
         "what people see: films of test sets, every method, two samplers, with accumulation and without",
         ("benchmarks/films.py", MATERIALS, WORK, "--results", OUT),
-        Entry(("benchmarks/films.py",), ("mipbake-2",)),
-        sample=1,
     ),
     "aims": Known(
         "what --aim moves, and how far the limit of what is seen is, on small parts of test sets",
         ("benchmarks/aims.py", MATERIALS, OUT),
-        Entry(("benchmarks/aims.py",), ("mipbake-2",)),
     ),
     "picture": Known(
         "SNR of the spheres in docs/scales.png",
         ("docs/make_picture.py", f"{WORK}/scales.png", "--figures", OUT),
-        Entry(("docs/make_picture.py",), ("mipbake-2",)),
         pictures="docs",
     ),
     "animation": Known(
         "flicker and SNR of docs/shimmer.webp",
         ("docs/make_animation.py", f"{WORK}/shimmer.webp", "--figures", OUT),
-        Entry(("docs/make_animation.py",), ("mipbake-2",)),
         pictures="docs",
     ),
     "failure": Known(
         "SNR of every method on examples/knurled_plate",
         ("docs/make_failure_table.py", OUT),
-        Entry(("docs/make_failure_table.py",), ("mipbake-2",)),
     ),
     "figure-7": Known(
         "one material in every model, with its pictures",
         ("docs/make_figure_7.py", f"{WORK}/figure-7.md", "--figures", OUT),
-        Entry(("docs/make_figure_7.py",), ALL),
         pictures="docs",
     ),
     "paper-pictures": Known(
         "the pictures of the paper's figures, with their figures",
         ("docs/make_paper_pictures.py", WORK, "--figures", OUT),
-        Entry(
-            ("docs/make_paper_pictures.py", "benchmarks/results_sets.py", "benchmarks/mipnet_network.py"),
-            PAPERS,
-            files=("benchmarks/baselines/*.json",),
-        ),
         pictures="docs",
     ),
     "constant-materials": Known(
         "what networks make of materials that are the same everywhere",
         ("benchmarks/constant_materials.py", MATERIALS, "--results", OUT),
-        Entry(("benchmarks/constant_materials.py",), PAPERS, files=("benchmarks/baselines/*.json",)),
     ),
     "beckmann": Known(
         "what conversions between ggx and beckmann keep",
         ("docs/fit_beckmann.py", OUT),
-        Entry(("docs/fit_beckmann.py",)),
     ),
     "fitting-earth": _fitting("earth", "a planet's texture from views"),
     "fitting-cube": _fitting("cube", "corners and colours of a cube"),
@@ -140,42 +110,28 @@ KNOWN: Mapping[str, Known] = {
     "fit": Known(
         "stacks that were fitted in renderers, beside bakes",
         ("benchmarks/fit.py", "--materials", MATERIALS, *FITTED, "--results", OUT, "--pictures", WORK, *FIT_OPTIONS),
-        Entry(
-            ("benchmarks/fit.py",),
-            ("mipbake-2",),
-            files=("mipbake/fitting/shaders/*.glsl", "mipbake/fitting/three_page/*.js"),
-        ),
-        sample=1,
         pictures="docs",
     ),
     "commands": Known(
         "every command on every set: exit codes, time, memory, what files cost",
         ("benchmarks/commands.py", MATERIALS, "--results", OUT),
-        None,
+        golden=False,
     ),
     "uastc": Known(
         "what the textures of GLB files cost",
         ("benchmarks/uastc.py", MATERIALS, WORK, "--results", OUT),
-        Entry(
-            ("benchmarks/uastc.py",),
-            ("mipbake-2",),
-            files=("mipbake/glb.py", "mipbake/io/uastc.py", "mipbake/io/gltf/ranges.py", "mipbake/output.py"),
-        ),
     ),
     "engines-three": Known(
         "levels in three.js, supersampled by itself",
         ("benchmarks/engines/three_proof.py", MATERIALS, "--results", OUT),
-        Entry(("benchmarks/engines/three_proof.py",), ("mipbake-2",), files=("benchmarks/engines/three/*.js",)),
     ),
     "engines-cycles": Known(
         "level 0 in Cycles",
         ("benchmarks/engines/cycles_proof.py", MATERIALS, "--results", OUT),
-        Entry(("benchmarks/engines/cycles_proof.py",), ("mipbake-2",), files=("benchmarks/engines/cycles/*.py",)),
     ),
     "weights": Known(
         "what each weight of the judge does, halved and doubled",
         ("benchmarks/weights.py", MATERIALS),
-        Entry(("benchmarks/weights.py",), ("mipbake-2",)),
     ),
     "training-mipnet": Known(
         "what becomes of MIPNet under the paper's loss",
@@ -183,7 +139,7 @@ KNOWN: Mapping[str, Known] = {
             *("benchmarks/mipnet.py", "train", "--target", "ggx", "--like", "training/configs/paper-ggx.toml"),
             *("--steps", "12000", "--data", MATERIALS, "--out", WORK, "--resume", "--results", OUT),
         ),
-        None,
+        golden=False,
     ),
     "timing-fit-whole": Known(
         "a fit of 512 x 512 texels, with the preparation of its views",
@@ -191,7 +147,7 @@ KNOWN: Mapping[str, Known] = {
             *("benchmarks/fit.py", "--materials", MATERIALS, FITTED[0], "--results", f"{WORK}/fit.json"),
             *("--renderers", "gl clearcoat", "--size", "512", "--repeat", "1", "--steps", "8000"),
         ),
-        None,
+        golden=False,
     ),
     "library": _measured("library", "a library that is baked, killed again and again, and gone on with"),
     "throughput": _measured("throughput", "sets an hour by size, method, format and processes, beside maketx"),
@@ -214,4 +170,4 @@ KNOWN: Mapping[str, Known] = {
     "timing-render": _timing("render", "renders of meshes"),
     "timing-stochastic": _timing("stochastic", "soups and meshes by stochastic gradients", "--clock", "processor"),
 }
-"""Name to what it is. Those without a file stand in benchmarks/records/unrecorded.json."""
+"""Name to what it is. Those that nobody has measured yet have no file."""

@@ -1,18 +1,15 @@
-"""Pages, and parts of pages, made from records, and the picture of the rooms."""
+"""Pages, and parts of pages, made from records and from docstrings."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
-from rooms.picture import picture
-
-from records.code import ROOT
-from records.missing import Missing
-from records.pages import WHOLE, cards, filled, pages
-from records.record import FOLDER, Record, load
+from records import docstrings
+from records.known import KNOWN
+from records.pages import RELEASE, WHOLE, blocks, filled, pages, release
+from records.record import FOLDER, ROOT, Missing, Records, load
 from records.scripts import script
 from records.views import VIEWS
 from records.wrapping import wrapped_page
@@ -21,40 +18,36 @@ _CHARTS = {"docs/results.md": "results-figure-5-*.svg", "docs/paper-figures.md":
 """Pages to the names of charts beside them, which are there for what was measured."""
 
 
-class Records:
-    """The data of records, by name; Missing where there is none."""
-
-    def __init__(self, folder: Path = FOLDER) -> None:
-        self.folder = folder
-
-    def __getitem__(self, name: str) -> Any:
-        return self.record(name).data
-
-    def record(self, name: str) -> Record:
-        found = load(name, self.folder)
-        if found is None:
-            raise Missing(name)
-        return found
-
-
 def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None]:
     """Files that are out of step with the records, and what they shall hold: None for those that shall not be there.
 
     Pages of missing records are left alone.
     """
     records = Records(folder)
-    made: dict[str, bytes | None] = {"docs/rooms.svg": picture().encode()}
-    for page in (*pages(root), *cards(root)):
+    quoting = (root / docstrings.PAGE).read_text(encoding="utf-8")
+    made: dict[str, bytes | None] = {docstrings.PAGE: docstrings.fill(quoting).encode()}
+    for page in (each for each in pages(root) if each not in made):
         text = (root / page).read_text(encoding="utf-8")
-        made[page] = filled(text, lambda name: block(name, records)).encode()
-    for page, name in WHOLE.items():
-        if load(name, folder) is not None:
+        names = list(dict.fromkeys(name for each in blocks(text) for name in _records(each)))
+        words = release(names, records) if names else None
+        made[page] = filled(text, lambda name: words if name == RELEASE else block(name, records)).encode()  # noqa: B023
+    for page, names in WHOLE.items():
+        if load(names[0], folder) is not None:
             made |= _PAGES[page](records)
+            made[page] = (made[page] or b"").rstrip() + f"\n\n{release(names, records)}\n".encode()
     for page, charts in _CHARTS.items():  # of methods that are not measured any more
-        if load(WHOLE[page], folder) is not None:
+        if load(WHOLE[page][0], folder) is not None:
             made |= {f"docs/{old.name}": None for old in (root / "docs").glob(charts) if f"docs/{old.name}" not in made}
     there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
     return {root / name: content for name, content in made.items() if content != there[name]}
+
+
+def _records(block: str) -> list[str]:
+    """Names of the records that a block is made from, as far as its own name tells."""
+    name = block.partition("/")[0]
+    if block == RELEASE:
+        return []
+    return [each for each in KNOWN if each.startswith("fitting-")] if name == "fitting" else [name]
 
 
 def block(name: str, records: Records) -> str | None:

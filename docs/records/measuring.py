@@ -1,47 +1,37 @@
-"""Measuring records, whole or a sample: each by its command, in a process of its own."""
+"""Measuring records: each by its command, in a process of its own."""
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import json
 import resource
 import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
-from mipbake import _native
-from records import films, fits, results
-from records.code import ROOT, hashes, together
+from mipbake import __version__, _native
+from records import results
 from records.known import MATERIALS, OUT, WORK, Known
-from records.record import Confirmed, Difference, Measured, Record, confirmed, drawn, rounded
+from records.record import ROOT, Measured, Record, goldens, rounded
 from records.scripts import script
-
-Run = Callable[[str, Known, "Path | None", Path, Sequence[str], Path], Any]
-"""A function with the arguments of `run`."""
 
 FILMS = "films"
 """The record of films, whose sets have files of their own as results have."""
-
-FIT = "fit"
-"""The record of fits, whose sets lie below renderers."""
 
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
 
 
-def measure(name: str, known: Known, materials: Path | None, on: str, root: Path = ROOT) -> Record:
-    """A new record. What a stopped run has measured with the same code stays in build/records, below the root."""
+def measure(name: str, known: Known, materials: Path | None, root: Path = ROOT) -> Record:
+    """A new record. What a stopped run has measured stays in build/records, below the root, until the run ends."""
     check_built(root)
-    now = hashes(known.entry) if known.entry else {}
-    work = root / "build" / "records" / f"{name}-{together(now)}"
+    work = root / "build" / "records" / name
     work.mkdir(parents=True, exist_ok=True)
     before = _processor_seconds()
-    data = run(name, known, materials, work, (), root)
+    data = _run(name, known, materials, work, root)
     seconds = _processor_seconds() - before
     for picture in (each for each in work.iterdir() if known.pictures and each.suffix in (".png", ".webp")):
         shutil.move(picture, root / known.pictures / picture.name)
@@ -50,36 +40,15 @@ def measure(name: str, known: Known, materials: Path | None, on: str, root: Path
     elif name == FILMS:  # parts of it may have been measured before
         seconds = sum(each["processor_seconds"] for each in data["sets"].values())
     shutil.rmtree(work)
-    return Record(name, Measured(on, _machine(), float(f"{seconds:.3g}"), together(now)), now, data)
-
-
-def confirm(
-    record: Record, known: Known, materials: Path, on: str, root: Path = ROOT, measured: Run | None = None
-) -> tuple[Record | None, list[str]]:
-    """The record with the code of today, where a sample agrees with it, and lines about the sample.
-
-    Args:
-        measured: measures the sample; None for `run`.
-    """
-    check_built(root)
-    now = hashes(known.entry) if known.entry else {}
-    every = fits.sets(record.data) if record.name == FIT else list(record.data["sets"])
-    names = drawn(every, known.sample, now)
-    with tempfile.TemporaryDirectory() as scratch:
-        sample = (measured or run)(record.name, known, materials, Path(scratch), ("--plans", *names), root)
-    compared = {FILMS: films.differences, FIT: fits.differences}.get(record.name, results.differences)
-    found = compared(record.data, sample)
-    lines = [f"{record.name}: {', '.join(names)} measured again, {len(found)} figures"]
-    wrong = [each for each in found if each.share > 1]
-    lines += [_line(each) for each in sorted(wrong, key=lambda each: -each.share)[:20]]
-    if wrong or not found:
-        return None, [*lines, f"{len(wrong)} figures disagree: the record is stale until it is measured again"]
-    stamped = confirmed(record, now, on, f"{', '.join(names)}, all figures", found)
-    return stamped, [*lines, f"all agree, the farthest with {_share(stamped.confirmed)} of what is tolerated"]
+    machine = f"{script('benchmarks', 'timing').cpu_name()}, {_native.isa()}"
+    digests = goldens() if known.golden else {}
+    return Record(
+        name, Measured(date.today().isoformat(), machine, float(f"{seconds:.3g}"), __version__, digests), data
+    )
 
 
 def check_built(root: Path = ROOT) -> None:
-    """A record of an older native core would be stamped with sources that it never saw.
+    """A record of an older native core would be taken for a record of today's.
 
     Args:
         root: folder of the checkout.
@@ -94,16 +63,11 @@ def check_built(root: Path = ROOT) -> None:
         raise SystemExit(f"{newest} is newer than the native core {built}: build it, then measure")
 
 
-def spent(seconds: float) -> str:
-    """`12 s` or `34 min`."""
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
-
-
-def run(name: str, known: Known, materials: Path | None, work: Path, more: Sequence[str], root: Path) -> Any:
+def _run(name: str, known: Known, materials: Path | None, work: Path, root: Path) -> Any:
     """What the command of a record measures, as the `data` of a record.
 
     Args:
-        work: folder for what the command writes. more: further arguments of the command. root: where it runs.
+        work: folder for what the command writes. root: where it runs.
     """
     out = work / "out.json"
     places = {MATERIALS: str(materials), OUT: str(out), WORK: str(work)}
@@ -112,40 +76,19 @@ def run(name: str, known: Known, materials: Path | None, work: Path, more: Seque
         for place, path in places.items():
             each = each.replace(place, path)  # noqa: PLW2901
         command.append(each)
-    command += more
-    printed = subprocess.run(
-        command, cwd=root, check=True, text=True, stdout=None if _writes(name, known) else subprocess.PIPE
-    )
+    writes = OUT in known.command or name.startswith(("results-", "fitting-"))
+    printed = subprocess.run(command, cwd=root, check=True, text=True, stdout=None if writes else subprocess.PIPE)
     if name.startswith("results-"):
         return results.pack(results.read_files(work / _kind(name)))
     if name.startswith("fitting-"):
-        script = Path(known.command[0]).stem
-        return rounded(json.loads((work / f"{script}.json").read_text(encoding="utf-8")), DIGITS)
-    if OUT in known.command:
+        out = work / f"{Path(known.command[0]).stem}.json"
+    if writes:
         return rounded(json.loads(out.read_text(encoding="utf-8")), DIGITS)
     return {"printed": printed.stdout.strip().splitlines()}
 
 
-def _writes(name: str, known: Known) -> bool:
-    return OUT in known.command or name.startswith(("results-", "fitting-"))
-
-
 def _kind(name: str) -> str:
     return name.removeprefix("results-")
-
-
-def _line(each: Difference) -> str:
-    return (
-        f"  {each.name}: {each.record:g} in the record, {each.sample:g} now, {each.share:.1f} times what is tolerated"
-    )
-
-
-def _share(about: Confirmed | None) -> str:
-    return f"{about.largest:.0%}" if about else ""
-
-
-def _machine() -> str:
-    return f"{script('benchmarks', 'timing').cpu_name()}, {_native.isa()}"
 
 
 def _processor_seconds() -> float:

@@ -1,28 +1,31 @@
-"""A record: figures that were measured, with the code and the weights that they were measured with.
+"""A record: figures that were measured, with the release and the golden outputs that they were measured with.
 
-A record is a JSON file in benchmarks/records. It is *current* while the hashes of the code and the weights that it
-depends on are those that it holds. When they change, it is *stale*: the test of records fails until it is measured
-again, or until a sample of it is. A sample is measured with the changed code, and must agree with the record within
-a tolerance; the record is then *confirmed*, and says by what sample. Which sample is drawn from the hash of the
-code: nobody can choose one that agrees. Records of time hold the machine and are not compared with the code: any
-change would make them stale, and no sample of a shared machine would confirm them.
+A record is a JSON file in benchmarks/records. The golden outputs (tests/golden) are small stacks, training steps and
+films. A record holds a digest of each kind of them. Where today's digests are others, today's figures may be others,
+and the pages that print the record say so. Nothing fails because code changed. Records of time and of trainings hold
+the machine or the revision, and no digests.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-import random
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from records.code import ROOT, Hashes, changes, together
-
+ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "benchmarks" / "records"
+GOLDEN = ROOT / "tests" / "golden" / "record.json"
 
-State = Literal["missing", "stale", "confirmed", "current"]
+KINDS = ("stacks", "trainings", "films")
+"""What golden outputs there are. The name of each output begins with its kind."""
+
+
+class Missing(KeyError):  # noqa: N818 - it says what a record is, and is not a fault
+    """A record that has not been measured."""
 
 
 @dataclass(frozen=True)
@@ -30,31 +33,16 @@ class Measured:
     """When and on what a record was measured.
 
     Args:
-        on: date. machine: its processor. seconds: of processors that it took.
-        code: one hash of the code and the weights.
+        on: date. machine: its processor and its instruction set. seconds: of processors that it took.
+        release: version of mipbake.
+        goldens: kind of golden output to a digest; empty for records of time and of trainings.
     """
 
     on: str
     machine: str
     seconds: float
-    code: str
-
-
-@dataclass(frozen=True)
-class Confirmed:
-    """Says that a sample of a record agreed with it.
-
-    Args:
-        on: date. sample: what was measured again.
-        figures: how many were compared. largest: the largest difference as a share of what is tolerated.
-        code: one hash of the code and the weights that the sample was measured with.
-    """
-
-    on: str
-    sample: str
-    figures: int
-    largest: float
-    code: str
+    release: str
+    goldens: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -62,31 +50,37 @@ class Record:
     """What a file in benchmarks/records holds.
 
     Args:
-        name: of the file, without its ending.
-        measured, confirmed: see there; None where no sample was needed since it was measured.
-        code: hashes of the files that it depends on, as of the later of both; empty for records of time.
-        data: the figures, as JSON.
+        name: of the file, without its ending. data: the figures, as JSON.
     """
 
     name: str
     measured: Measured
-    code: Hashes
     data: Any
-    confirmed: Confirmed | None = None
     folder: Path = field(default=FOLDER, compare=False)
 
     def save(self) -> Path:
         """Writes the file: figures one line for each member of `data`, so that changes can be read."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        head = {
-            "measured": asdict(self.measured),
-            "confirmed": asdict(self.confirmed) if self.confirmed else None,
-            "code": self.code,
-        }
-        text = json.dumps(head, indent=1, ensure_ascii=False)[:-2] + ',\n "data": ' + _lines(self.data) + "\n}\n"
+        head = json.dumps({"measured": asdict(self.measured)}, indent=1, ensure_ascii=False)
         path = self.folder / f"{self.name}.json"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(head[:-2] + ',\n "data": ' + _lines(self.data) + "\n}\n", encoding="utf-8")
         return path
+
+
+class Records:
+    """The data of records, by name; Missing where there is none."""
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self.folder = folder
+
+    def __getitem__(self, name: str) -> Any:
+        return self.record(name).data
+
+    def record(self, name: str) -> Record:
+        found = load(name, self.folder)
+        if found is None:
+            raise Missing(name)
+        return found
 
 
 def load(name: str, folder: Path = FOLDER) -> Record | None:
@@ -95,21 +89,14 @@ def load(name: str, folder: Path = FOLDER) -> Record | None:
     if not path.exists():
         return None
     found = json.loads(path.read_text(encoding="utf-8"))
-    confirmed = Confirmed(**found["confirmed"]) if found["confirmed"] else None
-    return Record(name, Measured(**found["measured"]), found["code"], found["data"], confirmed, folder)
+    return Record(name, Measured(**found["measured"]), found["data"], folder)
 
 
-def state(record: Record | None, now: Hashes) -> tuple[State, list[str]]:
-    """Whether a record may be printed, and what changed where it may not."""
-    if record is None:
-        return "missing", []
-    changed = changes(record.code, now)
-    return ("stale" if changed else "confirmed" if record.confirmed else "current"), changed
-
-
-def drawn(names: Sequence[str], count: int, now: Hashes) -> list[str]:
-    """A sample of names, by the hash of the code."""
-    return sorted(random.Random(together(now)).sample(sorted(names), min(count, len(names))))
+def goldens(path: Path = GOLDEN) -> dict[str, str]:
+    """Kind of golden output to a digest of the outputs that are recorded today."""
+    results = json.loads(path.read_text(encoding="utf-8"))["results"]
+    found = {kind: {name: each["bits"] for name, each in results.items() if name.startswith(kind)} for kind in KINDS}
+    return {kind: hashlib.sha256(json.dumps(each).encode()).hexdigest()[:12] for kind, each in found.items()}
 
 
 def rounded(value: Any, digits: int = 4) -> Any:
@@ -121,26 +108,6 @@ def rounded(value: Any, digits: int = 4) -> Any:
     if isinstance(value, list | tuple):
         return [rounded(each, digits) for each in value]
     return value
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A figure of a sample beside the record's.
-
-    Args:
-        name: where it stands. share: the difference as a share of what is tolerated.
-    """
-
-    name: str
-    record: float
-    sample: float
-    share: float
-
-
-def confirmed(record: Record, now: Hashes, on: str, sample: str, found: Sequence[Difference]) -> Record:
-    """The record, stamped with the code of today."""
-    about = Confirmed(on, sample, len(found), round(max(each.share for each in found), 3), together(now))
-    return replace(record, code=now, confirmed=about)
 
 
 def _lines(value: Any, depth: int = 2, margin: int = 1) -> str:

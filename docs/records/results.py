@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from records.record import Difference, rounded
+from records.record import rounded
 
 File = Mapping[str, Any]
 """What a file of benchmarks/results.py holds."""
@@ -70,35 +70,6 @@ def unpack(packed: Mapping[str, Any]) -> list[File]:
             }
         )
     return files
-
-
-DECIBELS = ("snr", "flicker-snr")
-"""Measures whose figures may differ by a tenth of a decibel between a record and a sample that confirms it; others
-by two in a hundred, or 0.002. Instruction sets differ by less."""
-
-
-def differences(record: Mapping[str, Any], sample: Mapping[str, Any]) -> list[Difference]:
-    """All figures of a sample beside the record's: not costs, and not of methods that a budget of time ends."""
-    timed = {spec["name"] for specs in record["methods"] for spec in specs if spec.get("budget")}
-    have = _named(record)
-    found = []
-    for name, value in _named(sample).items():
-        if name in have and name[-2] not in timed:
-            absolute, relative = (0.1, 0.0) if name[1] in DECIBELS else (0.002, 0.02)
-            tolerated = max(absolute, relative * abs(have[name]))
-            found.append(Difference(", ".join(map(str, name)), have[name], value, abs(value - have[name]) / tolerated))
-    return found
-
-
-def _named(packed: Mapping[str, Any]) -> dict[tuple[str, ...], float]:
-    """Set, measure, view, method, and lod or scale to the figure."""
-    found = {}
-    for file in unpack(packed):
-        for f in file["curve"]:
-            found[file["name"], "snr", f["view"], f["method"], f"lod {f['lod']:g}"] = f["value"]
-        for f in file["figures"]:
-            found[file["name"], f["measure"], f["view"], f["method"], f["scale"]] = f["value"]
-    return {name: value for name, value in found.items() if value is not None}
 
 
 def _table(

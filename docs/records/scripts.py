@@ -6,7 +6,7 @@ import importlib
 import sys
 from typing import Any
 
-from records.code import ROOT
+from records.record import ROOT
 
 
 def script(folder: str, name: str) -> Any:

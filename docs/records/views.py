@@ -15,7 +15,7 @@ from records.views_scaling import SCALING_VIEWS
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 PLAIN, BAKED = "linear", "mipbake"
 _SPELLED = {"snr:": "SNR of linear radiance:", "snr-displayed:": "SNR of what a display shows:"}

@@ -11,7 +11,7 @@ from records.results import File, unpack
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 
 def by_filter(weights: str) -> Callable[[Records], str]:

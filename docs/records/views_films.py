@@ -37,7 +37,7 @@ from records.films import (
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 MEASURES: Mapping[str, tuple[str, bool]] = {
     "visible": ("`visible`, what judges and training minimise", False),

@@ -9,7 +9,7 @@ from records.scripts import script
 from records.wrapping import wrapped
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 RECORD = "fit"
 

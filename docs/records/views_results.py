@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mipbake.metrics import PAIR_SETS
-from records.missing import Missing
+from records.record import Missing
 from records.scripts import script
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 _files, _standing, _tables = (script("benchmarks", f"results_page.{name}") for name in ("files", "standing", "tables"))
 FOUR, LINEAR, SUBJECT = _files.FOUR, _files.LINEAR, _files.SUBJECT

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
-    from records.making import Records
+    from records.record import Records
 
 SETS = 10_000
 """Sets of the library that is thought of."""

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from mipbake import _native
 
-from .results import Arrays, digest, means, stacks, trainings
+from .results import Arrays, digest, films, means, stacks, trainings
 
 FILE = Path(__file__).with_name("record.json")
 
@@ -46,7 +46,7 @@ class Golden:
 
 def everything() -> dict[str, Callable[[], Arrays]]:
     """Name of every result, and what makes it."""
-    return {**dict(stacks()), **{f"training, {name}": make for name, make in trainings()}}
+    return dict([*stacks(), *trainings(), *films()])
 
 
 def made(make: Callable[[], Arrays]) -> Golden:

@@ -1,4 +1,4 @@
-"""What is held: levels of stacks by every method, and what training steps of every kind make of a network."""
+"""What is held: stacks by every method, training steps of every kind, and films. Each name begins with its kind."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.compare.candidates import Candidate
+from mipbake.compare.filming import FilmSettings, films_of, taken
+from mipbake.compare.pictures import RenderSettings
+from mipbake.compare.result import Method
 from mipbake.judging.probes import ProbeEffort
 from mipbake.prefilter import METHODS, Prefilter
 from mipbake.prefilter.search.descent_effort import DescentEffort
 from mipbake.prefilter.search.methods import Optimum, Refine
+from mipbake.reference.source import FilteredSource
+from mipbake.render.environment import lamps
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import TrainingConfig
@@ -60,7 +66,10 @@ def stacks() -> Iterator[tuple[str, Callable[[], Arrays]]]:
         for target in TARGETS:
             for method in methods().values():
                 for kernel in ("gaussian", "box") if method.averages else ("gaussian",):
-                    yield f"{name}, {target}, {method.name} ({kernel})", partial(_baked, source, target, method, kernel)
+                    yield (
+                        f"stacks, {name}, {target}, {method.name} ({kernel})",
+                        partial(_baked, source, target, method, kernel),
+                    )
 
 
 def _baked(source: Source, target: str, method: Prefilter, kernel: str) -> Arrays:
@@ -79,7 +88,7 @@ def trainings() -> Iterator[tuple[str, Callable[[], Arrays]]]:
         "moments signed filter": tiny_balanced(loss={"pixel_filter": "mitchell", "any_filter": 0.0}),
     }
     for name, config in kinds.items():
-        yield name, partial(_trained, config)
+        yield f"trainings, {name}", partial(_trained, config)
 
 
 def _trained(config: TrainingConfig) -> Arrays:
@@ -90,6 +99,31 @@ def _trained(config: TrainingConfig) -> Arrays:
     losses = [state.advance(batch).reshape(1) for batch in batches(materials, config, 0)]
     values = [value for each in (state.network, state.average) for value in each.state_dict().values()]
     return [np.asarray(value.numpy(), np.float32) for value in (*losses, *values)]
+
+
+def films() -> Iterator[tuple[str, Callable[[], Arrays]]]:
+    """Name of a film, and what makes its frames: the reference, then every candidate."""
+    for scene in ("floor", "sphere"):
+        for sampler in ("trilinear", "anisotropic"):
+            yield f"films, {scene}, {sampler}", partial(_filmed, scene, sampler)
+
+
+def _filmed(scene: str, sampler: str) -> Arrays:
+    source = sources()["bumps"]
+    size = source.stored.shape[:2]
+    level = FilteredSource(source.stored, source.model, source.wrap, "gaussian")
+    candidates = [
+        Candidate(
+            Method(f"{name} ({kernel})", name, kernel, "gltf", 0.0), _baked(source, "gltf", METHODS[name], kernel)
+        )
+        for name, kernel in (("linear", "box"), ("lean", "gaussian"), ("neural", "gaussian"))
+    ]
+    (shown,) = (each for each in films_of(size, lamps(), 4, None, "camera", 24) if each.name == scene)
+    short = dataclasses.replace(shown.film, cameras=shown.film.cameras[:2], lightings=shown.film.lightings[:2])
+    settings = FilmSettings(RenderSettings(0, 16, sampler))
+    take = taken(dataclasses.replace(shown, film=short), level, candidates, settings)
+    frames = (take.shown.mean, *map(take.shown.displayed, take.frames.values()))
+    return [np.asarray(each, np.float32) for each in frames]
 
 
 def digest(arrays: Arrays) -> str:

@@ -1,21 +1,14 @@
-"""Writes the docstrings of the primitives, and the example, into docs/primitives.md between their markers.
-
-    python docs/make_primitives_page.py [--check]
-
-`--check` writes nothing and exits with 1 where the page is out of step with the code.
-"""
+"""docs/primitives.md quotes the docstrings of the primitives, and an example, between markers."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import inspect
 import re
-import sys
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "primitives.md"
+from records.record import ROOT
+
+PAGE = "docs/primitives.md"
 MARKED = re.compile(r"(<!-- (docstring|file): (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes):$")
 LINE = 120
@@ -53,7 +46,7 @@ def markdown(docstring: str) -> str:
 
 
 def docstring_of(path: str) -> str:
-    """What the page says of `mipbake.room.name` or `mipbake.room.Class.method`."""
+    """What the page says of a function or a method, by its dotted name."""
     package, module, *names = path.split(".")
     thing: object = importlib.import_module(f"{package}.{module}")
     for name in names:
@@ -72,19 +65,3 @@ def fill(page: str) -> str:
         return f"{opening}```python\n{(ROOT / name).read_text(encoding='utf-8').strip()}\n```\n{closing}"
 
     return MARKED.sub(renew, page)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="only say whether the page is in step with the code")
-    options = parser.parse_args()
-    page = PAGE.read_text(encoding="utf-8")
-    renewed = fill(page)
-    if options.check and renewed != page:
-        sys.exit("docs/primitives.md is out of step with the code: run python docs/make_primitives_page.py")
-    if not options.check:
-        PAGE.write_text(renewed, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
