@@ -4,15 +4,17 @@ read.
 
 from __future__ import annotations
 
+import errno
 import lzma
 import shutil
 import stat
+import unicodedata
 import zipfile
 import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TypeVar
 
 from mipbake.errors import InputError, OutputError, UsageError
@@ -136,6 +138,7 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
     for member in every:
         _check_place(path, member)
     found = _read_of(every)
+    _check_apart(path, found)
     if not found:
         raise InputError(
             f"{path} holds neither an image nor a document: expected the maps of texture sets, or .gltf, .glb or .mtlx "
@@ -153,12 +156,32 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
 
 
 def _check_place(path: Path, member: zipfile.ZipInfo) -> None:
-    name = member.orig_filename.replace("\\", "/")
-    parts = PurePosixPath(name).parts
-    if name.startswith("/") or ".." in parts or "\0" in name or (parts and parts[0].endswith(":")):
-        raise InputError(f"{path} holds {name!r}, which would lie outside its folder: do not trust it")
+    """InputError where a member would lie elsewhere, by either of its names, or is a link.
+
+    Newer versions of Python take `filename` from an extra field of the member, so that the name in its header tells
+    nothing of it.
+    """
+    for given in dict.fromkeys((member.orig_filename, member.filename)):
+        name = given.replace("\\", "/")
+        parts = name.split("/")
+        if name.startswith("/") or ".." in parts or "\0" in name or any(PureWindowsPath(part).drive for part in parts):
+            raise InputError(f"{path} holds {given!r}, which would lie outside its folder: do not trust it")
     if stat.S_ISLNK(member.external_attr >> 16):
-        raise InputError(f"{path} holds {name!r}, which is a link: unpack it yourself and give the folder")
+        raise InputError(f"{path} holds {member.filename!r}, which is a link: unpack it yourself and give the folder")
+
+
+def _check_apart(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    """InputError where two members would lie at one place, or one in another, on some file system.
+
+    Some of them do not tell letters apart that differ in case, or in how Unicode composes them.
+    """
+    places = [PurePosixPath(unicodedata.normalize("NFC", str(_place(each)).casefold())) for each in members]
+    folders = {folder for place in places for folder in place.parents}
+    taken: set[PurePosixPath] = set()
+    for member, place in zip(members, places, strict=True):
+        if place in taken or place in folders:
+            raise InputError(f"{path} holds {member.filename!r} twice: unpack it yourself and give the folder")
+        taken.add(place)
 
 
 def _read_of(every: Sequence[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
@@ -203,15 +226,19 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
 
 def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     place = folder.joinpath(*_place(member).parts)
-    if place.exists():
-        raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder")
     chunks = _chunks(path, opened, member)
     try:
+        if not place.resolve().is_relative_to(folder.resolve()):  # whatever the system makes of its name
+            raise InputError(f"{path} holds {member.filename!r}, which would lie outside its folder: do not trust it")
         place.parent.mkdir(parents=True, exist_ok=True)
         with place.open("xb") as file:
             for chunk in chunks:
                 file.write(chunk)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError(
+                f"{path} holds {member.filename!r}, whose name is too long: unpack it yourself and give the folder"
+            ) from error
         raise OutputError(
             f"{path}: {member.filename} cannot be unpacked to {folder} ({error.strerror}): make room there, or set the "
             "environment variable TMPDIR to another folder"
