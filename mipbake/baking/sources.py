@@ -113,10 +113,11 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
         try:
             if isinstance(job, Failure):
                 raise job.error
-            if job.tiled:
-                results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
-            else:
-                results += bake_job(run, job, out / job.place, out)
+            with job.naming():
+                if job.tiled:
+                    results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
+                else:
+                    results += bake_job(run, job, out / job.place, out)
         except MipbakeError as error:
             results.append(_not_baked(run, job.source, error))
         give_back_freed_memory()

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import lzma
+import os
 import shutil
 import stat
 import unicodedata
@@ -13,11 +14,13 @@ import zipfile
 import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TypeVar
 
-from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.errors import InputError, MipbakeError, OutputError
+from mipbake.io import disk
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.safe_names import safe_name
 
@@ -107,11 +110,30 @@ class Archive:
 
     def using(self, read: Callable[[], _T]) -> _T:
         """What is read while the archive is unpacked; errors name the archive in place of the folder."""
-        try:
-            self.shelf.hold(self)
+        self.shelf.hold(self)
+        with self.naming():
             return read()
-        except (InputError, UsageError) as error:
-            raise type(error)(self.told(str(error))) from error
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Errors of the block name the archive in place of the folder; those about a source name it in any case."""
+        try:
+            yield
+        except MipbakeError as error:
+            text = self.about(error)
+            if text == error.full:
+                raise
+            raise type(error)(text) from error
+        except OSError as error:
+            if error.filename is None or (text := self.told(named := os.fsdecode(error.filename))) == named:
+                raise
+            raise disk.refused(Path(text), error) from error
+
+    def about(self, error: MipbakeError) -> str:
+        """The message of an error, as `naming` changes it."""
+        text = self.told(error.full)
+        named = str(self.path) in text or not isinstance(error, InputError)
+        return text if named else f"{self.path}: {text}"
 
     def told(self, text: str) -> str:
         """A text with the archive in place of the folder that it is unpacked to."""
@@ -213,7 +235,7 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
         needed = sum(member.file_size for member in members)
         if needed > free:
             raise OutputError(
-                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder} has {free / 1e9:.2f}: make room, "
+                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder.parent} has {free / 1e9:.2f}: make room, "
                 "or set the environment variable TMPDIR to a folder with enough space"
             )
         with zipfile.ZipFile(path) as opened:
@@ -240,8 +262,8 @@ def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, fo
                 f"{path} holds {member.filename!r}, whose name is too long: unpack it yourself and give the folder"
             ) from error
         raise OutputError(
-            f"{path}: {member.filename} cannot be unpacked to {folder} ({error.strerror}): make room there, or set the "
-            "environment variable TMPDIR to another folder"
+            f"{path}: {member.filename} cannot be unpacked to {folder.parent} ({error.strerror}): make room there, or "
+            "set the environment variable TMPDIR to another folder"
         ) from error
 
 
