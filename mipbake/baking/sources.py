@@ -145,11 +145,11 @@ def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
 
 
 def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
-    """OutputError where a GLB cannot lie where it is to be written."""
+    """OutputError where a GLB cannot lie where it is to be written, as in the place of any of the sources."""
     documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
     if asked.glb or asked.documents:
-        for source, job in documents.items():
-            check_file(out / f"{job.place}.{GLB}", source)
+        for job in documents.values():
+            check_file(out / f"{job.place}.{GLB}", *documents)
 
 
 def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:

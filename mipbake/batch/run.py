@@ -37,6 +37,7 @@ from mipbake.batch.state import (
     States,
     key_of,
     opened,
+    places_of,
     results_are_same,
     sources_are_same,
     state_of,
@@ -47,6 +48,7 @@ from mipbake.batch.watching import Seen, changes, touched, watched
 from mipbake.batch.workers import Share, workers
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.inputs import expand
+from mipbake.io.leftovers import tidy
 from mipbake.io.options import LoadOptions
 
 Choose: TypeAlias = Callable[[str], Chosen]
@@ -277,6 +279,7 @@ class Batch:
         left: dict[str, EntryResult] = {}
         tasks: list[Task] = []
         keys: dict[str, str] = {}
+        settled: list[Known] = []
         places = self.states.places(entry.source for entry in library.entries)
         stacks = with_stacks({each for entry in library.entries for each in folders_around(entry.home)}, self.out)
         foreign = {folder for folder in stacks if folder.as_posix() not in (places or ())}
@@ -294,6 +297,7 @@ class Batch:
             same = known is not None and not self.how.force and sources_are_same(known, entry)
             if known is not None and same and results_are_same(known, self.out):
                 left[entry.label] = self._left(entry, known, key)
+                settled.append(known)
                 continue
             last = self.states.last(entry.label) if self.how.dry_run else None
             if last is not None and (same or remains(last, self.out)):
@@ -303,6 +307,8 @@ class Batch:
             own = places is not None and may_replace(entry.home, self.out, places)
             options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
             tasks.append(Task(entry, self.out, *options))
+        if not self.how.dry_run:  # no bake looks at these places
+            tidy(*(place for known in settled for place in places_of(known, self.out)))
         return Plan(library.entries, left, tasks, keys, frozenset(stacks - foreign))
 
     def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:

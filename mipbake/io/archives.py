@@ -235,8 +235,8 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
         needed = sum(member.file_size for member in members)
         if needed > free:
             raise OutputError(
-                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder.parent} has {free / 1e9:.2f}: make room, "
-                "or set the environment variable TMPDIR to a folder with enough space"
+                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder.parent} has {free / 1e9:.2f}: make "
+                "room, or set the environment variable TMPDIR to a folder with enough space"
             )
         with zipfile.ZipFile(path) as opened:
             for member in members:
