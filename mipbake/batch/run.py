@@ -279,7 +279,7 @@ class Batch:
         left: dict[str, EntryResult] = {}
         tasks: list[Task] = []
         keys: dict[str, str] = {}
-        settled: list[Known] = []
+        self._tidy(library)
         places = self.states.places(entry.source for entry in library.entries)
         stacks = with_stacks({each for entry in library.entries for each in folders_around(entry.home)}, self.out)
         foreign = {folder for folder in stacks if folder.as_posix() not in (places or ())}
@@ -297,7 +297,6 @@ class Batch:
             same = known is not None and not self.how.force and sources_are_same(known, entry)
             if known is not None and same and results_are_same(known, self.out):
                 left[entry.label] = self._left(entry, known, key)
-                settled.append(known)
                 continue
             last = self.states.last(entry.label) if self.how.dry_run else None
             if last is not None and (same or remains(last, self.out)):
@@ -307,9 +306,13 @@ class Batch:
             own = places is not None and may_replace(entry.home, self.out, places)
             options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
             tasks.append(Task(entry, self.out, *options))
-        if not self.how.dry_run:  # no bake looks at these places
-            tidy(*(place for known in settled for place in places_of(known, self.out)))
         return Plan(library.entries, left, tasks, keys, frozenset(stacks - foreign))
+
+    def _tidy(self, library: Library) -> None:
+        """Removes what killed processes left beside results, and gives results that they moved aside their names back:
+        no bake looks at the places of those that have not changed."""
+        lasts = (self.states.last(entry.label) for entry in (() if self.how.dry_run else library.entries))
+        tidy(*(place for known in lasts if known is not None for place in places_of(known, self.out)))
 
     def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
         """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""
