@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING
 
 import mipbake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
@@ -30,14 +29,13 @@ from mipbake.batch.depfile import write_depfile
 from mipbake.batch.finding import found_library
 from mipbake.batch.results import Progress
 from mipbake.batch.run import Choose
-from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchAsked
-from mipbake.cli.session import Session, console, plain
-from mipbake.errors import MipbakeError, OutputError, UsageError
+from mipbake.cli.json_log import JsonLog, json_log, lines_of
+from mipbake.cli.session import Session, console
+from mipbake.errors import MipbakeError, UsageError
 from mipbake.io import disk
 from mipbake.io.layout import PROJECT
 from mipbake.io.options import LoadOptions
-from mipbake.io.publish import reason
 
 EXIT_CHECK = 5
 """Exit code of --check where something would be baked."""
@@ -148,7 +146,7 @@ def _bake(session: Session, asked: BatchAsked, call: _Call) -> None:
 
 @contextmanager
 def _printer(session: Session, asked: BatchAsked, call: _Call) -> Iterator[_Printer]:
-    with _log(asked.json_log) as log, _bar(session) as bar:
+    with json_log(session, asked.json_log) as log, _bar(session) as bar:
         yield _Printer(session, log, bar, call, asked.depfile)
 
 
@@ -182,21 +180,26 @@ class _Printer(BatchListener):
     """Prints what happens: for a person on stdout, failures on stderr, lines of JSON into a file."""
 
     session: Session
-    log: TextIO | None
+    log: JsonLog
     bar: tuple[Bar, TaskID] | None
     call: _Call
     depfile: Path | None
     told: list[str] = field(default_factory=list)
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
-        """See BatchListener. UsageError where the depfile would lie in a result, which is replaced as a whole."""
-        for home in (entry.home for entry in entries if self.depfile is not None):
+        """See BatchListener. UsageError where a file would lie in a result, which is replaced as a whole."""
+        beside = [
+            (what, file) for what, file in (("depfile", self.depfile), ("log", self.log.path)) if file is not None
+        ]
+        for home in (entry.home for entry in entries if beside):
             result = self.call.out / home.folder / home.name
-            if self.depfile is not None and disk.lies_in(self.depfile, result):
-                raise UsageError(
-                    f"the depfile {self.depfile} lies in the result {result}, which is replaced as a whole: choose a "
-                    "place outside of it"
-                )
+            for what, file in beside:
+                if disk.lies_in(file, result):
+                    raise UsageError(
+                        f"the {what} {file} lies in the result {result}, which is replaced as a whole: choose a place "
+                        "outside of it"
+                    )
+        self.log.open()
         if self.call.idle is not None and not self.told:  # later passes of --watch are about what has changed
             self.told.extend(self.call.idle([entry.label for entry in entries]))
             notes = [*notes, *self.told]
@@ -207,7 +210,7 @@ class _Printer(BatchListener):
 
     def left(self, result: EntryResult) -> None:
         """See BatchListener."""
-        self._write(result)
+        self.log.write(result)
 
     def done(self, result: EntryResult, progress: Progress) -> None:
         """See BatchListener."""
@@ -215,27 +218,9 @@ class _Printer(BatchListener):
             self.session.print(_line(each, result, progress))
             for defect in each.defects if isinstance(each, BakedSet) else ():
                 self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
-        self._write(result)
+        self.log.write(result)
         if self.bar:
             self.bar[0].update(self.bar[1], completed=progress.done, left=_spoken(progress.seconds_left))
-
-    def _write(self, result: EntryResult) -> None:
-        if self.log is None or self.log.closed:
-            return
-        try:
-            self.log.writelines(json.dumps(plain(line), allow_nan=False) + "\n" for line in lines_of(result))
-            self.log.flush()
-        except OSError as error:  # the sets are more than the log
-            self.session.fail(f"cannot write {self.log.name}: {reason(error)}", OutputError.exit_code)
-            with suppress(OSError):
-                self.log.close()
-
-
-def lines_of(result: EntryResult) -> list[dict[str, Any]]:
-    """What became of an entry, for JSON: an object for each set or document."""
-    about = {"entry": result.entry.label}
-    same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
-    return [{**about, **told(each)} for each in result.results] + [{**about, **same}] * result.unchanged
 
 
 def _line(each: Result, result: EntryResult, progress: Progress) -> str:
@@ -273,23 +258,6 @@ def _summary_line(summary: Summary) -> str:
 
 def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
-
-
-@contextmanager
-def _log(path: Path | None) -> Iterator[TextIO | None]:
-    if path is None:
-        yield None
-        return
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("w", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {reason(error)}") from error
-    try:
-        yield file
-    finally:
-        with suppress(OSError):  # what could not be written was told
-            file.close()
 
 
 @contextmanager

@@ -97,7 +97,7 @@ class Printer(Listener):
 
     def failed(self, failure: NotBaked) -> None:
         """See Listener."""
-        self.session.fail(str(failure.error), failure.error.exit_code)
+        self.session.fail(failure.error.full, failure.error.exit_code)
 
 
 def told(result: Result) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,7 +85,8 @@ def batching(
         typer.Option(
             "--depfile",
             metavar="FILE",
-            help="Write what results were made from, as a rule of Make, which Ninja takes as well.",
+            help="Write what results were made from, as a rule of Make, which Ninja takes as well. A file that is no "
+            "such rule is not replaced.",
             show_default=False,
         ),
     ] = None,
@@ -101,7 +103,8 @@ def batching(
         typer.Option(
             "--json-log",
             metavar="FILE",
-            help="Write a line of JSON for each set of a batch, when it is done.",
+            help="Write a line of JSON for each set of a batch, when it is done. A file that does not begin with such "
+            "a line is not replaced.",
             show_default=False,
         ),
     ] = None,
@@ -137,14 +140,30 @@ def batching(
         raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
     if watch and depfile is not None:
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
-    if depfile is not None and (not depfile.name or depfile.is_dir()):
-        raise UsageError(f"--depfile {depfile} is a folder: expected a file to write")
+    _check_files(depfile, json_log)
     if shard is not None:
         from mipbake.batch import Shard
 
         part = Shard.parsed(shard)
     logs = (json_log, config, watch, check, depfile, depfile_for)
     return BatchAsked(recursive, jobs, force, dry_run or check, *logs, cluster, part if shard is not None else None)
+
+
+def _check_files(depfile: Path | None, json_log: Path | None) -> None:
+    """Errors for files that cannot be written, or that mipbake did not write, such as sources."""
+    for option, file in (("--depfile", depfile), ("--json-log", json_log)):
+        if file is not None and (not file.name or file.is_dir()):
+            raise UsageError(f"{option} {file} is a folder: expected a file to write")
+    if depfile is not None:
+        from mipbake.batch.depfile import check_depfile
+
+        check_depfile(depfile)
+    if json_log is not None:
+        from mipbake.cli.json_log import check_log
+
+        check_log(json_log)
+        if depfile is not None and os.path.realpath(depfile) == os.path.realpath(json_log):
+            raise UsageError(f"--depfile and --json-log are both {depfile}: expected two files")
 
 
 def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:

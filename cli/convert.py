@@ -157,14 +157,15 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
 def _convert_set(session: Session, job: Job, tile: int, part: SetFiles, out: Path, write: _Write) -> dict[str, Any]:
     """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
     place = out / job.place / job.names[tile]
-    check_material_output(place, file_hashes(part.find()))
-    with timings(session, place.name) as reading:
-        reading("read", 0.0)
-        given = job.read_tile(tile)
-        reading("read", 1.0)
-    check_material_output(place, file_hashes(given))
-    session.print(*description(job, given), *remarks_of(job))
-    return {**write(given, place, reading), "set": set_report(given, job)}
+    with job.naming():
+        check_material_output(place, file_hashes(part.find()))
+        with timings(session, place.name) as reading:
+            reading("read", 0.0)
+            given = job.read_tile(tile)
+            reading("read", 1.0)
+        check_material_output(place, file_hashes(given))
+        session.print(*description(job, given), *remarks_of(job))
+        return {**write(given, place, reading), "set": set_report(given, job)}
 
 
 def _write(

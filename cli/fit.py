@@ -22,8 +22,11 @@ from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
 from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.exchange import EXCHANGES
+from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
 from mipbake.fitting.prepared import TEXELS
+from mipbake.fitting.state import check_checkpoint
+from mipbake.found import file_hashes
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Job
 from mipbake.manifest import check_output
@@ -113,7 +116,10 @@ def fit(
         options.pixel_filter("Pixel filter of the references; with a stack, the stack's."),
     ] = DEFAULT_FILTER,
     views: Annotated[
-        int, typer.Option(metavar="NUMBER", help="Views of a plane at each level of detail, in steps of one half.")
+        int,
+        typer.Option(
+            metavar="NUMBER", help=f"Views of a plane at each level of detail, in steps of one half; 1 to {MOST}."
+        ),
     ] = DEFAULT_VIEWS,
     views_file: Annotated[
         OptionalPath,
@@ -139,7 +145,10 @@ def fit(
         ),
     ] = None,
     renders: Annotated[
-        int, typer.Option(metavar="NUMBER", help="How often a step is rendered, each time with new signs.")
+        int,
+        typer.Option(
+            metavar="NUMBER", help=f"How often a step is rendered, each time with new signs; 1 to {MOST} times."
+        ),
     ] = 1,
     rounds: Annotated[
         int,
@@ -180,21 +189,23 @@ def fit(
         renderer, shader, renderer_command, exchange, renderer_timeout, renderer_start_timeout, three, views_file
     )
     seconds = seconds_of(budget)
-    if views < 1:
-        raise UsageError(f"views is {views}: expected 1 or more")
+    check_count("views", views)
+    check_count("renders", renders)
     most = _WITHOUT_END if steps is None and seconds is None else steps
     made = choice.made()
 
     def act(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
         place = out / job.place / texture_set.name
+        kept = place.with_name(place.name + ".fit")
+        check_output(place, file_hashes(texture_set))
+        check_checkpoint(kept)
         with timings(session, texture_set.name) as phases:
             session.print(*description(job, texture_set))
             stack, *others = (
                 _start(each, texture_set, pixel_filter, alone, phases) for each in start or DEFAULT_STARTS
             )
-            check_output(place, stack.provenance.sources)
             learned, checked = choice.views_of(stack.size, stack.wrap, views, seed)
-            session.kept = kept = place.with_name(place.name + ".fit")
+            session.kept = kept
             with warnings.catch_warnings(record=True) as found:
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.errors import MipbakeError, RendererError
+from mipbake.errors import MipbakeError, RendererError, shortened
 from mipbake.timings import Timings
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Session:
 
         Lines that another program printed follow it as they are.
         """
-        one_line = " ".join(message.split())
+        one_line = shortened(" ".join(message.split()))
         sys.stderr.write("".join(f"{line}\n" for line in (f"mipbake: {one_line}", *printed)))
         self.exit_code = max(self.exit_code, exit_code)
         return self.exit_code
@@ -80,9 +80,9 @@ class Session:
     def raised(self, error: MipbakeError) -> int:
         """`fail` for an error. Lines that a renderer printed are kept apart."""
         if isinstance(error, RendererError):
-            sentence, *printed = str(error).splitlines()
+            sentence, *printed = error.full.splitlines()
             return self.fail(sentence, error.exit_code, printed)
-        return self.fail(str(error), error.exit_code)
+        return self.fail(error.full, error.exit_code)
 
 
 def failed(source: Path, error: MipbakeError) -> dict[str, Any]:

@@ -48,8 +48,10 @@ def over_sets(
             try:
                 if isinstance(job, Failure):
                     raise job.error
-                for texture_set in job.sets():
-                    results.append({"source": job.source, "ok": True, "exit_code": 0, **act(job, texture_set, alone)})
+                with job.naming():
+                    for texture_set in job.sets():
+                        done = act(job, texture_set, alone)
+                        results.append({"source": job.source, "ok": True, "exit_code": 0, **done})
             except MipbakeError as error:
                 results.append(session.failed(job.source, error))
     return results

@@ -18,7 +18,7 @@ class SetReport:
     Args:
         name, width, height: of the set, in texels.
         model: the material model that its maps fill.
-        maps: role to source. The path of a file in an archive begins with the path of the archive.
+        maps: role to source. The path of a file in an archive begins with the path of the archive, as in `ignored`.
         normal_convention: of its normal map, and how that was decided.
         notes, warnings: what was assumed and what to look at, in sentences.
         ignored: what was left out.
@@ -50,9 +50,10 @@ def file_hashes(found: Discovery | TextureSet) -> dict[str, str]:
 def set_report(found: Discovery | TextureSet, job: Job | None = None) -> SetReport:
     """The facts about a texture set. `job`: that it is of, which knows the archive."""
     archive = job.archive if job else None
-    sources = sources_of(found)
+    sources, ignored = sources_of(found), found.ignored
     if archive is not None:
         sources = {r: replace(s, path=Path(archive.told(str(s.path)))) if s.path else s for r, s in sources.items()}
+        ignored = tuple(replace(each, path=Path(archive.told(str(each.path)))) for each in ignored)
     return SetReport(
         name=found.name,
         width=found.width,
@@ -62,5 +63,5 @@ def set_report(found: Discovery | TextureSet, job: Job | None = None) -> SetRepo
         normal_convention=found.convention,
         notes=found.notes,
         warnings=found.warnings,
-        ignored=found.ignored,
+        ignored=ignored,
     )

@@ -188,14 +188,15 @@ def save_document(
     replaced_file(path, data)
 
 
-def check_file(path: Path, source: Path) -> None:
-    """OutputError where a GLB cannot be written to a path: its folder does not let it, it is the source, or a file that
-    mipbake did not make."""
+def check_file(path: Path, *sources: Path) -> None:
+    """OutputError where a GLB cannot be written to a path: its folder does not let it, it is a source, or a file that
+    mipbake did not make. Where it is a link, all of that is about what it leads to, which is what is written."""
     if not path.exists():
         check_place(path, lambda _: False)
         return
-    if path.resolve() == source.resolve():
-        raise OutputError(f"cannot write {path}: it is the source, choose another output folder")
+    for source in sources:
+        if source.exists() and path.samefile(source):
+            raise OutputError(f"cannot write {path}: it is the source {source}, choose another output folder")
     if not path.is_file() or made_from(path) is None:
         raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
 

@@ -96,7 +96,7 @@ def _archived(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> 
         """With the archive in place of the folder that it is unpacked to."""
         source = Path(archive.told(str(made.source))) if made.source.is_file() else path
         if isinstance(made, Failure):
-            return Failure(source, type(made.error)(archive.told(str(made.error))))
+            return Failure(source, type(made.error)(archive.about(made.error)))
         notes, warnings = (tuple(map(archive.told, sentences)) for sentences in (made.notes, made.warnings))
         parts = {tile: replace(part, archive=archive) for tile, part in made.parts.items()}
         return replace(made, source=source, parts=parts, notes=notes, warnings=warnings)

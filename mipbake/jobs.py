@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -88,6 +89,10 @@ class Job:
     def using(self, read: Callable[[], _T]) -> _T:
         """What is read of the files that its document refers to, which may lie in an archive."""
         return read() if self.archive is None else self.archive.using(read)
+
+    def naming(self) -> AbstractContextManager[None]:
+        """Errors of the block name the archive that it lies in, not the folder that it is unpacked to."""
+        return nullcontext() if self.archive is None else self.archive.naming()
 
     @property
     def names(self) -> dict[int, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +19,10 @@ from mipbake.io.gltf.images import image_files
 from mipbake.io.options import LoadOptions
 from mipbake.jobs import Failure, Job
 
-from .command_line import fails, tree, write_set
+from .command_line import bumps, fails, tree, write_png, write_set
 from .gltf_files import png
 from .gltf_results import two_textures
-from .input_files import plain_set
+from .input_files import pixels_for, plain_set, write_image
 from .mtlx_documents import document, image, surface, write_textures
 from .test_sources import QUICK, ambientcg, run, written, zipped
 
@@ -188,3 +190,92 @@ def test_options_are_for_sets_alone(scene: Path, tmp_path: Path) -> None:
         mipbake.load(archive, normal_convention="directx")
     with pytest.raises(InputError, match=r"load_all"):
         mipbake.load(archive)
+
+
+def long_names(folder: Path) -> None:
+    """Sixty images whose names say no role, of 150 letters each."""
+    folder.mkdir()
+    for index in range(60):
+        write_image(folder / f"{'z' * 150}{index}.png", pixels_for("base_color", 2))
+
+
+def without_roughness(folder: Path) -> None:
+    write_set(folder / ("d" * 100) / ("e" * 100), roughness=None)
+
+
+def broken_map(folder: Path) -> None:
+    (write_set(folder) / "roughness.png").write_bytes(b"no image")
+
+
+def broken_tile(folder: Path) -> None:
+    for name, pixels in bumps().items():
+        for tile in (1001, 1002):
+            folder.mkdir(exist_ok=True)
+            write_png(folder / f"w_{name}.{tile}.png", pixels)
+    (folder / "w_roughness.1002.png").write_bytes(b"no image")
+
+
+def broken_image(folder: Path) -> None:
+    folder.mkdir()
+    two_textures(png("normal a")[:60], png("mr")).write(folder / "scene", "glb")
+
+
+def long_address(folder: Path) -> None:
+    folder.mkdir()
+    gltf = two_textures(png("normal a"), png("mr")).write(folder / "scene", "external")
+    content = json.loads(gltf.read_text())
+    gltf.write_text(json.dumps(content | {"images": [{"uri": f"{'x' * 3000}.png"}] * 2}))
+
+
+def long_material(folder: Path) -> None:
+    folder.mkdir()
+    gltf = two_textures(png("normal a"), png("mr")).write(folder / "scene", "external")
+    content = json.loads(gltf.read_text())
+    gltf.write_text(json.dumps(content | {"materials": [{"name": "n" * 2000, "normalTexture": {"index": 99}}]}))
+
+
+def long_file(folder: Path) -> None:
+    folder.mkdir()
+    document(folder, surface(image("n", "vector3", f"{'g' * 2000}.png"), normal="n"))
+
+
+BROKEN = (
+    long_names,
+    without_roughness,
+    broken_map,
+    broken_tile,
+    broken_image,
+    long_address,
+    long_material,
+    long_file,
+)
+
+
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda each: each.__name__)
+@pytest.mark.parametrize("archived", [True, False])
+def test_what_is_said_of_broken_sources_is_short_and_names_no_temporary_folder(
+    broken: Callable[[Path], None],
+    archived: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    broken(Path("in"))
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "scratch"))
+    source = zipped(Path("some.zip"), Path("in")) if archived else Path("in")
+    if not archived:  # a document alone
+        source = next((path for path in source.iterdir() if path.suffix in (".glb", ".gltf", ".mtlx")), source)
+    for command in (["inspect"], ["bake", "-o", "out", *LINEAR], ["convert", "-o", "out", "--to", "ggx"]):
+        assert main([*command, str(source), "--json"]) == 3
+        out, err = capsys.readouterr()
+        told = [each["error"] for each in json.loads(out)["results"] if not each["ok"]]
+        assert told and "scratch" not in out + err and err.count("\n") == len(told)
+        assert all(len(line) < 300 and (not archived or "some.zip" in line) for line in (*err.splitlines(), *told))
+
+
+def test_what_a_report_leaves_out_is_named_by_its_archive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_set(tmp_path / "in", preview=bumps()["base_color"])
+    (result,) = run(capsys, "inspect", zipped(tmp_path / "some.zip", tmp_path / "in"))["results"]
+    assert [each["path"] for each in result["ignored"]] == [f"{tmp_path}/some.zip/preview.png"]

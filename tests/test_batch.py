@@ -39,6 +39,40 @@ def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) 
     assert counts(bake(library, force=True)) == (2, 0, 0)
 
 
+@pytest.mark.parametrize("with_list", [True, False])
+def test_what_killed_processes_left_beside_unchanged_results_goes(
+    library: Path, inline: Inline, with_list: bool
+) -> None:
+    two_textures(png("normal a"), png("mr")).write(library / "bolt", "glb")
+    aged(library, 100.0)
+    options = BakeOptions(method="linear", max_level=0)
+    bake(library, options)
+    out = library.parent / "out"
+    assert (out / "bolt.glb").is_file()
+    if not with_list:
+        shutil.rmtree(out / ".mipbake")
+    before = [name for name in tree(out) if ".mipbake" not in name]
+    for name in ("wood", "metals/.steel", "bolt.glb", "mipbake-trial", "metals/.mipbake-trial"):
+        folder, _, last = name.rpartition(".") if "/" in name else ("", "", name)
+        for suffix in ("partial",) if "trial" in name else ("partial", "old"):
+            (out / folder / f".{last}.0badcafe.{suffix}").mkdir()
+    (out / ".notes.0badcafe.partial").mkdir()  # beside nothing of ours
+    dry = tree(out)
+    assert bake(library, options, dry_run=True).planned == 0 and tree(out) == dry
+    summary = bake(library, options)
+    assert (summary.baked, summary.documents, summary.failures) == (0, 0, [])
+    assert [name for name in tree(out) if ".mipbake/" not in name and name != ".mipbake"] == sorted(
+        [*before, ".notes.0badcafe.partial"]
+    )
+
+
+def test_a_result_that_was_moved_aside_comes_back_unchanged(library: Path, inline: Inline) -> None:
+    bake(library)
+    (library.parent / "out/wood").rename(library.parent / "out/.wood.0badcafe.old")
+    assert counts(bake(library)) == (0, 2, 0)
+    assert (library.parent / "out/wood/stack.json").is_file()
+
+
 def test_results_are_those_of_a_bake_without_a_batch(library: Path, inline: Inline) -> None:
     bake(library)
     mipbake.bake_all(library / "wood", library.parent / "alone", LINEAR)

@@ -15,7 +15,7 @@ from mipbake.cli.main import main
 from mipbake.errors import OutputError
 from mipbake.io import publish
 from mipbake.io.leftovers import remove, unfinished
-from mipbake.io.publish import check_place, published, replaced_file, temporary_folder
+from mipbake.io.publish import check_file, check_place, published, replaced_file, temporary_folder
 
 from .command_line import fails, write_set
 
@@ -185,6 +185,37 @@ def test_another_process_in_the_middle_of_a_swap(tmp_path: Path, monkeypatch: py
     assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "new"
 
 
+@pytest.mark.parametrize("fails", ["to its temporary name", "to its temporary name, nor be removed", "to its own name"])
+def test_what_is_said_of_an_earlier_result_that_cannot_be_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    """The new result is there, and nothing says otherwise; or the old one is there, and the sentence says where."""
+    without_exchange(monkeypatch)
+    publish_text(tmp_path / "set", "old")
+    rename = Path.rename
+    own = fails == "to its own name"
+
+    def refused(source: Path, goal: Path) -> Path:
+        if source.suffix == ".old" or (own and source.suffix == ".partial" and (tmp_path / "set").exists() is False):
+            raise OSError(5, "Input/output error")
+        return rename(source, goal)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    if fails.endswith("removed"):
+        monkeypatch.setattr("mipbake.io.publish.remove", lambda _path: None)
+    if own:
+        with pytest.raises(OutputError, match=r"the earlier result is .*\.old, and the next bake") as caught:
+            publish_text(tmp_path / "set", "new")
+        (aside,) = names(tmp_path)
+        assert aside in str(caught.value) and (tmp_path / aside / "text").read_text() == "old"
+    else:
+        publish_text(tmp_path / "set", "new")
+        assert (tmp_path / "set" / "text").read_text() == "new"
+    monkeypatch.undo()
+    check_place(tmp_path / "set", ours)
+    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == ("old" if own else "new")
+
+
 def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mipbake.io.leftovers.remove", lambda _path: None)
     with pytest.raises(OutputError), published(tmp_path / "set", ours):
@@ -202,6 +233,12 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "scene.glb").read_bytes() == b"two" and names(tmp_path / "new") == ["scene.glb"]
     with pytest.raises(OutputError, match="Not a directory"):
         replaced_file(tmp_path / "new" / "scene.glb" / "other.glb", b"")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "link").symlink_to(tmp_path / "far" / "file")
+    replaced_file(tmp_path / "link", b"three")
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "far" / "file").read_bytes() == b"three"
+    with pytest.raises(OutputError):
+        check_file(tmp_path / "loop", ours, "file")
 
 
 def test_what_engines_put_beside_files_moves_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

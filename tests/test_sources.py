@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import stat
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -136,12 +138,59 @@ def written(path: Path, *members: tuple[str | zipfile.ZipInfo, bytes]) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["../a_color.png", "/tmp/a_color.png", "in/../../a.png", "C:/a.png", "..\\a.png"])
-def test_members_that_would_lie_elsewhere_are_refused(name: str, tmp_path: Path, capsys) -> None:
+ELSEWHERE = ["../a_color.png", "{}/a_color.png", "in/../../a.png", "C:/a.png", "C:a.png", "in/C:a.png", "..\\a.png"]
+
+
+def with_second_name(name: str, second: str) -> zipfile.ZipInfo:
+    """A member with a Unicode path field, whose name newer versions of Python take."""
+    member = zipfile.ZipInfo(name)
+    data = struct.pack("<BI", 1, zlib.crc32(name.encode())) + second.encode()
+    member.extra = struct.pack("<HH", 0x7075, len(data)) + data
+    return member
+
+
+def take_second_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Members have their second name, as newer versions of Python read it, with any version."""
+    read = zipfile.ZipFile.infolist
+
+    def infolist(self: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+        members = read(self)
+        for member in members:
+            if member.extra[:2] == b"\x75\x70":
+                member.filename = member.extra[9:].decode()
+        return members
+
+    monkeypatch.setattr(zipfile.ZipFile, "infolist", infolist)
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+@pytest.mark.parametrize("second", [False, True])
+def test_members_that_would_lie_elsewhere_are_refused(
+    name: str, second: bool, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "in").mkdir()
-    archive = written(tmp_path / "in" / "a.zip", (name, b"x"))
+    name = name.format(tmp_path / "new")
+    archive = written(tmp_path / "in" / "a.zip", (with_second_name("a.png", name) if second else name, b"x"))
+    take_second_names(monkeypatch)
     assert "would lie outside its folder: do not trust it" in fails(capsys, 3, "inspect", archive)
     assert tree(tmp_path) == ["in", "in/a.zip"]
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("a_color.png", "A_Color.PNG"), "twice"),
+        (("\u00e9.png", "e\u0301.png"), "twice"),
+        (("a.gltf", "b.png", "b.png/c.png"), "'b.png' twice"),
+        (("a.gltf", "B.png/c.png", "b.png"), "'b.png' twice"),
+        ((f"{'a' * 300}.png",), "whose name is too long"),
+        ((f"{'a' * 300}/b.png",), "whose name is too long"),
+        (("/".join(["a" * 200] * 30) + ".png",), "whose name is too long"),
+    ],
+)
+def test_members_that_no_folder_can_hold_are_refused(names: tuple[str, ...], told: str, tmp_path: Path, capsys) -> None:
+    archive = written(tmp_path / "a.zip", *((name, b"x") for name in names))
+    assert told in fails(capsys, 3, "inspect", archive)
 
 
 def test_links_in_archives_are_refused(tmp_path: Path, capsys) -> None:

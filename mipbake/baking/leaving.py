@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from mipbake.baking.sets import Run
 from mipbake.errors import MipbakeError
 from mipbake.found import file_hashes
 from mipbake.io.layout import tiles_in
+from mipbake.io.leftovers import tidy
+from mipbake.io.publish import TRIAL
 from mipbake.jobs import Failure, Job
 from mipbake.output import GLB
 
@@ -71,12 +74,14 @@ def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | 
     folders: dict[Path, dict[str, str]] = {}  # each with the files that its stack is of, and their hashes
     if first.document is not None and run.asked.wants_glb(first):
         place = out / f"{first.place}.{GLB}"
+        _tidy(run, place)
         why = document_changed(place, run.ingredients.document(jobs))
     if run.asked.writes_maps(first) or first.document is None:
         for job in jobs:
             found = job.found()
             folder = out / job.place / (together_at(job)[1] or next(iter(found.values())).name)
             place = place if place != out else folder
+            _tidy(run, folder)
             why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
             for each in found.values():
                 folders.setdefault(folder, {}).update(file_hashes(each))
@@ -88,3 +93,9 @@ def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | 
     for folder, hashes in folders.items() if run.which == "none" else ():
         run.check_output(folder, hashes)  # a plan that cannot be carried out is none
     return Planned(first.source, place, why) if run.which == "none" else None
+
+
+def _tidy(run: Run, place: Path) -> None:
+    """What a killed process left beside a place goes, or gets its name back, before anybody looks what lies there."""
+    if run.which != "none":
+        tidy(*(Path(os.path.realpath(place)).with_name(name) for name in (place.name, TRIAL)))

@@ -113,10 +113,11 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
         try:
             if isinstance(job, Failure):
                 raise job.error
-            if job.tiled:
-                results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
-            else:
-                results += bake_job(run, job, out / job.place, out)
+            with job.naming():
+                if job.tiled:
+                    results += _bake_tiles(run, [each for each in together if isinstance(each, Job)], out)
+                else:
+                    results += bake_job(run, job, out / job.place, out)
         except MipbakeError as error:
             results.append(_not_baked(run, job.source, error))
         give_back_freed_memory()
@@ -144,11 +145,11 @@ def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
 
 
 def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
-    """OutputError where a GLB cannot lie where it is to be written."""
+    """OutputError where a GLB cannot lie where it is to be written, as in the place of any of the sources."""
     documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
     if asked.glb or asked.documents:
-        for source, job in documents.items():
-            check_file(out / f"{job.place}.{GLB}", source)
+        for job in documents.values():
+            check_file(out / f"{job.place}.{GLB}", *documents)
 
 
 def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:

@@ -10,8 +10,11 @@ from mipbake.batch.library import Entry
 from mipbake.batch.results import Summary, declares
 from mipbake.batch.state import Known
 from mipbake.io import disk
-from mipbake.io.publish import replaced_file
+from mipbake.io.publish import check_file, replaced_file
 from mipbake.io.tiles import is_pattern
+
+_MOST = 1 << 30
+"""Bytes of a depfile at most: what is larger is none."""
 
 _ESCAPED = str.maketrans({" ": "\\ ", "#": "\\#", "$": "$$", ":": "\\:"})
 _PATTERN = "%"
@@ -39,8 +42,9 @@ def write_depfile(
     write in different ways there.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: it cannot be written, or is a file that is no depfile.
     """
+    check_depfile(path)
     known = [(each.entry, each.known) for each in summary.entries if each.known is not None]
     results = [out / file.path for _, each in known for file in each.results if declares(Path(file.path))]
     names = [made] if made is not None else [os.fspath(file) for file in results]
@@ -50,6 +54,19 @@ def write_depfile(
     lines = [" \\\n  ".join([f"{' '.join(about)}:", *map(_escaped, sources)])]
     lines += [f"{_escaped(source)}:" for source in sources if _PATTERN not in source]
     replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))
+
+
+def check_depfile(path: Path) -> None:
+    """OutputError where a file is in the way that is no depfile of this form."""
+    check_file(path, _is_depfile, "depfile")
+
+
+def _is_depfile(path: Path) -> bool:
+    """Whether a file is one rule, and an empty rule for each source in it, as `write_depfile` writes them."""
+    with path.open("rb") as file:
+        first, *rules = file.read(_MOST).removesuffix(b"\n").split(b"\n\n")
+    about, *sources = first.split(b" \\\n  ")
+    return about.endswith(b":") and rules == [b"%b:" % each for each in sources if _PATTERN.encode() not in each]
 
 
 def _sources(entry: Entry, known: Known, out: Path, roots: Sequence[Path]) -> list[str]:

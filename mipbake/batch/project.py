@@ -316,7 +316,7 @@ def _project(source: _Source, content: Mapping[str, Any]) -> Project:
         try:
             most = memory.parsed(content["memory"])
         except UsageError as error:
-            raise source.fail(str(error), "memory") from error
+            raise source.fail(error.full, "memory") from error
     options, sets = content.get("options", {}), content.get("sets", [])
     if not isinstance(options, dict):
         raise source.fail("options is no table: expected [options]", "options")

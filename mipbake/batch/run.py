@@ -37,6 +37,7 @@ from mipbake.batch.state import (
     States,
     key_of,
     opened,
+    places_of,
     results_are_same,
     sources_are_same,
     state_of,
@@ -47,6 +48,7 @@ from mipbake.batch.watching import Seen, changes, touched, watched
 from mipbake.batch.workers import Share, workers
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.io.inputs import expand
+from mipbake.io.leftovers import tidy
 from mipbake.io.options import LoadOptions
 
 Choose: TypeAlias = Callable[[str], Chosen]
@@ -277,6 +279,7 @@ class Batch:
         left: dict[str, EntryResult] = {}
         tasks: list[Task] = []
         keys: dict[str, str] = {}
+        self._tidy(library)
         places = self.states.places(entry.source for entry in library.entries)
         stacks = with_stacks({each for entry in library.entries for each in folders_around(entry.home)}, self.out)
         foreign = {folder for folder in stacks if folder.as_posix() not in (places or ())}
@@ -304,6 +307,12 @@ class Batch:
             options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
             tasks.append(Task(entry, self.out, *options))
         return Plan(library.entries, left, tasks, keys, frozenset(stacks - foreign))
+
+    def _tidy(self, library: Library) -> None:
+        """Removes what killed processes left beside results, and gives results that they moved aside their names back:
+        no bake looks at the places of those that have not changed."""
+        lasts = (self.states.last(entry.label) for entry in (() if self.how.dry_run else library.entries))
+        tidy(*(place for known in lasts if known is not None for place in places_of(known, self.out)))
 
     def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
         """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""

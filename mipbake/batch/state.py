@@ -23,8 +23,10 @@ from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.archives import MATERIALX
 from mipbake.io.matches import is_textures
+from mipbake.io.publish import TRIAL
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.tiles import is_pattern
+from mipbake.output import GLB
 
 FOLDER = ".mipbake"
 _SUFFIX = ".sqlite"
@@ -127,6 +129,15 @@ def sources_are_same(known: Known, entry: Entry) -> bool:
 def results_are_same(known: Known, out: Path) -> bool:
     """Whether the results in a folder are the files that were written last."""
     return all(_same(file, out, ours=True) for file in known.results)
+
+
+def places_of(known: Known, out: Path) -> set[Path]:
+    """Folders and files beside which unfinished work on the results of an entry lies, without links: the results
+    themselves, and what folders are made on trial as. `out`: the folder of all results."""
+    files = [PurePath(each.path) for each in known.results]
+    named = {file if file.suffix == f".{GLB}" else file.parent for file in files}
+    places = {Path(os.path.realpath(out / each)) for each in named}
+    return places | {place.with_name(TRIAL) for place in places}
 
 
 def _same(file: FileState, folder: Path, ours: bool = False) -> bool:

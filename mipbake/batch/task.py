@@ -104,7 +104,7 @@ def done(task: Task, results: Sequence[Result], files: Sequence[FileState], begu
     of_files = all(isinstance(each.error, (InputError, UsageError)) for each in failures)
     if task.which != "none" and of_files and files and not (failures and task.entry.source.suffix == MATERIALX):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
-        faults = [(str(each.error), each.error.exit_code) for each in failures]
+        faults = [(each.error.full, each.error.exit_code) for each in failures]
         faults += [("; ".join(each.defects), DEFECT) for each in defective]
         known = Known(tuple(files), written, len(results) - len(faults), tuple(faults))
     return Done(tuple(results), known, time.monotonic() - begun)

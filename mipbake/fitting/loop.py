@@ -30,6 +30,16 @@ _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget; a gue
 _NO_TILES = np.empty(0, np.intp)
 
 
+MOST = 4096
+"""Renders of a step, and views at a level of detail, at most. A guess: far more than any fit gains by."""
+
+
+def check_count(name: str, number: int) -> None:
+    """UsageError for a number of renders or of views that no fit can have."""
+    if not 1 <= number <= MOST:
+        raise UsageError(f"{name} is {number}: expected 1 to {MOST}")
+
+
 @dataclass(frozen=True)
 class FitSettings:
     """How a fit goes on; `fit` says what the fields are.
@@ -49,10 +59,11 @@ class FitSettings:
     rounds: int = 1
 
     def __post_init__(self) -> None:
-        for name, least in (("steps", 0), ("rounds", 0), ("renders", 1), ("passes", 1)):
+        for name, least in (("steps", 0), ("rounds", 0), ("passes", 1)):
             number = getattr(self, name)
             if number is not None and number < least:
                 raise UsageError(f"{name} is {number}: expected {least} or more")
+        check_count("renders", self.renders)
         if self.budget is not None and not (isinstance(self.budget, (int, float)) and self.budget > 0):
             raise UsageError(f"budget is {self.budget!r}: expected seconds as a number, more than 0")
         if not 0 < self.rate < math.inf:

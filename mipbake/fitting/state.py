@@ -8,7 +8,7 @@ import math
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 
 from mipbake.errors import InputError, OutputError, RendererError
 from mipbake.fitting.renderer import Array
+from mipbake.io.publish import check_file, replacing
 from mipbake.stochastic import Moments
 
 _FORMAT = 5
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
+
+_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 _ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 
@@ -93,10 +96,9 @@ class Checkpoint:
             "checked": state.checked,
             "seconds": state.seconds,
         }
-        temporary = self.path.with_name(self.path.name + ".part")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with temporary.open("wb") as file:
+            with replacing(self.path) as temporary, temporary.open("wb") as file:
                 np.savez(
                     file,
                     about=np.frombuffer(json.dumps(about).encode(), np.uint8),
@@ -111,10 +113,7 @@ class Checkpoint:
                     waited=state.waited,
                     origins=state.origins,
                 )
-            temporary.replace(self.path)
         except OSError as error:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
             raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "
                               "choose another file") from error  # fmt: skip
 
@@ -131,7 +130,7 @@ class Checkpoint:
                 arrays = {name: file[name] for name in _ARRAYS}
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        except _DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
             raise InputError(
@@ -170,6 +169,20 @@ class Checkpoint:
                     f"with {then:.1f} dB, and show it with {score:.1f} dB now, so that the renderer, its shader, what "
                     "the views show or the references are others: delete it, or choose another file"
                 )
+
+
+def check_checkpoint(path: Path) -> None:
+    """OutputError where a file is in the way that is no checkpoint of a fit. For before long work."""
+    check_file(path, _is_checkpoint, "checkpoint of a fit")
+
+
+def _is_checkpoint(path: Path) -> bool:
+    """Whether it says so, whatever of it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return {f"{name}.npy" for name in _ARRAYS} <= {*file.namelist()}
+    except _DAMAGED:
+        return False
 
 
 @contextmanager

@@ -4,18 +4,23 @@ read.
 
 from __future__ import annotations
 
+import errno
 import lzma
+import os
 import shutil
 import stat
+import unicodedata
 import zipfile
 import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TypeVar
 
-from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.errors import InputError, MipbakeError, OutputError
+from mipbake.io import disk
 from mipbake.io.read import IMAGE_SUFFIXES
 from mipbake.io.safe_names import safe_name
 
@@ -105,11 +110,30 @@ class Archive:
 
     def using(self, read: Callable[[], _T]) -> _T:
         """What is read while the archive is unpacked; errors name the archive in place of the folder."""
-        try:
-            self.shelf.hold(self)
+        self.shelf.hold(self)
+        with self.naming():
             return read()
-        except (InputError, UsageError) as error:
-            raise type(error)(self.told(str(error))) from error
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Errors of the block name the archive in place of the folder; those about a source name it in any case."""
+        try:
+            yield
+        except MipbakeError as error:
+            text = self.about(error)
+            if text == error.full:
+                raise
+            raise type(error)(text) from error
+        except OSError as error:
+            if error.filename is None or (text := self.told(named := os.fsdecode(error.filename))) == named:
+                raise
+            raise disk.refused(Path(text), error) from error
+
+    def about(self, error: MipbakeError) -> str:
+        """The message of an error, as `naming` changes it."""
+        text = self.told(error.full)
+        named = str(self.path) in text or not isinstance(error, InputError)
+        return text if named else f"{self.path}: {text}"
 
     def told(self, text: str) -> str:
         """A text with the archive in place of the folder that it is unpacked to."""
@@ -136,6 +160,7 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
     for member in every:
         _check_place(path, member)
     found = _read_of(every)
+    _check_apart(path, found)
     if not found:
         raise InputError(
             f"{path} holds neither an image nor a document: expected the maps of texture sets, or .gltf, .glb or .mtlx "
@@ -153,12 +178,32 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
 
 
 def _check_place(path: Path, member: zipfile.ZipInfo) -> None:
-    name = member.orig_filename.replace("\\", "/")
-    parts = PurePosixPath(name).parts
-    if name.startswith("/") or ".." in parts or "\0" in name or (parts and parts[0].endswith(":")):
-        raise InputError(f"{path} holds {name!r}, which would lie outside its folder: do not trust it")
+    """InputError where a member would lie elsewhere, by either of its names, or is a link.
+
+    Newer versions of Python take `filename` from an extra field of the member, so that the name in its header tells
+    nothing of it.
+    """
+    for given in dict.fromkeys((member.orig_filename, member.filename)):
+        name = given.replace("\\", "/")
+        parts = name.split("/")
+        if name.startswith("/") or ".." in parts or "\0" in name or any(PureWindowsPath(part).drive for part in parts):
+            raise InputError(f"{path} holds {given!r}, which would lie outside its folder: do not trust it")
     if stat.S_ISLNK(member.external_attr >> 16):
-        raise InputError(f"{path} holds {name!r}, which is a link: unpack it yourself and give the folder")
+        raise InputError(f"{path} holds {member.filename!r}, which is a link: unpack it yourself and give the folder")
+
+
+def _check_apart(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    """InputError where two members would lie at one place, or one in another, on some file system.
+
+    Some of them do not tell letters apart that differ in case, or in how Unicode composes them.
+    """
+    places = [PurePosixPath(unicodedata.normalize("NFC", str(_place(each)).casefold())) for each in members]
+    folders = {folder for place in places for folder in place.parents}
+    taken: set[PurePosixPath] = set()
+    for member, place in zip(members, places, strict=True):
+        if place in taken or place in folders:
+            raise InputError(f"{path} holds {member.filename!r} twice: unpack it yourself and give the folder")
+        taken.add(place)
 
 
 def _read_of(every: Sequence[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
@@ -190,8 +235,8 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
         needed = sum(member.file_size for member in members)
         if needed > free:
             raise OutputError(
-                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder} has {free / 1e9:.2f}: make room, "
-                "or set the environment variable TMPDIR to a folder with enough space"
+                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder.parent} has {free / 1e9:.2f}: make "
+                "room, or set the environment variable TMPDIR to a folder with enough space"
             )
         with zipfile.ZipFile(path) as opened:
             for member in members:
@@ -203,18 +248,22 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
 
 def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     place = folder.joinpath(*_place(member).parts)
-    if place.exists():
-        raise InputError(f"{path} holds {member.filename} twice: unpack it yourself and give the folder")
     chunks = _chunks(path, opened, member)
     try:
+        if not place.resolve().is_relative_to(folder.resolve()):  # whatever the system makes of its name
+            raise InputError(f"{path} holds {member.filename!r}, which would lie outside its folder: do not trust it")
         place.parent.mkdir(parents=True, exist_ok=True)
         with place.open("xb") as file:
             for chunk in chunks:
                 file.write(chunk)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError(
+                f"{path} holds {member.filename!r}, whose name is too long: unpack it yourself and give the folder"
+            ) from error
         raise OutputError(
-            f"{path}: {member.filename} cannot be unpacked to {folder} ({error.strerror}): make room there, or set the "
-            "environment variable TMPDIR to another folder"
+            f"{path}: {member.filename} cannot be unpacked to {folder.parent} ({error.strerror}): make room there, or "
+            "set the environment variable TMPDIR to another folder"
         ) from error
 
 

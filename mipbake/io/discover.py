@@ -232,11 +232,10 @@ def _check_complete(
         return
     found = [f"{c.header.path.name} ({spoken(r)})" for r, several in matches.items() for c in several]
     found += [f"{i.path.name} ({i.reason})" for i in ignored]
-    listed = ", ".join(found[:12]) + (f" and {len(found) - 12} more" if len(found) > 12 else "")
-    remedy = {"normal": "normal=FILE, or normal=none for a flat one", "roughness": "roughness=FILE or a number"}
+    remedy = {"normal": "normal=FILE|none", "roughness": "roughness=FILE|NUMBER"}
     raise InputError(
-        f"{folder} has no {' and no '.join(missing)} map that its file names tell; found: {listed}; name one with "
-        f"--map, maps in Python ({', '.join(remedy[m] for m in missing)})"
+        f"{folder} has no {' and no '.join(missing)} map by its file names; found: {listed(found)}; use --map "
+        f"{', '.join(remedy[m] for m in missing)} (maps in Python)"
     )
 
 

@@ -24,14 +24,12 @@ _KINDS = (
     (stat.S_ISBLK, "a device"),
 )
 _ABSENT = (errno.ENOENT, errno.ENOTDIR)
-_SHOWN = 80
-"""Letters of a name that is too long which a message repeats."""
 
 
 def refused(path: Path, error: OSError, expected: str = "") -> InputError:
     """The sentence for what the file system says of a path that was to be read; `expected` is what should lie there."""
     if error.errno == errno.ENAMETOOLONG:
-        return InputError(f"{str(path)[:_SHOWN]}... is longer than a name can be: give the path of a file or folder")
+        return InputError(f"{path} is longer than a name can be: give the path of a file or folder")
     if error.errno == errno.ELOOP:
         return InputError(f"{path} is a link that leads back to itself: remove it, or give what it should lead to")
     wanted = f"expected {expected}, " if expected else ""

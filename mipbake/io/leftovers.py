@@ -27,6 +27,8 @@ if sys.platform != "win32":
 
 PARTIAL, OLD = ".partial", ".old"
 
+_UNFINISHED = re.compile(rf"\.(.+)\.[0-9a-f]{{8}}(?:{re.escape(PARTIAL)}|{re.escape(OLD)})", re.DOTALL)
+
 _unfinished: set[Path] = set()
 
 
@@ -66,27 +68,28 @@ def kept(path: Path) -> Iterator[None]:
         yield
 
 
-def tidy(place: Path) -> None:
-    """Removes what processes that are gone left beside a path, and gives an earlier result that was moved aside its
-    name back where nothing else has it."""
-    with suppress(OSError):
-        for path in place.parent.iterdir():
-            if _pattern(place).fullmatch(path.name):
-                with suppress(OSError):
-                    _tidy_one(path, place)
+def tidy(*places: Path) -> None:
+    """Removes what processes that are gone left beside paths, and gives an earlier result that was moved aside its name
+    back where nothing else has it. Each folder is listed once, however many of the paths lie in it."""
+    names: dict[Path, set[str]] = {}
+    for place in places:
+        names.setdefault(place.parent, set()).add(place.name)
+    for folder, wanted in names.items():
+        with suppress(OSError):
+            for path in folder.iterdir():
+                found = _UNFINISHED.fullmatch(path.name)
+                if found and found[1] in wanted:
+                    with suppress(OSError):
+                        _tidy_one(path, folder / found[1])
 
 
 def remove(path: Path) -> None:
     """Removes a file, or a folder with all that is in it, as far as that is possible."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with suppress(OSError):
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
             path.unlink()
-
-
-def _pattern(place: Path) -> re.Pattern[str]:
-    return re.compile(rf"\.{re.escape(place.name)}\.[0-9a-f]{{8}}({re.escape(PARTIAL)}|{re.escape(OLD)})")
 
 
 def _tidy_one(path: Path, place: Path) -> None:

@@ -292,7 +292,7 @@ def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[st
     place = manifests[0].parent
     raise OutputError(
         f"cannot write to {place}: it holds the {what} {listed(names)!r} of other source files ({listed(earlier)}) "
-        f"than the files to be read now; choose another output folder, or remove {place} if it is no longer needed"
+        f"than the files to be read now; choose another output folder, or remove it if it is no longer needed"
     )
 
 

@@ -19,7 +19,7 @@ from mipbake.io.leftovers import OLD, PARTIAL, begun, kept, name_beside, remove,
 from mipbake.io.signals import uninterrupted
 
 IsOurs = Callable[[Path], bool]
-"""Whether an existing folder holds an earlier result and nothing else, so that it may be replaced."""
+"""Whether an existing folder holds an earlier result and nothing else, or a file is one, so that it may be replaced."""
 
 _COMPANIONS = (".meta", ".import")
 """What engines add to the name of a file for what they know of it: Unity and Godot. It moves on to the next result."""
@@ -60,6 +60,26 @@ def check_place(place: Path, is_ours: IsOurs) -> None:
         raise OutputError(
             f"cannot write to {place}: a link leads back to itself, remove it or choose another folder"
         ) from error
+
+
+def check_file(path: Path, is_ours: IsOurs, what: str) -> None:
+    """Raises OutputError where a file that a user named is to be written over something that mipbake did not write.
+    Call it before long work.
+
+    An empty file holds nothing that could be lost, and what is written into a device or a pipe replaces nothing. Links
+    are followed, as by who writes.
+
+    Args:
+        is_ours: whether an existing file is an earlier one of the same kind. what: the kind, in words.
+    """
+    with _told(f"cannot write {path}"):
+        found = _state(path)
+        if found is not None and stat.S_ISDIR(found.st_mode):
+            raise OutputError(f"cannot write {path}: it is a folder, name a file")
+        if found is not None and stat.S_ISREG(found.st_mode) and found.st_size and not is_ours(path):
+            raise OutputError(
+                f"cannot write {path}: it is there, and is no {what} that mipbake wrote; move it or name another file"
+            )
 
 
 def _check_existing(place: Path, is_ours: IsOurs) -> None:
@@ -135,11 +155,13 @@ def _take_over(place: Path, partial: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new, empty file beside `path`, which takes its name when the block ends and is removed when it raises.
+    """A new, empty file beside `path`, which takes its name when the block ends and is removed when it raises. Where
+    `path` is a link, all of that is about what it leads to, and the link stays.
 
     Raises:
         OSError: whatever the file system refuses.
     """
+    path = Path(os.path.realpath(path))  # which takes loops of links as they are
     tidy(path)
     with begun(path, lambda partial: partial.touch(exist_ok=False)) as partial:
         yield partial
@@ -149,12 +171,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def replaced_file(path: Path, data: bytes) -> None:
     """Writes a file, and the folders that it is in, so that it is either there, whole, or as it was before. Devices and
-    pipes are written into.
+    pipes are written into. A link stays, and what it leads to is written.
 
     Raises:
         OutputError: the file system refuses it.
     """
     with _told(f"cannot write {path}"):
+        path = Path(os.path.realpath(path))
         if path.exists() and not (path.is_file() or path.is_dir()):
             with path.open("wb") as file:
                 file.write(data)
@@ -293,12 +316,26 @@ def _swap(partial: Path, place: Path) -> None:
                 ):  # another process was quicker: its result is what is to be replaced
                     remove(old)
                     continue
-                with contextlib.suppress(FileNotFoundError):  # another process has given it its name back
-                    old.rename(place)
+                _give_back(old, place, error)
                 raise
-            with contextlib.suppress(FileNotFoundError):  # another process has cleaned it up
+            try:
                 old.rename(partial)
+            except OSError:  # the result has its name, whatever becomes of the earlier one
+                remove(old)
             return
+
+
+def _give_back(old: Path, place: Path, error: OSError) -> None:
+    """Gives an earlier result its name back. OutputError, which says where it is, where that fails, too."""
+    try:
+        old.rename(place)
+    except FileNotFoundError:  # another process has done so
+        pass
+    except OSError:
+        raise OutputError(
+            f"cannot write to {place}: {reason(error)}; the earlier result is {old}, and the next bake of it gives it "
+            "its name back"
+        ) from error
 
 
 def exchanged(first: Path, second: Path) -> bool:

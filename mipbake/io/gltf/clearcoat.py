@@ -75,13 +75,13 @@ def coat_bakes(
         except bakes.SkippedError as skipped:
             warnings.append(str(skipped))
         except InputError as error:
-            broken.setdefault(str(error), []).append(where)
+            broken.setdefault(error.full, []).append(where)
     made = []
     for coats in groups.values():
         try:
             made.append(_bake(document, coats, images, names, animated))
         except InputError as error:
-            broken.setdefault(str(error), []).extend(coat.name for coat in coats)
+            broken.setdefault(error.full, []).extend(coat.name for coat in coats)
     return made
 
 

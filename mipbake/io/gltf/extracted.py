@@ -72,7 +72,7 @@ class Extracted:
         except InputError as error:
             label = image_label(image, self.document.all("images")[image])
             # The extracted file is gone when this is read.
-            reason = str(error).replace(str(path), "its data")
+            reason = error.full.replace(str(path), "its data")
             raise InputError(
                 f"{self.document.path}: {label} is not a readable image: export it again ({reason})"
             ) from error

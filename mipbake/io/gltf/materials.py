@@ -112,14 +112,14 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
         except SkippedError as skipped:
             (warnings if skipped.loud else notes).append(str(skipped))
         except InputError as error:
-            broken.setdefault(str(error), []).append(label_of(index, material))
+            broken.setdefault(error.full, []).append(label_of(index, material))
     names: set[str] = set()
     bakes = []
     for materials in groups.values():
         try:
             bakes.append(_bake(document, materials, images, names))
         except InputError as error:
-            broken.setdefault(str(error), []).extend(material.name for material in materials)
+            broken.setdefault(error.full, []).extend(material.name for material in materials)
     bakes += coat_bakes(document, images, names, warnings, broken)
     errors = tuple(f"{reason} ({listed(labels)} cannot be baked)" for reason, labels in broken.items())
     if not bakes and errors:

@@ -90,7 +90,7 @@ def plain_textures(
                 else:
                     found.setdefault((images.key(slot.image), slot.wrap), {})[use] = slot
             except InputError as error:
-                kept.setdefault(one_line(str(error)), []).append(names[use])
+                kept.setdefault(one_line(error.full), []).append(names[use])
     made = [texture for uses in found.values() for texture in _split(document, uses, images)]
     notes = [f"{listed(uses)} stay as they are in a GLB: {reason}" for reason, uses in kept.items()]
     shown = [names[use] for texture in made for use in texture.uses]

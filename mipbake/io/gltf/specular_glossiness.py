@@ -138,7 +138,7 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
         except _KeptError as kept:
             told.warnings.setdefault(f"given in specular and glossiness and left as it is: {kept}", []).append(where)
         except InputError as error:
-            told.errors.setdefault(str(error), []).append(where)
+            told.errors.setdefault(error.full, []).append(where)
         else:
             done.append((index, given, known[key]))
             loss = known[key].loss

@@ -98,12 +98,12 @@ def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> 
         try:
             found = _material(document, tracer, surface, where, taken)
         except InputError as error:
-            skipped.append(str(error))
+            skipped.append(error.full)
             continue
         try:
             materials.append(replace(found, files=_files(found.options, where)))
         except InputError as error:
-            errors.append(str(error))
+            errors.append(error.full)
     if not materials:
         reasons = errors + skipped
         others = f"; {len(reasons) - 1} more materials cannot be read either" if len(reasons) > 1 else ""
