@@ -35,8 +35,8 @@ _TIFF_SIGNATURES = (b"II*\0", b"II+\0")
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 13: 4, 16: 8, 18: 8}
 """Bytes of a value, by the number of its type."""
 
-_OF_A_LEVEL = {254, 256, 257, 324, 325}
-"""Tags whose values differ from level to level: its kind, width and height, and where its tiles are."""
+_OF_A_LEVEL = {254, 256, 257, 324, 325, 34665}
+"""Tags that differ from level to level: its kind, width and height, where its tiles are, and Exif, which level 0 has."""
 
 
 def write_image(
@@ -141,7 +141,8 @@ def _check_tiff(path: Path) -> None:
                 value = file.read(min(bytes_, size))
                 if not bytes_ or len(value) < bytes_:
                     raise InputError(f"its tag {tag} of level {len(every)} is cut short")
-                tags[tag] = b"" if tag in _OF_A_LEVEL else value
+                if tag not in _OF_A_LEVEL:
+                    tags[tag] = value
                 file.seek(here + word)
             every.append(tags)
             if tags != every[0] or len(every) > size:
@@ -162,7 +163,7 @@ def check_exr(path: Path) -> None:
         start = file.tell()
         first = _number(file, 8)
         if not start < first <= size:
-            raise InputError(f"{path} has no table of offsets")
+            raise InputError("it has no table of offsets")
         file.seek(start)
         at = first
         for offset in sorted(np.frombuffer(file.read(first - start), "<u8").tolist()):
