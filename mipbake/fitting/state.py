@@ -5,25 +5,25 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError, RendererError
+from mipbake.errors import InputError, RendererError
 from mipbake.fitting.renderer import Array
+from mipbake.io.checkpoints import DAMAGED, read_arrays, write_arrays
+from mipbake.io.publish import writing
 from mipbake.stochastic import Moments
 
 _FORMAT = 5
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
 
-_ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
+_ARRAYS = ("values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 
 
 @dataclass(eq=False)
@@ -93,30 +93,21 @@ class Checkpoint:
             "checked": state.checked,
             "seconds": state.seconds,
         }
-        temporary = self.path.with_name(self.path.name + ".part")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with temporary.open("wb") as file:
-                np.savez(
-                    file,
-                    about=np.frombuffer(json.dumps(about).encode(), np.uint8),
-                    values=state.values,
-                    best=state.best,
-                    first=state.moments.first,
-                    second=state.moments.second,
-                    steps=state.moments.steps,
-                    begun=state.begun,
-                    gains=state.gains,
-                    rates=state.rates,
-                    waited=state.waited,
-                    origins=state.origins,
-                )
-            temporary.replace(self.path)
-        except OSError as error:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "
-                              "choose another file") from error  # fmt: skip
+        arrays = {
+            "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
+            "values": state.values,
+            "best": state.best,
+            "first": state.moments.first,
+            "second": state.moments.second,
+            "steps": state.moments.steps,
+            "begun": state.begun,
+            "gains": state.gains,
+            "rates": state.rates,
+            "waited": state.waited,
+            "origins": state.origins,
+        }
+        with writing(f"the checkpoint {self.path} cannot be written"):
+            write_arrays(self.path, arrays)
 
     def load(self) -> FitState | None:
         """The state in the file; None where there is none.
@@ -127,31 +118,19 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            with np.load(self.path) as file:
-                arrays = {name: file[name] for name in _ARRAYS}
+            arrays = read_arrays(self.path, lambda _: None)
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            values, best, first, second, steps, *rest = (arrays[name] for name in _ARRAYS)
+        except DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
             raise InputError(
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        return FitState(
-            arrays["values"],
-            Moments(arrays["first"], arrays["second"], arrays["steps"]),
-            arrays["best"],
-            arrays["begun"],
-            arrays["gains"],
-            arrays["rates"],
-            arrays["waited"],
-            arrays["origins"],
-            about["started"],
-            about["step"],
-            about["checked"],
-            about["seconds"],
-        )
+        told = about["started"], about["step"], about["checked"], about["seconds"]
+        return FitState(values, Moments(first, second, steps), best, *rest, *told)
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.

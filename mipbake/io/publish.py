@@ -116,13 +116,14 @@ def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
     """
     check_place(place, is_ours)
     place = place.resolve()
-    with _told(f"cannot write to {place}"), _parents(place), begun(place, Path.mkdir) as partial:
+    with writing(f"cannot write to {place}"), parents(place), begun(place, Path.mkdir) as partial:
         yield partial
         _take_over(place, partial)
         _flush(partial)
         _check_existing(place, is_ours)  # it may have been long since the first time
         with uninterrupted():
             _swap(partial, place)
+            _flush_names(place.parent)
 
 
 def _take_over(place: Path, partial: Path) -> None:
@@ -145,6 +146,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield partial
         _flush(partial)
         partial.replace(path)
+        _flush_names(path.parent)
 
 
 def replaced_file(path: Path, data: bytes) -> None:
@@ -154,12 +156,12 @@ def replaced_file(path: Path, data: bytes) -> None:
     Raises:
         OutputError: the file system refuses it.
     """
-    with _told(f"cannot write {path}"):
+    with writing(f"cannot write {path}"):
         if path.exists() and not (path.is_file() or path.is_dir()):
             with path.open("wb") as file:
                 file.write(data)
             return
-        with _parents(path), replacing(path) as partial:
+        with parents(path), replacing(path) as partial:
             partial.write_bytes(data)
 
 
@@ -235,7 +237,8 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def _told(what: str) -> Iterator[None]:
+def writing(what: str) -> Iterator[None]:
+    """What the file system refuses in the block becomes an OutputError that begins with `what`."""
     try:
         yield
     except OSError as error:
@@ -243,7 +246,7 @@ def _told(what: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _parents(path: Path) -> Iterator[None]:
+def parents(path: Path) -> Iterator[None]:
     """The folders that a path lies in, made where they are missing, and removed again when the block raises."""
     made: list[Path] = []
     done = False
@@ -264,6 +267,16 @@ def _flush(path: Path) -> None:
     for file in [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]:
         with file.open("rb+") as opened:
             os.fsync(opened.fileno())
+
+
+def _flush_names(folder: Path) -> None:
+    """Waits until the names in a folder are on the disk, where a system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _swap(partial: Path, place: Path) -> None:
