@@ -114,8 +114,7 @@ def fit(
     starts = Starts.of(stack, others)
     parameters, values = starts.parameters, starts.values[0]
     loop = Loop(renderer, parameters, stack.wrap, settings)
-    original = None if source is None else _source_levels(source)
-    kernel = filter_named(stack.provenance.pixel_filter)
+    original, kernel = None if source is None else _source_levels(source), filter_named(stack.provenance.pixel_filter)
     preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed, error)
     both = [*learned, *checked]
     with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):

@@ -40,10 +40,13 @@ Make = Callable[[tuple[int, ...], np.dtype[Any]], NDArray[Any]]
 
 
 def lock_of(path: Path) -> int | None:
-    """A handle that holds a lock until it is closed; None where another process has it. OSError where it cannot be made.
+    """A handle that holds a lock until it is closed; None where another process has it.
 
     Args:
         path: of the lock, an empty file. Only who has the lock may remove it.
+
+    Raises:
+        OSError: it cannot be made.
     """
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     if sys.platform == "win32":

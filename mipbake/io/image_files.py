@@ -36,7 +36,7 @@ _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 13: 4, 16: 8, 18: 8}
 """Bytes of a value, by the number of its type."""
 
 _OF_A_LEVEL = {254, 256, 257, 324, 325, 34665}
-"""Tags that differ from level to level: its kind, width and height, where its tiles are, and Exif, which level 0 has."""
+"""Tags that differ from level to level: the kind, the size and the tiles of a level, and Exif, which level 0 has."""
 
 
 def write_image(
