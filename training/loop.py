@@ -159,8 +159,8 @@ def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
         raise InputError(f"{path}: no such checkpoint") from error
     except Exception as error:
         raise InputError(
-            f"{path}: not a checkpoint of this version's training, or damaged ({one_line(str(error))[:120]}): train anew, "
-            f"or --start from the {BEST} beside it"
+            f"{path}: not a checkpoint of this version's training, or damaged ({one_line(str(error))[:120]}): "
+            f"train anew, or --start from the {BEST} beside it"
         ) from error
 
 

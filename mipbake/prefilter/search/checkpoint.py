@@ -1,8 +1,8 @@
 """Checkpoints: a folder in which a search is kept from time to time, so that a later sitting goes on from there.
 
 `about.json` says what the search is and which files are part of it. It is replaced after these files are on the disk
-(`mipbake.io.checkpoints`). So whenever a process is killed, a whole checkpoint lies there, or none. The start is written
-once, each region that is done once, and the region at work every time.
+(`mipbake.io.checkpoints`). So whenever a process is killed, a whole checkpoint lies there, or none. The start is
+written once, each region that is done once, and the region at work every time.
 
 A process holds a lock on the folder, which the system gives up when the process ends. A second process that wants the
 same folder keeps nothing. What cannot be written or read costs time, and nothing else: the search goes on without it.
