@@ -9,6 +9,7 @@ import contextlib
 import os
 import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def say(text):
 def main(place):
     folder = Path(place)
     first = not any(folder.iterdir())
-    stack = noise_stack((16, 32))
+    stack = noise_stack((8, 8))  # few writes a file
     writers = {f"{name}:{texels}": (lambda path, fmt=f"{name}:{texels}": stack.save(path, fmt))
                for name, kinds in FORMATS.items() for texels in kinds}  # fmt: skip
     writers |= {"glb": lambda path: stack.save(path, "glb"), "a render": render}
@@ -47,7 +48,8 @@ def main(place):
             continue
         target = folder / "target"
         try:
-            write(target)
+            with ThreadPoolExecutor(1) as alone:  # strace counts the writes of each thread
+                alone.submit(write, target).result()
             if content(target) != content(right):
                 say(f"{name} was written, and differs\n".encode())
         except OutputError:
