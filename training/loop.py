@@ -255,6 +255,9 @@ def train(
         raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
     with ExitStack() as held, ranks(device) as among:
         where = device_named(among.device(device))
+        if among.first:
+            held.enter_context(alone_with(out / LAST))
+            _check_folder(out, resume)
         train_materials, held_out = load_materials(config)
         if not among.first:
             state = state_of(among.of_first(None), where)
@@ -262,8 +265,6 @@ def train(
             for batch in batches(train_materials, config, state.step, among, batches_ahead(where)):
                 state.advance(batch, among)
             return state
-        held.enter_context(alone_with(out / LAST))
-        _check_folder(out, resume)
         state = resumed_state(out / LAST, config, where) if resume else new_state(config, where)
         say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
         if not resume:
