@@ -91,7 +91,7 @@ def test_an_earlier_one_stays_where_a_new_one_cannot_be_written(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    for write in (lambda: write_arrays(file, {"a": np.zeros(3)}), lambda: fit(tmp_path, rounds=2)):
+    for write in (lambda: write_arrays(file, {"a": np.zeros(3)}), lambda: new_state(tiny()).save(file)):
         with pytest.raises((OSError, OutputError), match=r"[Nn]o space|the disk is full"):
             write()
         assert [path.name for path in tmp_path.iterdir()] == ["state.fit"] and file.read_bytes() == before
