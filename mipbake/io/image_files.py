@@ -93,10 +93,9 @@ def _fault(path: Path, specs: list[OpenImageIO.ImageSpec]) -> str:
     """What of a file is missing, its texels apart; "" for nothing."""
     try:
         with disk.opened(path) as file:
-            start = file.read(len(PNG_SIGNATURE))
-        if start == PNG_SIGNATURE:
-            check_png(path, disk.read_bytes(path))
-            return ""
+            if file.read(len(PNG_SIGNATURE)) == PNG_SIGNATURE:
+                check_png(path, file)
+                return ""
         check_exr(path)
         _check_tiff(path)
         return _missing_text(path, specs[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -253,7 +254,7 @@ def image_info(path: Path) -> FileInfo:
     """What is in an image that OpenImageIO reads, whoever wrote it. InputError where it reads none."""
     start = disk.read_bytes(path) if path.suffix.lower() == ".png" else b""
     if start.startswith(PNG_SIGNATURE):
-        check_png(path, start)
+        check_png(path, io.BytesIO(start))
     source = reader(path)
     try:
         spec = source.spec()
