@@ -29,9 +29,9 @@ SIZE = (96, 160)
 PATIENCE = 60  # seconds; it takes one, but the machine may have other work
 
 
-def noise_stack():
+def noise_stack(size=SIZE):
     rng = np.random.default_rng(0)
-    levels = [rng.random((*size, 8), np.float32) for size in level_sizes(*SIZE)]
+    levels = [rng.random((*each, 8), np.float32) for each in level_sizes(*size)]
     for level in levels:
         level[..., 5:] /= np.linalg.norm(level[..., 5:], axis=-1, keepdims=True)
     return MipStack("noise", "gltf", levels, {}, ("wrap", "wrap"), Provenance("linear", "box"))

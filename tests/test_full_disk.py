@@ -74,6 +74,20 @@ def check_writers(folder: Path, how: str) -> None:
     assert done.returncode == 0 and done.stdout.endswith("writers\n") and done.stdout.count("\n") == 1, done
 
 
+def test_a_write_that_fails_is_never_lost(tmp_path: Path) -> None:
+    """Whichever it is: libraries write the last part of some files as they close them, and do not say how that went."""
+    if shutil.which("strace") is None:
+        pytest.skip("strace makes writes fail")
+    command = [sys.executable, STEPS.with_name("lost_writes_steps.py"), tmp_path]
+    subprocess.run(command, check=True, env=ENVIRONMENT, timeout=300)
+    for number in (2, 4):
+        fails = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", os.devnull, "-e", "trace=write", "-e"]
+        fails += [f"inject=write:error=EIO:when={number}", *command]
+        done = subprocess.run(fails, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False)
+        refused, _, rest = done.stdout.partition(" of ")
+        assert done.returncode == 0 and rest.count("\n") == 1 and int(refused) >= 6, done
+
+
 def test_every_writer_says_that_a_file_gets_too_long(tmp_path: Path) -> None:
     check_writers(tmp_path, "limit")
 

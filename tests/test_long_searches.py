@@ -19,8 +19,9 @@ import mipbake
 from mipbake.baking import Listener, bake_sources
 from mipbake.cli.bake_stopping import Stopping
 from mipbake.errors import UsageError
+from mipbake.io import checkpoints
 from mipbake.prefilter import PrefilterResult
-from mipbake.prefilter.search import checkpoint, kept_arrays
+from mipbake.prefilter.search import checkpoint
 from mipbake.prefilter.search.checkpoint import Checkpoint, discard
 from mipbake.prefilter.search.sitting import Sitting, Stop, never
 
@@ -259,7 +260,7 @@ def test_a_full_disk_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: PrefilterResult) -> None:
     path, told = tmp_path / "kept", list[str]()
     stopped(path)
-    lock = checkpoint.lock_of(path)
+    lock = checkpoints.lock_of(path / "lock")
     assert lock is not None
     before = {file: file.read_bytes() for file in path.iterdir()}
     try:
@@ -291,7 +292,7 @@ def test_checkpoints_are_no_more_often_than_they_may_cost(tmp_path: Path, monkey
 
 
 def test_arrays_are_read_as_they_were_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_arrays, "AT_ONCE", 100)
+    monkeypatch.setattr(checkpoints, "AT_ONCE", 100)
     rng = np.random.default_rng(0)
     arrays = {
         "a": rng.random((33, 5, 3)).astype(np.float32),
@@ -299,11 +300,11 @@ def test_arrays_are_read_as_they_were_written(tmp_path: Path, monkeypatch: pytes
         "c": np.array(3.5),
         "d": np.zeros((0, 4), np.float32),
     }
-    size = kept_arrays.write_arrays(tmp_path / "arrays", arrays)
+    size = checkpoints.write_arrays(tmp_path / "arrays", arrays)
     assert size == (tmp_path / "arrays").stat().st_size
     into = np.zeros((40, 30, 2))
     given = {"b": lambda _shape, _dtype: into[3:20, 4:9]}
-    found = kept_arrays.read_arrays(tmp_path / "arrays", given.get)
+    found = checkpoints.read_arrays(tmp_path / "arrays", given.get)
     assert list(found) == list(arrays)
     for name, array in arrays.items():
         np.testing.assert_array_equal(found[name], array)

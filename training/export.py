@@ -8,7 +8,8 @@ import math
 import re
 from pathlib import Path
 
-from mipbake.errors import OutputError, UsageError
+from mipbake.errors import UsageError
+from mipbake.io.publish import replaced_file
 from mipbake.models.architecture import Description
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
 from mipbake.training.config import TrainingConfig
@@ -87,26 +88,16 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     if default:
         check_sole_default(info)
     parameters = sum(value.numel() for value in state.average.parameters())
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # The description last: without it nobody finds half-written weights.
-        _write(info.tensors, content)
-        _write(folder / f"{name}.md", card(info, described, config, parameters, state.score).encode())
-        _write(folder / f"{name}.json", info.to_json().encode())
-    except OSError as error:
-        raise OutputError(f"{folder}: the weights cannot be written ({error.strerror})") from error
+    # The description last: without it nobody finds half-written weights.
+    replaced_file(info.tensors, content)
+    replaced_file(folder / f"{name}.md", card(info, described, config, parameters, state.score).encode())
+    replaced_file(folder / f"{name}.json", info.to_json().encode())
     return info
 
 
 def _listed(models: tuple[str, ...]) -> str:
     *others, last = [f"`{model}`" for model in models]
     return f"{', '.join(others)} and {last}" if others else last
-
-
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_suffix(path.suffix + ".partial")
-    temporary.write_bytes(content)
-    temporary.replace(path)
 
 
 def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, score: float) -> str:

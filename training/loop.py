@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 import csv
 import dataclasses
+import io
 import os
 import subprocess
 import time
+import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,10 @@ from torch import Tensor
 
 from mipbake._native import cuda_available
 from mipbake.device import checked_device
-from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.errors import InputError, UsageError
+from mipbake.io.checkpoints import alone_with
+from mipbake.io.messages import one_line
+from mipbake.io.publish import replaced_file, writing
 from mipbake.models.base import Network
 from mipbake.training.base import Batch
 from mipbake.training.batches import batches
@@ -104,14 +110,10 @@ class TrainingState:
         }
 
     def save(self, path: Path) -> None:
-        """Writes a checkpoint beside `path` and renames it, so that there is a whole one at any time."""
-        temporary = path.with_suffix(".partial")
-        try:
-            torch.save(self.content(), temporary)
-            temporary.replace(path)
-        except (OSError, RuntimeError) as error:
-            temporary.unlink(missing_ok=True)
-            raise OutputError(f"{path}: the checkpoint cannot be written ({error})") from error
+        """Replaces a checkpoint as a whole, so that there is one at any time."""
+        content = io.BytesIO()  # torch does not say why it cannot write into a file
+        torch.save(self.content(), content)
+        replaced_file(path, content.getvalue())
 
 
 def device_named(name: str) -> torch.device:
@@ -149,11 +151,17 @@ def _state(config: TrainingConfig, network: Network, device: torch.device) -> Tr
 def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
     """The state in a checkpoint, on a device; InputError when it cannot be read as one."""
     try:
+        with zipfile.ZipFile(path) as parts:  # torch leaves the sums of the parts out
+            if damaged := parts.testzip():
+                raise InputError(f"{damaged} is damaged")
         return state_of(torch.load(path, map_location="cpu", weights_only=True), device)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such checkpoint") from error
     except Exception as error:
-        raise InputError(f"{path}: not a checkpoint of this version's training ({error})") from error
+        raise InputError(
+            f"{path}: not a checkpoint of this version's training, or damaged ({one_line(str(error))[:120]}): "
+            f"train anew, or --start from the {BEST} beside it"
+        ) from error
 
 
 def state_of(content: dict[str, Any], device: torch.device = _CPU) -> TrainingState:
@@ -245,8 +253,11 @@ def train(
     """
     if resume and start is not None:
         raise UsageError("a training is resumed from its own checkpoint: leave out either --resume or --start")
-    with ranks(device) as among:
+    with ExitStack() as held, ranks(device) as among:
         where = device_named(among.device(device))
+        if among.first:
+            held.enter_context(alone_with(out / LAST))
+            _check_folder(out, resume)
         train_materials, held_out = load_materials(config)
         if not among.first:
             state = state_of(among.of_first(None), where)
@@ -254,7 +265,6 @@ def train(
             for batch in batches(train_materials, config, state.step, among, batches_ahead(where)):
                 state.advance(batch, among)
             return state
-        _check_folder(out, resume)
         state = resumed_state(out / LAST, config, where) if resume else new_state(config, where)
         say(f"materials: {len(train_materials)} to train on, {len(held_out)} held out")
         if not resume:
@@ -273,10 +283,6 @@ def train(
 def _check_folder(out: Path, resume: bool) -> None:
     if not resume and (out / LAST).exists():
         raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: the folder cannot be made ({error.strerror})") from error
 
 
 def _trained(
@@ -334,12 +340,12 @@ class _Logs:
         for path in (out / f"{table}.csv" for table in ("log", "validation")):
             if path.exists():
                 head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
-                path.write_text("".join([head, *(r for r in rows if int(r.split(",")[0]) <= step)]), encoding="utf-8")
+                replaced_file(path, "".join([head, *(r for r in rows if int(r.split(",")[0]) <= step)]).encode())
 
     def write(self, table: str, step: int, values: dict[str, float]) -> None:
         path = self._out / f"{table}.csv"
         new = not path.exists()
-        with path.open("a", newline="", encoding="utf-8") as file:
+        with writing(f"cannot write {path}"), path.open("a", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             if new:
                 writer.writerow(["step", *values])

@@ -15,7 +15,8 @@ import torch
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.errors import OutputError
+from mipbake.io.image_files import write_image
+from mipbake.io.publish import writing
 from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
@@ -197,6 +198,7 @@ def _tonemap(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
 def _write_png(path: Path, image: NDArray[np.float32]) -> None:
     import OpenImageIO
 
-    buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(image, np.float32))
-    if not buffer.write(str(path), OpenImageIO.UINT8):
-        raise OutputError(f"{path}: the validation picture cannot be written ({buffer.geterror()})")
+    texels = np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+    height, width, channels = texels.shape
+    with writing(f"cannot write the validation picture {path}"):
+        write_image(path, [(OpenImageIO.ImageSpec(width, height, channels, "uint8"), texels)])

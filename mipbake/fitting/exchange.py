@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mipbake.errors import OutputError, RendererError
 from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
+from mipbake.io.image_files import write_image
 from mipbake.io.messages import told_by
-from mipbake.io.oiio_levels import finish, put, writer
 from mipbake.io.publish import reason
 
 _ALIGNED = 64
@@ -276,9 +276,7 @@ def _write_exr(file: Path, texels: Array, channels: list[str]) -> None:
     spec.alpha_channel = -1
     spec.attribute("compression", "none")  # a file is read once
     try:
-        out = writer(file)
-        put(out, file, spec, "Create", 0, texels)
-        finish(out, file)
+        write_image(file, [(spec, texels)])
     except OSError as error:
         raise OutputError(f"cannot hand levels to the renderer in {file}: {reason(error)}") from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from mipbake.fitting.shared import Rounds, rounds_told
 from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
 from mipbake.fitting.supersampled import named
+from mipbake.io.checkpoints import alone_with
 from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
@@ -112,59 +114,59 @@ def fit(
     starts = Starts.of(stack, others)
     parameters, values = starts.parameters, starts.values[0]
     loop = Loop(renderer, parameters, stack.wrap, settings)
-    original = None if source is None else _source_levels(source)
-    kernel = filter_named(stack.provenance.pixel_filter)
+    original, kernel = None if source is None else _source_levels(source), filter_named(stack.provenance.pixel_filter)
     preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed, error)
     both = [*learned, *checked]
-    file = state = None
-    if checkpoint is not None:
-        names = [named(view) for _, view in both]
-        key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
-        file = Checkpoint(Path(checkpoint), key)
-        state = file.load()
-    resting, prepared = loop.levels_of(values), []
-    for done, (index, view) in enumerate(both):
-        prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))
-        preparing((done + 1) / len(both))
-    training, checking = prepared[: len(learned)], prepared[len(learned) :]
-    if file is not None and state is not None:
-        file.check_started(state, scores(checking, np.array([view.started for view in checking])))
-    if state is None:
-        for sentence in probe(Trial(renderer, parameters, stack.wrap, values, seed), training):
-            warnings.warn(sentence, stacklevel=2)
-        errors = loop.errors(values, checking)
-        first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
-        if others:
-            # No step has learned from any view yet, so that all of them are fair judges.
-            origins = loop.chosen(starts.values, prepared)
-            errors = loop.errors(parameters.joined(starts.values, origins), checking)
-        begun = parameters.joined(starts.values, origins)
-        state = FitState.first(begun, scores_of_levels(checking, errors), first, origins)
-        if file is not None:
-            file.save(state)
-    still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
-    if still:
-        warnings.warn(
-            f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "
-            "there: expected more views",
-            stacklevel=2,
+    with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
+        file = state = None
+        if checkpoint is not None:
+            names = [named(view) for _, view in both]
+            key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
+            file = Checkpoint(Path(checkpoint), key)
+            state = file.load()
+        resting, prepared = loop.levels_of(values), []
+        for done, (index, view) in enumerate(both):
+            prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))
+            preparing((done + 1) / len(both))
+        training, checking = prepared[: len(learned)], prepared[len(learned) :]
+        if file is not None and state is not None:
+            file.check_started(state, scores(checking, np.array([view.started for view in checking])))
+        if state is None:
+            for sentence in probe(Trial(renderer, parameters, stack.wrap, values, seed), training):
+                warnings.warn(sentence, stacklevel=2)
+            errors = loop.errors(values, checking)
+            first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
+            if others:
+                # No step has learned from any view yet, so that all of them are fair judges.
+                origins = loop.chosen(starts.values, prepared)
+                errors = loop.errors(parameters.joined(starts.values, origins), checking)
+            begun = parameters.joined(starts.values, origins)
+            state = FitState.first(begun, scores_of_levels(checking, errors), first, origins)
+            if file is not None:
+                file.save(state)
+        still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
+        if still:
+            warnings.warn(
+                f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "
+                "there: expected more views",
+                stacklevel=2,
+            )
+        movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
+        last = Rounds.planned(loop, state.best, (training, checking), movable, settings, starts.values)
+        left = None if budget is None else budget - last.seconds
+        loop.run(state, training, checking, file, progress, left, 1 - last.share)
+        best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)
+        with kept_in(file, state):
+            best, rounds_made = last.run(loop, best, prepared)
+        reached = scores(checking, loop.errors(best, checking))
+        gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
+        told = (
+            f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps"
+            f"{rounds_told(rounds_made)} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
+            f"{len(checking)} other views: {gained}"
         )
-    movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
-    last = Rounds.planned(loop, state.best, (training, checking), movable, settings, starts.values)
-    left = None if budget is None else budget - last.seconds
-    loop.run(state, training, checking, file, progress, left, 1 - last.share)
-    best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)
-    with kept_in(file, state):
-        best, rounds_made = last.run(loop, best, prepared)
-    reached = scores(checking, loop.errors(best, checking))
-    gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
-    told = (
-        f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps"
-        f"{rounds_told(rounds_made)} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
-        f"{len(checking)} other views: {gained}"
-    )
-    provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
-    return replace(stack, levels=starts.levels(best), provenance=provenance)
+        provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
+        return replace(stack, levels=starts.levels(best), provenance=provenance)
 
 
 def _called(renderer: Any) -> str:

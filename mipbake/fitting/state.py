@@ -6,7 +6,6 @@ import hashlib
 import json
 import math
 import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,18 +14,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError, RendererError
+from mipbake.errors import InputError, RendererError
 from mipbake.fitting.renderer import Array
-from mipbake.io.publish import check_file, replacing
+from mipbake.io.checkpoints import DAMAGED, read_arrays, write_arrays
+from mipbake.io.publish import check_file, writing
 from mipbake.stochastic import Moments
 
 _FORMAT = 5
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
 
-_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
-
-_ARRAYS = ("about", "values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
+_ARRAYS = ("values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 
 
 @dataclass(eq=False)
@@ -96,26 +94,21 @@ class Checkpoint:
             "checked": state.checked,
             "seconds": state.seconds,
         }
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(self.path) as temporary, temporary.open("wb") as file:
-                np.savez(
-                    file,
-                    about=np.frombuffer(json.dumps(about).encode(), np.uint8),
-                    values=state.values,
-                    best=state.best,
-                    first=state.moments.first,
-                    second=state.moments.second,
-                    steps=state.moments.steps,
-                    begun=state.begun,
-                    gains=state.gains,
-                    rates=state.rates,
-                    waited=state.waited,
-                    origins=state.origins,
-                )
-        except OSError as error:
-            raise OutputError(f"the checkpoint {self.path} cannot be written ({error.strerror}): free the space, or "
-                              "choose another file") from error  # fmt: skip
+        arrays = {
+            "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
+            "values": state.values,
+            "best": state.best,
+            "first": state.moments.first,
+            "second": state.moments.second,
+            "steps": state.moments.steps,
+            "begun": state.begun,
+            "gains": state.gains,
+            "rates": state.rates,
+            "waited": state.waited,
+            "origins": state.origins,
+        }
+        with writing(f"the checkpoint {self.path} cannot be written"):
+            write_arrays(self.path, arrays)
 
     def load(self) -> FitState | None:
         """The state in the file; None where there is none.
@@ -126,31 +119,19 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            with np.load(self.path) as file:
-                arrays = {name: file[name] for name in _ARRAYS}
+            arrays = read_arrays(self.path, lambda _: None)
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-        except _DAMAGED as error:
+            values, best, first, second, steps, *rest = (arrays[name] for name in _ARRAYS)
+        except DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
             raise InputError(
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        return FitState(
-            arrays["values"],
-            Moments(arrays["first"], arrays["second"], arrays["steps"]),
-            arrays["best"],
-            arrays["begun"],
-            arrays["gains"],
-            arrays["rates"],
-            arrays["waited"],
-            arrays["origins"],
-            about["started"],
-            about["step"],
-            about["checked"],
-            about["seconds"],
-        )
+        told = about["started"], about["step"], about["checked"], about["seconds"]
+        return FitState(values, Moments(first, second, steps), best, *rest, *told)
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.
@@ -180,8 +161,8 @@ def _is_checkpoint(path: Path) -> bool:
     """Whether it says so, whatever of it is damaged."""
     try:
         with zipfile.ZipFile(path) as file:
-            return {f"{name}.npy" for name in _ARRAYS} <= {*file.namelist()}
-    except _DAMAGED:
+            return {f"{name}.npy" for name in ("about", *_ARRAYS)} <= {*file.namelist()}
+    except DAMAGED:
         return False
 
 

@@ -16,8 +16,8 @@ from mipbake.io import dds, disk, ktx2
 from mipbake.io.blocks import from_blocks, to_blocks, widened
 from mipbake.io.file_facts import FileInfo, colour_space, told
 from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+from mipbake.io.image_files import ABOUT
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import ABOUT
 from mipbake.io.quantise import dequantised, quantised
 from mipbake.io.read_back import Band, whole_levels
 

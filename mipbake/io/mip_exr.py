@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.io.image_files import ABOUT, write_image
 from mipbake.io.layout import ENCODINGS, FileLayout
-from mipbake.io.oiio_levels import ABOUT, PlainTexels, finish, put, specification, take_all, take_bands, writer
+from mipbake.io.oiio_levels import PlainTexels, specification, take_all, take_bands
 from mipbake.io.read_back import Band
+
+if TYPE_CHECKING:
+    import OpenImageIO
 
 _TILE = 64
 
@@ -51,8 +56,8 @@ class MipExr(PlainTexels):
     ) -> None:
         """See Container."""
         path = folder / f"{layout.name}.exr"
-        out = writer(path)
-        for index, level in enumerate(levels):
+
+        def described(level: NDArray[np.generic]) -> OpenImageIO.ImageSpec:
             spec = specification(layout, level, self.stored, wrap)
             if self._mipmapped:
                 spec.tile_width = spec.tile_height = _TILE
@@ -62,8 +67,9 @@ class MipExr(PlainTexels):
             spec.attribute(ABOUT, about)
             if layout.is_colour:
                 spec.attribute("oiio:ColorSpace", "lin_rec709")
-            put(out, path, spec, "AppendMIPLevel" if index else "Create", index, level)
-        finish(out, path)
+            return spec
+
+        write_image(path, ((described(level), level) for level in levels), "AppendMIPLevel")
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError
+from mipbake.io.image_files import ABOUT, write_image
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import ABOUT, PlainTexels, check_ended, finish, put, reader, specification, take, writer
+from mipbake.io.oiio_levels import PlainTexels, reader, specification, take
 
 
 class MipPng(PlainTexels):
@@ -50,7 +51,6 @@ class MipPng(PlainTexels):
     ) -> None:
         """See Container."""
         for index, (name, level) in enumerate(zip(self.files(layout, len(levels)), levels, strict=True)):
-            path = folder / name
             spec = specification(layout, level, self.stored, wrap)
             # Data maps get no gamma chunk at all: a viewer must not touch them.
             spec.attribute("oiio:ColorSpace", "sRGB" if layout.is_colour else "Raw")
@@ -58,11 +58,7 @@ class MipPng(PlainTexels):
             spec.attribute("png:compressionLevel", 4)
             if index == 0:
                 spec.attribute(ABOUT, about)
-            out = writer(path)
-            put(out, path, spec, "Create", index, level)
-            finish(out, path)
-            del out
-            check_ended(path, level.nbytes)
+            write_image(folder / name, [(spec, level)])
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""

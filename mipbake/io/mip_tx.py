@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.io.image_files import write_image
 from mipbake.io.layout import ENCODINGS, LOG, FileLayout
-from mipbake.io.oiio_levels import PlainTexels, finish, put, specification, take_all, writer
+from mipbake.io.oiio_levels import PlainTexels, specification, take_all
+
+if TYPE_CHECKING:
+    import OpenImageIO
 
 _TILE = 64
 
@@ -43,8 +48,8 @@ class MipTx(PlainTexels):
     ) -> None:
         """See Container."""
         path = folder / f"{layout.name}.tx"
-        out = writer(path)
-        for index, level in enumerate(levels):
+
+        def described(level: NDArray[np.generic]) -> OpenImageIO.ImageSpec:
             spec = specification(layout, level, self.stored, wrap)
             spec.tile_width = spec.tile_height = _TILE
             spec.attribute("textureformat", "Plain Texture")
@@ -56,9 +61,10 @@ class MipTx(PlainTexels):
             spec.attribute("Software", "mipbake")
             if self.texels == "half":
                 spec.attribute("tiff:half", 1)
-            # The library says that TIFF has no levels, and takes subimages for them where `textureformat` is set.
-            put(out, path, spec, "AppendSubimage" if index else "Create", index, level)
-        finish(out, path)
+            return spec
+
+        # The library says that TIFF has no levels, and takes subimages for them where `textureformat` is set.
+        write_image(path, ((described(level), level) for level in levels), "AppendSubimage")
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
         """See Container."""

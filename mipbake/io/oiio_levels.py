@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, OutputError
+from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.file_facts import FileInfo, told
+from mipbake.io.image_files import ABOUT, write_image
 from mipbake.io.layout import FileLayout
 from mipbake.io.messages import told_by
-from mipbake.io.publish import check_room
 from mipbake.io.quantise import dequantised, quantised
 from mipbake.io.read import PNG_SIGNATURE, check_png
 from mipbake.io.read_back import Band, whole_levels
@@ -28,13 +29,8 @@ WRAP_MODES = {"wrap": "periodic", "clamp": "clamp"}
 TYPES = {"8": "uint8", "16": "uint16", "half": "half", "float": "float"}
 """What OpenImageIO calls texels, by the name that users give."""
 
-_PNG_END = b"IEND\xaeB`\x82"
 _PNG_HEAD = 128
 """Bytes that hold the first chunks of a PNG file, among them the chunk of the colour space."""
-
-ABOUT = "mipbake"
-"""Attribute, key or chunk that holds how a file was made, as JSON."""
-
 
 _BAND = 1 << 20
 """Texels that are read at a time where a file is read in bands. A guess."""
@@ -124,74 +120,12 @@ def specification(
     return spec
 
 
-def writer(path: Path) -> OpenImageIO.ImageOutput:
-    """A writer for a file of that name; OutputError when there is none."""
-    import OpenImageIO
-
-    out = OpenImageIO.ImageOutput.create(str(path))
-    if out is None:
-        raise OutputError(f"cannot write {path}: {told_by(OpenImageIO.geterror)}")
-    return out
-
-
-def put(
-    out: OpenImageIO.ImageOutput,
-    path: Path,
-    spec: OpenImageIO.ImageSpec,
-    mode: str,
-    index: int,
-    level: NDArray[np.generic],
-) -> None:
-    """Writes one level. OSError or OutputError when that fails, whichever says more.
-
-    All texels go in one call. OpenImageIO's write_image goes on after a row of tiles that could not be written, and
-    OpenEXR then waits for ever for memory that the failure has kept.
-    """
-    texels = np.ascontiguousarray(level)
-
-    def write() -> bool:
-        if spec.tile_width:
-            return out.write_tiles(0, spec.width, 0, spec.height, 0, 1, texels)
-        return out.write_scanlines(0, spec.height, 0, texels)
-
-    if not (out.open(str(path), spec, mode) and write()):
-        check_room(path, level.nbytes)
-        raise OutputError(f"cannot write level {index} of {path}: {told_by(out.geterror)}")
-
-
-def finish(out: OpenImageIO.ImageOutput, path: Path) -> None:
-    """Closes a writer; the file is complete only when nothing holds the writer any more.
-
-    OSError or OutputError when that fails, whichever says more.
-    """
-    if not out.close():
-        check_room(path, 0)
-        raise OutputError(f"cannot write {path}: {told_by(out.geterror)}")
-
-
 def write_png(path: Path, texels: NDArray[np.uint16]) -> None:
     """Writes (H, W, C) texels as a PNG file. OSError or OutputError when that fails."""
     import OpenImageIO
 
     height, width, channels = texels.shape
-    out = writer(path)
-    put(out, path, OpenImageIO.ImageSpec(width, height, channels, "uint16"), "Create", 0, texels)
-    finish(out, path)
-    del out
-    check_ended(path, texels.nbytes)
-
-
-def check_ended(path: Path, size: int) -> None:
-    """OSError or OutputError where a PNG file lacks its end: the library does not say that it could not write it.
-
-    Args:
-        size: of what the file holds at most, in bytes.
-    """
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - len(_PNG_END)))
-        if file.read() != _PNG_END:
-            check_room(path, size)
-            raise OutputError(f"{path} is not complete after writing: check the disk")
+    write_image(path, [(OpenImageIO.ImageSpec(width, height, channels, "uint16"), texels)])
 
 
 def reader(path: Path) -> OpenImageIO.ImageInput:
@@ -320,7 +254,7 @@ def image_info(path: Path) -> FileInfo:
     """What is in an image that OpenImageIO reads, whoever wrote it. InputError where it reads none."""
     start = disk.read_bytes(path) if path.suffix.lower() == ".png" else b""
     if start.startswith(PNG_SIGNATURE):
-        check_png(path, start)
+        check_png(path, io.BytesIO(start))
     source = reader(path)
     try:
         spec = source.spec()

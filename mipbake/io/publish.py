@@ -72,7 +72,7 @@ def check_file(path: Path, is_ours: IsOurs, what: str) -> None:
     Args:
         is_ours: whether an existing file is an earlier one of the same kind. what: the kind, in words.
     """
-    with _told(f"cannot write {path}"):
+    with writing(f"cannot write {path}"):
         found = _state(path)
         if found is not None and stat.S_ISDIR(found.st_mode):
             raise OutputError(f"cannot write {path}: it is a folder, name a file")
@@ -136,13 +136,14 @@ def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
     """
     check_place(place, is_ours)
     place = place.resolve()
-    with _told(f"cannot write to {place}"), _parents(place), begun(place, Path.mkdir) as partial:
+    with writing(f"cannot write to {place}"), parents(place), begun(place, Path.mkdir) as partial:
         yield partial
         _take_over(place, partial)
         _flush(partial)
         _check_existing(place, is_ours)  # it may have been long since the first time
         with uninterrupted():
             _swap(partial, place)
+            _flush_names(place.parent)
 
 
 def _take_over(place: Path, partial: Path) -> None:
@@ -167,6 +168,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield partial
         _flush(partial)
         partial.replace(path)
+        _flush_names(path.parent)
 
 
 def replaced_file(path: Path, data: bytes) -> None:
@@ -176,13 +178,13 @@ def replaced_file(path: Path, data: bytes) -> None:
     Raises:
         OutputError: the file system refuses it.
     """
-    with _told(f"cannot write {path}"):
+    with writing(f"cannot write {path}"):
         path = Path(os.path.realpath(path))
         if path.exists() and not (path.is_file() or path.is_dir()):
             with path.open("wb") as file:
                 file.write(data)
             return
-        with _parents(path), replacing(path) as partial:
+        with parents(path), replacing(path) as partial:
             partial.write_bytes(data)
 
 
@@ -258,7 +260,8 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def _told(what: str) -> Iterator[None]:
+def writing(what: str) -> Iterator[None]:
+    """What the file system refuses in the block becomes an OutputError that begins with `what`."""
     try:
         yield
     except OSError as error:
@@ -266,7 +269,7 @@ def _told(what: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _parents(path: Path) -> Iterator[None]:
+def parents(path: Path) -> Iterator[None]:
     """The folders that a path lies in, made where they are missing, and removed again when the block raises."""
     made: list[Path] = []
     done = False
@@ -287,6 +290,16 @@ def _flush(path: Path) -> None:
     for file in [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]:
         with file.open("rb+") as opened:
             os.fsync(opened.fileno())
+
+
+def _flush_names(folder: Path) -> None:
+    """Waits until the names in a folder are on the disk, where a system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _swap(partial: Path, place: Path) -> None:

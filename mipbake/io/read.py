@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def read_image(path: Path) -> Image:
     """
     data = disk.read_bytes(path)
     if data.startswith(PNG_SIGNATURE):
-        check_png(path, data)
+        check_png(path, io.BytesIO(data))
     digest = hashlib.sha256(data).hexdigest()
     if _is_other(path):
         return _other_image(path, data, digest)
@@ -190,23 +191,24 @@ def _check_size(path: Path, width: int, height: int) -> None:
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-def check_png(path: Path, data: bytes) -> None:
+def check_png(path: Path, file: BinaryIO) -> None:
     """InputError for a PNG whose chunks are damaged or cut short: libpng fills what is missing silently, or prints to
     the standard error itself.
     """
-    at = len(PNG_SIGNATURE)
-    while at + 12 <= len(data):
-        length = int.from_bytes(data[at : at + 4], "big")
-        kind, end = data[at + 4 : at + 8], at + 8 + length
-        if end + 4 > len(data):
+    size, at = file.seek(0, os.SEEK_END), len(PNG_SIGNATURE)
+    while at + 12 <= size:
+        file.seek(at)
+        length = int.from_bytes(file.read(4), "big")
+        if at + 12 + length > size:
             break
-        if zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
-            name = kind.decode("ascii", "replace")
+        chunk = file.read(4 + length)
+        if zlib.crc32(chunk) != int.from_bytes(file.read(4), "big"):
+            name = chunk[:4].decode("ascii", "replace")
             raise InputError(f"{path} is damaged (checksum of {name} at byte {at}): export or download it again")
-        if kind == b"IEND":
+        if chunk[:4] == b"IEND":
             return
-        at = end + 4
-    raise InputError(f"{path} is cut short after {len(data)} bytes: export or download it again")
+        at += 12 + length
+    raise InputError(f"{path} is cut short after {size} bytes: export or download it again")
 
 
 def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake._extras import extra
-from mipbake.errors import OutputError, UsageError
+from mipbake.errors import InputError, OutputError, UsageError
+from mipbake.io.image_files import check_exr
 from mipbake.io.publish import check_room, reason, replacing
 from mipbake.render.mesh_render import Frame, Reference
 
@@ -81,12 +82,12 @@ def write_render(
             try:
                 _write(partial, parts, said)
                 _verify(partial, parts, said)
-            except RuntimeError:
+            except (RuntimeError, InputError):
                 check_room(partial, size)
                 raise
     except OSError as error:
         raise OutputError(f"cannot write the render {path}: {reason(error)}") from error
-    except RuntimeError as error:
+    except (RuntimeError, InputError) as error:
         raise OutputError(f"cannot write the render {path} ({' '.join(str(error).split())}): check the disk") from error
 
 
@@ -121,6 +122,7 @@ def _verify(path: Path, parts: Mapping[str, Channels], said: Mapping[str, object
     with extra("compare", "a file of renders"):
         import OpenEXR
 
+    check_exr(path)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         right = [part.name() for part in file.parts] == list(parts)
         for part in file.parts if right else ():

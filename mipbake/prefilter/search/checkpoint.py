@@ -1,8 +1,8 @@
 """Checkpoints: a folder in which a search is kept from time to time, so that a later sitting goes on from there.
 
-`about.json` says what the search is and which files are part of it. It is replaced as a whole, after these files are
-on the disk. So whenever a process is killed, a whole checkpoint lies there, or none. The start is written once, each
-region that is done once, and the region at work every time.
+`about.json` says what the search is and which files are part of it. It is replaced after these files are on the disk
+(`mipbake.io.checkpoints`). So whenever a process is killed, a whole checkpoint lies there, or none. The start is
+written once, each region that is done once, and the region at work every time.
 
 A process holds a lock on the folder, which the system gives up when the process ends. A second process that wants the
 same folder keeps nothing. What cannot be written or read costs time, and nothing else: the search goes on without it.
@@ -15,10 +15,7 @@ import hashlib
 import json
 import os
 import shutil
-import sys
 import time
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,13 +26,10 @@ from numpy.typing import NDArray
 
 from mipbake import memory
 from mipbake._version import __version__
-from mipbake.io.publish import reason
-from mipbake.prefilter.search.kept_arrays import Make, read_arrays, write_arrays
+from mipbake.io.checkpoints import DAMAGED, Make, lock_of, read_arrays, write_arrays
+from mipbake.io.publish import reason, replacing
 from mipbake.prefilter.search.kept_search import Come, Parts, name_of, state_of, state_parts
 from mipbake.reference.problem import Image
-
-if sys.platform != "win32":
-    import fcntl
 
 _ABOUT, _LOCK, _START = "about.json", "lock", "start.npz"
 _FORMAT = 1  # of the files; not tuned
@@ -46,7 +40,6 @@ COST = 0.02
 """Share of the time that writing may take. A guess."""
 
 _RATE = 2e8  # bytes that a disk writes in a second, before it is measured; a guess
-_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, IndexError, zipfile.BadZipFile, zlib.error)
 _WORDS = {"source": "the set changed", "options": "the options changed", "weights": "the weights changed"}
 
 Windows = Callable[[int], Mapping[int, tuple[slice, slice]]]
@@ -107,7 +100,7 @@ class Checkpoint:
             kept = None if why else self._read(about, shapes, windows)
         except FileNotFoundError:  # a process was killed before it had written all of the first one
             why, kept = "", None
-        except _DAMAGED as error:
+        except DAMAGED as error:
             why, kept = f"it cannot be read ({error})", None
         if why:
             self._told(f"the checkpoint {self.path} is not used, because {why}: the search begins anew")
@@ -251,13 +244,8 @@ class Checkpoint:
             "state": file,
             "at work": None if state is None else state.about,
         }
-        partial = self.path / f"{_ABOUT}.partial"
-        with partial.open("w", encoding="utf-8") as out:
-            json.dump({"sum": checksum(about), "about": about}, out)
-            out.flush()
-            os.fsync(out.fileno())
-        partial.replace(self.path / _ABOUT)
-        _flush(self.path)
+        with replacing(self.path / _ABOUT) as partial:
+            partial.write_text(json.dumps({"sum": checksum(about), "about": about}), encoding="utf-8")
         old, self._state, self._regions, self._start = self._state, file, regions, start
         self._writings += 1
         if old is not None:
@@ -266,7 +254,7 @@ class Checkpoint:
     def _locked(self) -> bool:
         """Whether this process has the folder; else nothing is kept."""
         if self._lock is None and not self._useless:
-            self._lock = lock_of(self.path)
+            self._lock = lock_of(self.path / _LOCK)
             if self._lock is None:
                 self._useless = True
                 self._told(f"another process has the checkpoint {self.path}: this search is not kept")
@@ -293,7 +281,7 @@ def discard(path: Path) -> None:
     """Removes a checkpoint, where there is one that no process works with."""
     if not path.is_dir():
         return
-    lock = lock_of(path)
+    lock = lock_of(path / _LOCK)
     if lock is not None:
         try:
             _remove(path)
@@ -316,35 +304,6 @@ def _remove(path: Path, folder: bool = True) -> None:
             file.unlink(missing_ok=True)
     if folder:
         shutil.rmtree(path, ignore_errors=True)
-
-
-def lock_of(path: Path) -> int | None:
-    """A handle that holds the lock of a folder until it is closed; None where another process has it."""
-    handle = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    if sys.platform == "win32":
-        return handle
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # The process that had it may have removed the folder.
-        if os.path.samestat((path / _LOCK).stat(), os.fstat(handle)):
-            return handle
-    except BlockingIOError:
-        pass
-    except OSError:  # a file system without locks, or a folder that is gone
-        if (path / _LOCK).exists():
-            return handle
-    os.close(handle)
-    return None
-
-
-def _flush(folder: Path) -> None:
-    """Waits until the names in a folder are on the disk, where a system can."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def _expecting(shape: tuple[int, ...], make: Make) -> Make:
