@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mipbake.errors import MipbakeError, RendererError
+from mipbake.io.messages import shortened
 from mipbake.timings import Timings
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class Session:
 
         Lines that another program printed follow it as they are.
         """
-        one_line = " ".join(message.split())
+        one_line = shortened(" ".join(message.split()))
         sys.stderr.write("".join(f"{line}\n" for line in (f"mipbake: {one_line}", *printed)))
         self.exit_code = max(self.exit_code, exit_code)
         return self.exit_code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 
 
@@ -9,6 +10,21 @@ def one_line(message: str) -> str:
     """The first line of an error message, without the full stop, or that there is none."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     return lines[0].rstrip(".") if lines else "no reason given"
+
+
+MOST = 300
+"""Characters of a message that people read in a terminal."""
+
+
+def shortened(message: str) -> str:
+    """A message of one line with the middle of its long words left out, where it is too long.
+
+    Long words are what was given: numbers of hundreds of digits, or text without end. What is said about them stays.
+    """
+    for kept in (60, 20):
+        if len(message) > MOST:
+            message = re.sub(rf"(\S{{{kept}}})\S{{4,}}(\S{{{kept}}})", r"\1...\2", message)
+    return message if len(message) <= MOST else f"{message[: MOST // 2]} ... {message[-(MOST // 2 - 5) :]}"
 
 
 def listed(names: Iterable[object]) -> str:
