@@ -57,7 +57,7 @@ def _stack(session: Session, path: Path) -> dict[str, Any]:
     files = [file_info(file) for file in stack.files]
     levels = stack.levels or max((len(image.levels) for file in files for image in file.images), default=0)
     provenance = stack.content.get("provenance")
-    adjusted = provenance.get("adjustments", ()) if isinstance(provenance, dict) else ()
+    adjusted = provenance.get("adjustments") if isinstance(provenance, dict) else None
     session.print(
         f"{path}: {stack.name}, {stack.model}, {stack.width} x {stack.height}, {_counted(levels, 'level')}, "
         f"wrap {', '.join(stack.wrap)}",
@@ -67,7 +67,7 @@ def _stack(session: Session, path: Path) -> dict[str, Any]:
         + (f", sampler {stack.sampler}" if stack.sampler else "")
         + (f", aim {stack.aim}" if stack.aim else ""),
         *(f"{name}: normals {convention}" for name, convention in stack.conventions),
-        *(f"adjusted: {told}" for told in adjusted),
+        *(f"adjusted: {told}" for told in (adjusted if isinstance(adjusted, list) else ())),
     )
     for each in files:
         holds = stack.channels.get(each.path)

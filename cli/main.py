@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import gc
 import os
 import signal
@@ -15,6 +14,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from mipbake import memory
 from mipbake._allocator import keep_freed_memory
 from mipbake._extras import told_of
 from mipbake.cli.commands import Commands
@@ -23,7 +23,7 @@ from mipbake.cli.streams import lost, replace_streams
 from mipbake.errors import MipbakeError
 from mipbake.io import disk
 from mipbake.io.leftovers import unfinished
-from mipbake.io.messages import listed
+from mipbake.io.messages import listed, one_line
 
 EXIT_UNEXPECTED = 1
 EXIT_USAGE = 2
@@ -165,32 +165,16 @@ def _unforeseen(session: Session, error: Exception) -> int:
     wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
     if wanting is not None:
         return session.fail(wanting, EXIT_USAGE)
-    if _lacks_memory(error):
+    if memory.lacks(error):
+        told = one_line(str(error)) if str(error) else "the system gives no more"
         return session.fail(
-            f"there is not enough memory for this ({str(error) or 'the system gives no more'}): ask for less, for "
+            f"there is not enough memory for this ({told}): ask for less, for "
             "example for fewer points or samples, smaller pictures or a smaller set",
             EXIT_UNEXPECTED,
         )
     if isinstance(error, OSError) and error.filename is not None:  # nothing closer to it has a sentence
         return session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), EXIT_INPUT)
     return _defect(session, error)
-
-
-def _lacks_memory(error: Exception) -> bool:
-    """Whether memory, address space or threads ran out, whichever library says so."""
-    if isinstance(error, OSError):
-        return error.errno == errno.ENOMEM
-    said = str(error).lower()
-    return isinstance(error, MemoryError) or (
-        isinstance(error, (ImportError, RuntimeError)) and any(words in said for words in _OUT_OF_MEMORY)
-    )
-
-
-_OUT_OF_MEMORY = (
-    *("failed to map segment", "cannot allocate memory", "can't allocate memory", "bad_alloc", "out of memory"),
-    "can't start new thread",
-)
-"""What dynamic linkers, torch, C++ and Python say."""
 
 
 def _defect(session: Session, error: Exception) -> int:

@@ -26,6 +26,10 @@ _LEAST_ADDRESS_SPACE = 1 << 30
 a small set ended well with 0.8 GB, and with 0.54 GB it crashed or hung."""
 
 
+_MOST = 10**18
+"""Whole numbers beyond fit nowhere, and mean nothing to any option."""
+
+
 def one_of(names: Iterable[str]) -> str:
     """Names as a placeholder for help texts: a|b|c. The library checks what is passed and lists them again."""
     return "|".join(names)
@@ -160,6 +164,9 @@ def reads_sets(
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
+        for name, value in given.items():
+            if isinstance(value, int) and abs(value) > _MOST:
+                raise UsageError(f"--{name.replace('_', '-')} is {value}: expected a whole number of at most 18 digits")
         parts = {name: shared[name](**{key: given.pop(key) for key in others[name]}) for name in reversed(shared)}
         most = parts["memory"] if "memory" in takes else parts.pop("memory")
         _check_address_space()

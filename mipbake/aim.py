@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Literal, TypeVar, get_args
 
@@ -40,6 +39,6 @@ def sampler_among(name: str, samplers: Sequence[Name], what: str) -> Name:
 
 def checked_aim(aim: float) -> float:
     """The aim; UsageError where it is no number from 0 to 1."""
-    if not (math.isfinite(aim) and 0 <= aim <= 1):
+    if not 0 <= aim <= 1:
         raise UsageError(f"the aim is {aim}: expected a number from 0 (single lights) to 1 (what people see)")
     return float(aim)

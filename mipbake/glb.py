@@ -15,7 +15,7 @@ from mipbake._version import __version__
 from mipbake.content import Content, Recipe
 from mipbake.errors import InputError, OutputError, UsageError
 from mipbake.glb_plain import averaged_files
-from mipbake.io import ktx2
+from mipbake.io import json_text, ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.decode import resized
 from mipbake.io.gltf.container import unpacked
@@ -204,7 +204,7 @@ def check_file(path: Path, *sources: Path) -> None:
 def made_from(path: Path) -> Mapping[str, Any] | None:
     """What a GLB of a document says of how it was made; None for a file that mipbake did not make, or for none."""
     try:
-        content: Any = json.loads(unpacked(path.read_bytes(), str(path)).text)
+        content: Any = json_text.parsed(unpacked(path.read_bytes(), str(path)).text)
         told = content["asset"]["extras"]["mipbake"]
     except (InputError, OSError, ValueError, KeyError, TypeError):
         return None

@@ -138,6 +138,13 @@ class Read:
     texture_set: TextureSet
     mosaic: Mosaic | None = field(default=None)
 
+    @property
+    def cell(self) -> tuple[int, int]:
+        """(height, width) of what is baked, or of each tile in it."""
+        whole, mosaic = self.texture_set, self.mosaic
+        rows, columns = (1, 1) if mosaic is None else (mosaic.rows, mosaic.columns)
+        return whole.height // rows, whole.width // columns
+
     def stacks(self, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
         """Every texture set with its own stack."""
         if self.mosaic is None:

@@ -14,6 +14,7 @@ All of this is for Linux. On other systems a limit changes nothing, and arrays l
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -47,6 +48,9 @@ _LEAST_DEFAULT = 2 << 30
 """Bytes of the default limit, at least, so that small machines bake by every method. A guess."""
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+_MOST = 1 << 62
+"""Bytes beyond all machines, which still fit into a whole number of 64 bits."""
+
 _CGROUP = Path("/sys/fs/cgroup/memory.max")
 
 
@@ -171,6 +175,25 @@ def check(needed: int, what: str) -> None:
         )
 
 
+def lacks(error: Exception) -> bool:
+    """Whether an error says that memory, address space or threads ran out, whichever library it comes from."""
+    if isinstance(error, OSError):
+        return error.errno in (errno.ENOMEM, errno.EAGAIN)
+    said = str(error).lower()
+    return isinstance(error, MemoryError) or (
+        isinstance(error, (ImportError, RuntimeError, ValueError, OverflowError))
+        and any(words in said for words in _OUT_OF_MEMORY)
+    )
+
+
+_OUT_OF_MEMORY = (
+    *("failed to map segment", "cannot allocate memory", "can't allocate memory", "bad_alloc", "out of memory"),
+    *("can't start new thread", "resource temporarily unavailable"),
+    *("maximum allowed size exceeded", "array is too big", "maximum supported dimension"),
+)
+"""What dynamic linkers, torch, C++, Python and NumPy say."""
+
+
 def parsed(text: str) -> int:
     """Bytes of a size such as 4G, 1.5G, 800M or 2000000000; K, M, G and T are powers of 1,024.
 
@@ -178,10 +201,10 @@ def parsed(text: str) -> int:
         UsageError: it cannot be read, or is not above 0.
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)(?:i?B)?", text.strip(), re.IGNORECASE)
-    size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
-    if size <= 0:
+    size = float(found[1]) * _UNITS[found[2].upper()] if found else 0.0
+    if not 1 <= size < _MOST:
         raise UsageError(f"the size of memory {text!r} cannot be read: expected a size such as 4G, 1.5G or 800M")
-    return size
+    return int(size)
 
 
 def told(size: int) -> str:

@@ -87,7 +87,7 @@ def read_info(path: Path) -> WeightsInfo:
         described = _tuples(content.pop("network"))
         network = ARCHITECTURES[described.pop("architecture")](**described)
         info = WeightsInfo(network=network, folder=path.parent, **_tuples(content))
-    except (OSError, ValueError, TypeError, AttributeError, KeyError, MipbakeError) as error:
+    except (OSError, ValueError, TypeError, AttributeError, KeyError, RecursionError, MipbakeError) as error:
         raise InputError(
             f"{path}: not a description of mipbake weights ({error}); install the release again"
         ) from error

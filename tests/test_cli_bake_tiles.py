@@ -10,6 +10,7 @@ import pytest
 
 import mipbake
 from mipbake.cli.main import main
+from mipbake.io.read import read_image
 
 from .command_line import fails
 from .gltf_files import check_structure
@@ -144,6 +145,39 @@ def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
         assert stack.size == (8, 12)
     left = mipbake.open_stack(report["results"][0]["out"]).levels[0][..., 0]
     assert np.ptp(left[:, :-2]) < 0.01  # nothing of its own other side, nor of the next tile's
+
+
+@pytest.mark.parametrize("side", [8, 12])
+def test_tiles_that_touch_may_differ_in_size(tmp_path, side) -> None:
+    (folder := tmp_path / "rock").mkdir()
+    for tile, size in ((1001, 16), (1002, side)):
+        heights = height_field(16, 16, seed=4)[:size, :size]
+        write_image(folder / f"rock_normal_gl.{tile}.png", encoded(heights))
+        write_image(folder / f"rock_roughness.{tile}.png", bytes_of(np.full((size, size), 0.4)))
+        write_image(folder / f"rock_height.{tile}.png", grey(tile, size))
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    for path in folder.glob("*.1002.png"):
+        (alone / path.name.replace(".1002", "")).write_bytes(path.read_bytes())
+    (out := tmp_path / "out").mkdir()
+    assert bake(alone, "-o", out, "--wrap-u", "clamp", "--wrap-v", "clamp", "--format", "exr:float")[0] == 0
+    assert bake(folder, "-o", out, "--format", "exr:float")[0] == 0
+    for tile, size in ((1001, 16), (1002, side)):
+        stack = mipbake.open_stack(out / "rock" / f"stack.{tile}.json")
+        assert stack.size == (size, size) and len(stack.levels) == len(halved(size, size))
+    by_itself = mipbake.open_stack(out / "alone").extra["height"]
+    assert all((a == b).all() for a, b in zip(stack.extra["height"], by_itself, strict=True))
+    few = ("--lods", "0,1", "--points", "64", "--samples", "8", "--json")
+    code, said = run("validate", folder, out, *few)
+    assert code == 0
+    found = {row["lod"]: row["snr"] for row in json.loads(said)["results"][1]["rows"] if row["method"] == "baked"}
+    code, said = run("validate", alone, out / "alone", "--wrap-u", "clamp", "--wrap-v", "clamp", *few)
+    wanted = {row["lod"]: row["snr"] for row in json.loads(said)["results"][0]["rows"] if row["method"] == "baked"}
+    assert all(found[lod] > wanted[lod] - 2 for lod in wanted)
+    assert bake(folder, "-o", out, "--format", "png", "--keep-level0")[0] == 0
+    for path in folder.glob("*_roughness.*"):
+        written = out / "rock" / f"{path.stem}_mip00.png"
+        assert (read_image(written).pixels == read_image(path).pixels).all()
 
 
 @pytest.mark.parametrize("role", ["normal_gl", "roughness"])

@@ -338,6 +338,28 @@ def test_a_broken_checkpoint(damage: Callable[[Path], Any], tmp_path: Path) -> N
         fit_to_grey(Plain(), checkpoint=file)
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("values", lambda a: a[:-1]),
+        ("best", lambda a: a.astype(np.int64)),
+        ("first", lambda a: a * np.nan),
+        ("steps", lambda a: a.astype(np.int64)),
+        ("begun", lambda a: a[0]),
+        ("rates", lambda a: np.float64(1)),
+        ("origins", lambda a: a + 5),
+    ],
+)
+def test_a_checkpoint_whose_arrays_were_changed(name: str, change: Callable[[Any], Any], tmp_path: Path) -> None:
+    file = tmp_path / "fit"
+    fit_to_grey(Plain(), checkpoint=file)
+    with np.load(file) as kept:
+        arrays = {each: kept[each] for each in kept.files}
+    archive(file, **(arrays | {name: change(arrays[name])}))
+    with pytest.raises(InputError, match=r"the checkpoint .*fit was changed: .*: delete it"):
+        fit_to_grey(Plain(), checkpoint=file)
+
+
 def test_a_byte_that_changed_is_noticed(tmp_path: Path) -> None:
     file = tmp_path / "fit"
     fit_to_grey(Plain(), checkpoint=file)

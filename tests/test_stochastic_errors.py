@@ -129,3 +129,16 @@ def test_nothing_is_no_error() -> None:
     stochastic.descend(none, none.copy(), Moments.of(none), CHANNELS)
     assert stochastic.pixel_differences(none, none, none).shape == (0,)
     stochastic.add_gradient(V, D, stochastic.contributions(np.zeros((3, 0), np.int32)), CH1, 0)
+
+
+def test_signs_that_torch_has_left_to_the_reader_are_read() -> None:
+    values, elements = torch.rand(4, 1), torch.tensor([2, 0], dtype=torch.int32)
+    wanted = stochastic.perturb(values, CH1, 0, elements=elements)
+    found = stochastic.perturb(torch._neg_view(-values), CH1, 0, elements=torch._neg_view(-elements))
+    assert all(torch.equal(a, b) for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize("tensor", [torch.rand(4, 1).to_sparse(), torch.rand(4, 1, device="meta")])
+def test_tensors_without_numbers_in_memory(tensor: torch.Tensor) -> None:
+    with pytest.raises(UsageError, match="^values is .*expected"):
+        stochastic.perturb(tensor, CH1, 0)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from mipbake.errors import UsageError
+from mipbake.io import toml_text
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES
@@ -20,12 +20,6 @@ from mipbake.training.captured import MODEL as CAPTURED
 from mipbake.training.checks import require, require_share
 from mipbake.training.loss import SingleLightsLossConfig
 from mipbake.training.losses import LOSSES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 
 MIXED = ("another", "itself")
 """What a patch can be mixed with."""
@@ -184,7 +178,7 @@ class TrainingConfig:
 def read_config(path: Path) -> TrainingConfig:
     """The configuration in a TOML file; UsageError says which field is wrong and what was expected."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = toml_text.parsed(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{path}: the configuration cannot be read ({error.strerror})") from error
     except ValueError as error:

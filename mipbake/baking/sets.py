@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mipbake import memory
-from mipbake.adjust import adjusted
+from mipbake.adjust import adjusted, with_own_level0
 from mipbake.bake import STOPPED, bake_in_sitting, resolve_target
 from mipbake.baking.options import Asked
 from mipbake.baking.recipe import Ingredients, stopped
@@ -137,10 +137,11 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
         recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))
         told = [_left_over(checkpoint)] if was_stopped else []
-        made = [
-            _write(run, job, texture_set, stack, place / texture_set.name, baking, told)
-            for texture_set, stack in read.stacks(baked)
-        ]
+        made = []
+        for texture_set, stack in read.stacks(baked):
+            smaller = stack.size != read.cell
+            own = with_own_level0(stack, texture_set, asked.adjustments) if smaller else stack
+            made.append(_write(run, job, texture_set, own, place / texture_set.name, baking, told))
     if checkpoint is not None and not was_stopped:
         discard(checkpoint)
     return made

@@ -6,7 +6,6 @@ Every option of `mipbake bake` that is about sets stands in it under the name th
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
@@ -17,15 +16,10 @@ from typing import Any
 from mipbake import memory
 from mipbake.baking.options import BakeOptions
 from mipbake.errors import UsageError
-from mipbake.io import disk
+from mipbake.io import disk, toml_text
 from mipbake.io.layout import PROJECT
 from mipbake.io.messages import listed
 from mipbake.io.options import LoadOptions
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 COMMAND_LINE = "command line"
 
@@ -229,10 +223,10 @@ def read_project(path: Path) -> Project:
     text = disk.read_bytes(file, "a project file, as `mipbake init` writes it")
     try:
         source = _Source(file, text.decode("utf-8-sig"))
-        content = tomllib.loads(source.text)
+        content = toml_text.parsed(source.text)
     except UnicodeDecodeError as error:
         raise UsageError(f"{file} is not UTF-8 text: save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise UsageError(f"{file} is not TOML: {error}; correct it there") from error
     return _project(source, content)
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from mipbake.batch.library import Entry
 from mipbake.errors import InputError
-from mipbake.io import disk
+from mipbake.io import disk, json_text
 from mipbake.io.archives import MATERIALX
 from mipbake.io.matches import is_textures
 from mipbake.io.publish import TRIAL
@@ -235,7 +235,7 @@ def _told(source: Path) -> str:
 
 def _known(content: str) -> Known | None:
     try:
-        count, files, results, faults = json.loads(content)
+        count, files, results, faults = json_text.parsed(content)
         return Known(
             tuple(FileState(str(p), int(s), int(m), int(c)) for p, s, m, c in files),
             tuple(FileState(str(p), int(s), int(m), int(c)) for p, s, m, c in results),

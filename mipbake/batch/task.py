@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
+from mipbake import memory
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.results import DEFECT, BakedSet, Listener, NotBaked, Result, Unchanged
 from mipbake.baking.sets import Run, Which
@@ -20,7 +20,7 @@ from mipbake.batch.state import FileState, Known, state_of, states
 from mipbake.errors import InputError, MipbakeError, UsageError
 from mipbake.found import sources_of
 from mipbake.intake import jobs
-from mipbake.io import disk
+from mipbake.io import disk, json_text
 from mipbake.io.archives import GLTF, MATERIALX
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import image_files
@@ -145,7 +145,7 @@ def _files(source: Path, found: Sequence[Job | Failure]) -> Iterator[Path]:
 def _named(document: Path) -> Iterator[Path]:
     """The files that a glTF document names, as far as it can be read; they may be missing."""
     try:
-        content = json.loads(document.read_bytes())
+        content = json_text.parsed(document.read_bytes())
         uris = [each["uri"] for kind in ("images", "buffers") for each in content.get(kind, ()) if "uri" in each]
     except (OSError, ValueError, TypeError, AttributeError, KeyError):  # a GLB, or one that is broken itself
         return
@@ -168,7 +168,7 @@ def _buffers(document: Document) -> Iterator[Path]:
 
 def unforeseen(error: Exception) -> WorkerError:
     """What a user is told of an error that no code expects."""
-    if isinstance(error, MemoryError):
+    if memory.lacks(error):
         return WorkerError(
             "there is not enough memory for it: bake fewer at a time (--jobs), or hold them to less (--memory)"
         )

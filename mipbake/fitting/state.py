@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,6 +132,36 @@ class Checkpoint:
             )
         told = about["started"], about["step"], about["checked"], about["seconds"]
         return FitState(values, Moments(first, second, steps), best, *rest, *told)
+
+    def check_fits(self, state: FitState, starts: Sequence[Array], levels: int) -> None:
+        """Checks that what was read is a state of this fit, whoever has changed the file meanwhile.
+
+        Args:
+            starts: what the fit may start from. levels: of the stack.
+
+        Raises:
+            InputError: an array is not as it was written.
+        """
+        like = FitState.first(starts[0], np.zeros((levels, 1)), {}, np.zeros(levels, np.int64))
+        for name, found, expected in (
+            *((name, getattr(state, name), getattr(like, name)) for name in ("values", "best", "gains", "rates")),
+            *((name, getattr(state, name), getattr(like, name)) for name in ("waited", "origins")),
+            *((name, getattr(state.moments, name), getattr(like.moments, name)) for name in ("first", "second")),
+            ("steps", state.moments.steps, like.moments.steps),
+            ("begun", state.begun[:, :1] if state.begun.ndim == 2 else state.begun, like.begun),
+        ):
+            fits = found.shape == expected.shape and found.dtype == expected.dtype
+            if not fits or (name != "begun" and not np.isfinite(found).all()):
+                held = f"{found.dtype} of {found.shape}" if not fits else "numbers that are not finite"
+                raise InputError(
+                    f"the checkpoint {self.path} was changed: {name} holds {held}, expected {expected.dtype} of "
+                    f"{expected.shape}: delete it to begin anew"
+                )
+        whole = all(isinstance(n, int) and n >= 0 for n in (state.step, state.checked))
+        scores = isinstance(state.started, dict) and all(isinstance(n, float) for n in state.started.values())
+        inside = ((state.origins >= 0) & (state.origins < len(starts))).all()
+        if not (whole and scores and inside and isinstance(state.seconds, (int, float)) and state.seconds >= 0):
+            raise InputError(f"the checkpoint {self.path} was changed: its counts fit no fit: delete it to begin anew")
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake._aligned import aligned
+from mipbake._aligned import aligned, check_dense
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -43,11 +43,12 @@ def rasterize(
 ) -> tuple[Tensor, Tensor]:
     """`mipbake.raster.rasterize`; with `previous`, the first of its results, only what lies behind that."""
     check_context(ctx, RasterizeContext)
-    if isinstance(pos, Tensor) and pos.ndim == 3:
+    described_pos = _described("pos", pos)
+    if len(described_pos.shape) == 3:
         ranges = None
     described = None if ranges is None else _described("ranges", ranges)
     size = size_of(resolution)
-    image_shape(_described("pos", pos), _described("tri", tri), described, size)
+    image_shape(described_pos, _described("tri", tri), described, size)
     refuse_tangents(pos=pos)
     previous = None if previous is None else previous.detach()
     rast, rast_db = _rasterize(pos, tri, *size, ranges, previous, 0 if ctx is None else ctx.handle)
@@ -101,10 +102,9 @@ def antialias_construct_topology_hash(tri: Tensor) -> Topology:
 def _described(name: str, tensor: Any) -> Described:
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor, or NumPy arrays alone")
+    check_dense(name, tensor)
     if tensor.device.type not in ("cpu", "cuda", "meta"):
         raise UsageError(f"{name} is on {tensor.device}: expected the CPU or CUDA")
-    if tensor.layout != torch.strided:
-        raise UsageError(f"{name} is {tensor.layout}: expected a dense tensor, such as {name}.to_dense()")
     dtype = _NAMES.get(tensor.dtype) or str(tensor.dtype).removeprefix("torch.")
     return Described(name, tuple(tensor.shape), dtype, str(tensor.device))
 

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake._aligned import aligned
+from mipbake._aligned import aligned, check_dense
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -87,18 +87,13 @@ def texture_construct_mip(tex: Tensor, max_mip_level: int | None = None, cube_mo
 def _check_tensor(name: str, tensor: Any) -> None:
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor, as tex is")
-    _check_dense(name, tensor)
-
-
-def _check_dense(name: str, tensor: Tensor) -> None:
-    if tensor.layout != torch.strided:
-        raise UsageError(f"{name} is {tensor.layout}: expected a dense tensor, such as {name}.to_dense()")
+    check_dense(name, tensor)
 
 
 def _check_storage(name: str, tex: Any) -> None:
     if not isinstance(tex, Tensor):
         raise UsageError(f"{name} is a {type(tex).__name__}: expected a torch tensor or a NumPy array")
-    _check_dense(name, tex)
+    check_dense(name, tex)
     if tex.dtype not in _DTYPES:
         raise UsageError(f"{name} is {tex.dtype}: expected float32, float64, float16 or bfloat16")
     device = tex.device.type

@@ -150,8 +150,11 @@ def _repeated(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
 def _reals(name: str, values: ArrayLike) -> NDArray[Any]:
     try:
         array = np.asarray(values)
-    except ValueError as error:  # nested sequences of different lengths
-        raise UsageError(f"{name} is not an array of numbers: {error}") from None
+    except (ValueError, TypeError, RuntimeError) as error:  # sequences of different lengths, tensors of other devices
+        hint = "; mipbake.shading.ops.shade takes torch tensors" if hasattr(values, "requires_grad") else ""
+        raise UsageError(
+            f"{name} is not an array of numbers ({str(error).partition(chr(10))[0][:120]}){hint}"
+        ) from None
     if array.dtype.kind not in "fiu":
         raise UsageError(f"{name} is {array.dtype}: expected real numbers")
     return array

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake._aligned import aligned
+from mipbake._aligned import aligned, check_dense
 from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
@@ -74,6 +74,7 @@ def _expanded(directions: Tensor, B: int, N: int | None) -> Tensor:
 def _check_tensor(name: str, tensor: Any) -> None:
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{name} is a {type(tensor).__name__}: expected a torch tensor")
+    check_dense(name, tensor)
 
 
 def _direction(name: str, tensor: Tensor, material: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mipbake._aligned import aligned, contiguous
+from mipbake._aligned import aligned, check_dense, contiguous
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 
@@ -44,6 +44,10 @@ def given(name: str, value: Any, dtypes: Sequence[str], shape: Sequence[int | No
     kind = type(value).__name__
     if not (is_array(value) or (kind in ("Tensor", "Parameter") and hasattr(value, "detach"))):
         raise UsageError(f"{name} is a {kind}: expected a NumPy array or a torch tensor")
+    if not is_array(value):
+        check_dense(name, value)
+        if value.device.type not in ("cpu", "cuda"):
+            raise UsageError(f"{name} is on {value.device}: expected the CPU or CUDA")
     if like is not None and (is_array(value) != is_array(like) or device_of(value) != device_of(like)):
         raise UsageError(
             f"{name} is a {kind} on {device_of(value)}: expected a {type(like).__name__} on {device_of(like)}, as the "

@@ -80,6 +80,9 @@ def read_document(path: Path) -> Document:
     document = Document(path, parsed, buffers, chunks.others)
     for index, view in enumerate(document.all("bufferViews")):
         _check_view(document, index, view)
+    for index, image in enumerate(document.all("images")):
+        if "bufferView" in image:
+            document.one("bufferViews", image["bufferView"], f"image {index}")
     for index, texture in enumerate(document.all("textures")):
         _check_sources(document, index, texture)
     return document
@@ -178,7 +181,7 @@ def _check_arrays(path: Path, parsed: Json) -> None:
 def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes | None:
     uri, length = buffer.get("uri"), buffer.get("byteLength")
     what = f"buffer {index}"
-    if not isinstance(length, int) or length < 0:
+    if not isinstance(length, int) or isinstance(length, bool) or length < 0:
         raise InputError(f"{path}: {what} has the byteLength {length!r}, expected a whole number: export it again")
     if uri is None and (index != 0 or binary is None):
         return None

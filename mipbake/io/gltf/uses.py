@@ -78,7 +78,7 @@ def animated_members(document: Json) -> dict[int, set[str]]:
 
 
 def _is_index(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
 def _objects(node: Any) -> Iterator[Json]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mipbake._version import __version__
 from mipbake.compare.result import Comparison
+from mipbake.io import json_text
 from mipbake.io.publish import check_place, published
 from mipbake.report.page.document import RESULTS, document
 from mipbake.report.page.pictures import IMAGES, Album
@@ -77,7 +78,7 @@ def check_report(folder: Path) -> None:
 def is_report(folder: Path) -> bool:
     """Whether a folder holds a report (and the renders kept with it) and nothing else."""
     try:
-        if json.loads((folder / RESULTS).read_text(encoding="utf-8"))["schema"] != SCHEMA:
+        if json_text.parsed((folder / RESULTS).read_bytes())["schema"] != SCHEMA:
             return False
         kinds = {IMAGES: ".png", RENDERS: ".exr"}
         return all(
