@@ -12,6 +12,7 @@ from mipbake import memory
 from mipbake.directions import untangled
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR, SRGB, decode, unit_range
+from mipbake.io.declared import turn_vectors
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
 from mipbake.io.options import COLOUR_ROLES, SCALAR_ROLES
 from mipbake.io.read import Image
@@ -50,7 +51,9 @@ class TextureMap:
 
 @dataclass(frozen=True)
 class DecodedMap:
-    """A map at its own size, green of normals as stored; `lost_variance` (H, W) where normals were shorter than one."""
+    """A map at its own size, x and y of normals as stored, which are turned when it is known what green means;
+    `lost_variance` (H, W) where normals were shorter than one.
+    """
 
     map: TextureMap
     warnings: tuple[str, ...] = ()
@@ -212,6 +215,7 @@ def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
         source = replace(source, notes=(*source.notes, f"{label}: it is grey, and is taken as the strength along +X"))
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
+        turn_vectors(out, source.orientation)
     np.clip(values[..., -1], 0, 1, out=out[..., 2])
     return DecodedMap(TextureMap(out, source))
 

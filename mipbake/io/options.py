@@ -62,6 +62,7 @@ class LoadOptions:
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
             occlusion, anisotropy (its strength). The factor of normal scales x and y before the vectors are made unit.
         alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
+        metadata: whether what files say of their orientation, alpha and colours counts. In glTF it does not.
         origin: who says all this, "option" or "document": a glTF or MaterialX file, where the user chose nothing.
     """
 
@@ -74,6 +75,7 @@ class LoadOptions:
     name: str | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
     alpha_cutoff: float | None = None
+    metadata: bool = True
     origin: str = "option"
 
     def __post_init__(self) -> None:

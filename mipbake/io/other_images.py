@@ -13,11 +13,16 @@ from mipbake.errors import InputError, MipbakeError
 from mipbake.io import dds, ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import LINEAR, SRGB
+from mipbake.io.declared import Declared, orientation
+from mipbake.io.declared_colour import Colour
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
 from mipbake.io.messages import one_line
 from mipbake.io.uastc import transcoded
 
 _AVIF = (b"ftypavif", b"ftypavis")
+_ORIENTATION = 0x112
+"""Number of the tag, in TIFF and Exif."""
+
 START = 132
 """Bytes of a file that tell whether it is one of these."""
 
@@ -32,7 +37,8 @@ class Outline:
         width, height: of level 0, in texels.
         channels: how many. alpha: the index of alpha; -1: none.
         depth: "uint8" or "half".
-        colour_space: that the file tells for its colours; None where it is silent.
+        declared: what the file says of the image. Size and channels here are those of the stored texels, before it is
+            applied.
     """
 
     width: int
@@ -40,7 +46,7 @@ class Outline:
     channels: int
     alpha: int
     depth: str
-    colour_space: str | None
+    declared: Declared
 
 
 def is_other(start: bytes) -> bool:
@@ -56,27 +62,31 @@ def _is_half_dds(start: bytes) -> bool:
 def outline(data: bytes, path: Path) -> Outline:
     """What is known of an image. InputError where it is broken or of a kind that is not read."""
     if data[4:12] in _AVIF:
-        pixels = _avif(data, path)
-        return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", None)
+        pixels, said = _avif(data, path)
+        return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", said)
     if data[:4] == b"DDS ":
         texture = dds.decoded(data, str(path))
         count = texture.format.channels
-        return Outline(texture.width, texture.height, count, _alpha(count), "half", LINEAR)
+        return Outline(texture.width, texture.height, count, _alpha(count), "half", _in(LINEAR))
     found = ktx2.outline(data, str(path))
-    space = SRGB if found.srgb else LINEAR
+    said = _in(SRGB if found.srgb else LINEAR)
     width, height = found.levels[0]
     if found.texels == ktx2.ETC1S:
         channels = 4 if ktx2.has_alpha_slice(data) else 3
-        return Outline(width, height, channels, _alpha(channels), "uint8", space)
+        return Outline(width, height, channels, _alpha(channels), "uint8", said)
     made = ktx2.stored(data, str(path)).format
     depth = "half" if made.is_float else "uint8"
-    return Outline(width, height, made.channels, _alpha(made.channels), depth, space)
+    return Outline(width, height, made.channels, _alpha(made.channels), depth, said)
+
+
+def _in(space: str) -> Declared:
+    return Declared(colour=Colour(named=space, by="the file"))
 
 
 def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
     """(H, W, C) texels of level 0, uint8 or float16. InputError where they cannot be decoded."""
     if data[4:12] in _AVIF:
-        return _avif(data, path)
+        return _avif(data, path)[0]
     try:
         if data[:4] == b"DDS ":
             return from_blocks(_finest(dds.decoded(data, str(path))))[0]
@@ -97,8 +107,8 @@ def _alpha(channels: int) -> int:
     return 3 if channels == 4 else -1
 
 
-def _avif(data: bytes, path: Path) -> NDArray[np.generic]:
-    """(H, W, 1, 3 or 4) texels; files of more than 8 bits come with 8."""
+def _avif(data: bytes, path: Path) -> tuple[NDArray[np.generic], Declared]:
+    """(H, W, 1, 3 or 4) texels as stored, and what the file says of them; files of more than 8 bits come with 8."""
     from PIL import Image, features
 
     if not features.check("avif"):
@@ -106,8 +116,10 @@ def _avif(data: bytes, path: Path) -> NDArray[np.generic]:
     try:
         with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
             texels = np.asarray(image)
+            # Pillow gives the properties irot and imir as an orientation, and applies neither.
+            said = Declared(orientation=orientation(image.getexif().get(_ORIENTATION)), turn_is_pixels=True)
     except (OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(
             f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
         ) from error
-    return texels if texels.ndim == 3 else texels[..., None]
+    return (texels if texels.ndim == 3 else texels[..., None]), said

@@ -54,7 +54,7 @@ def take_specular(
                 f"map {SPECULAR} is {choice!r} beside a metallic map: a set has one of the two, add "
                 "--map metallic=none (maps in Python)"
             )
-        found = explicit(SPECULAR, str(choice), folder, "chosen by option").header
+        found = explicit(SPECULAR, str(choice), folder, options).header
     if found is None:
         return None
     if _word(found.path) in _WITH_GLOSS and found.alpha >= 0 and "roughness" not in chosen:
@@ -80,9 +80,9 @@ def _by_name(chosen: Mapping[str, Match], ignored: Sequence[IgnoredFile], option
     for item in ignored:
         word = _word(item.path)
         if word in _ALONE and gloss:
-            return read_header(item.path)
+            return read_header(item.path, SPECULAR, options.metadata)
         if word in _WITH_GLOSS and ("roughness" not in chosen or gloss):
-            header = read_header(item.path)
+            header = read_header(item.path, SPECULAR, options.metadata)
             if gloss or header.alpha >= 0:
                 return header
     return None
