@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import mipbake
+from mipbake._srgb import srgb_to_linear
 from mipbake.io.read import read_header, read_image
 
 from .gltf_files import GltfFile
@@ -103,3 +106,91 @@ def test_in_gltf_exif_is_ignored_and_that_is_said(tmp_path: Path) -> None:
     found = mipbake.load(made.write(tmp_path / "wood"))
     np.testing.assert_allclose(found.maps["normal"].pixels, normals, atol=0.02)
     assert any("Exif orientation 6 is ignored" in warning for warning in found.warnings)
+
+
+def bake_colour(tmp_path: Path, name: str, **options: Any) -> mipbake.TextureSet:
+    """The set whose base colour is a file that lies there."""
+    return mipbake.load([tmp_path / name], maps={"roughness": 0.5, "normal": None}, **options)
+
+
+COLOUR, ALPHA = np.array([0.8, 0.4, 0.2]), 0.5
+
+
+def write_alpha(path: Path, multiplied: bool, top: int = 255, grey: bool = False, extra: int | None = None) -> Path:
+    """A colour with alpha, which is 0 in one texel; `extra` is what TIFF says of alpha."""
+    colour = COLOUR[:1] if grey else COLOUR
+    texels = np.tile([*(colour * (ALPHA if multiplied else 1)), ALPHA], (4, 6, 1))
+    texels[0, 0] = 0
+    if path.suffix == ".exr":
+        return write_image(path, texels.astype(np.float32), "half")
+    texels = bytes_of(texels, top)
+    if path.suffix != ".tif":
+        return write_image(path, texels)
+    return write_tiff(path, texels, extra)
+
+
+def write_tiff(path: Path, texels: np.ndarray, extra: int | None) -> Path:
+    """One strip without compression, big-endian: no library writes every value of ExtraSamples."""
+    height, width, channels = texels.shape
+    bits = texels.dtype.itemsize * 8
+    tags = {256: [width], 257: [height], 258: [bits] * channels, 259: [1], 262: [2 if channels > 2 else 1]}
+    tags |= {273: [0], 277: [channels], 278: [height], 279: [texels.nbytes]}
+    tags |= {} if extra is None else {338: [extra]}
+    start = 8 + 2 + 12 * len(tags) + 4
+    tags[273] = [start + 2 * channels]
+    body = b"MM\0*" + struct.pack(">IH", 8, len(tags))
+    for tag, values in sorted(tags.items()):
+        raw = struct.pack(f">{len(values)}H", *values)
+        body += struct.pack(">HHI", tag, 3, len(values))
+        body += raw.ljust(4, b"\0") if len(raw) <= 4 else struct.pack(">I", start)
+    body += bytes(4) + struct.pack(f">{channels}H", *[bits] * channels)
+    path.write_bytes(body + texels.astype(texels.dtype.newbyteorder(">")).tobytes())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "multiplied", "asked"),
+    [
+        *((f"a_color.{suffix}", {}, False, None) for suffix in ("png", "webp", "tga")),
+        ("a_color.png", {"top": 65535}, False, None),
+        *(("a_color.tif", {"extra": extra, "top": top}, extra == 1, None) for extra in (1, 2) for top in (255, 65535)),
+        ("a_color.tif", {"extra": 1, "grey": True}, True, None),
+        ("a_color.tif", {"extra": None}, False, None),
+        ("a_color.exr", {}, True, None),
+        ("a_color.exr", {"grey": True}, True, None),
+        ("a_color.exr", {}, False, None),
+        ("a_color.exr", {}, False, "straight"),
+        ("a_color.png", {}, True, "premultiplied"),
+        ("a_color.tif", {"extra": 1}, False, "straight"),
+    ],
+)
+def test_colours_are_divided_by_alpha_where_the_file_says_so(
+    name: str, kind: dict, multiplied: bool, asked: str | None, tmp_path: Path
+) -> None:
+    """Straight colours in an EXR exceed their alpha, which cannot be, so they are taken as they are."""
+    write_alpha(tmp_path / name, multiplied, **kind)
+    found = bake_colour(tmp_path, name, alpha=asked)
+    wanted = COLOUR[:1].repeat(3) if kind.get("grey") else COLOUR
+    wanted = wanted if name.endswith("exr") else srgb_to_linear(wanted)
+    np.testing.assert_allclose(found.maps["base_color"].pixels[1:], np.broadcast_to(wanted, (3, 6, 3)), atol=0.015)
+    np.testing.assert_allclose(found.maps["opacity"].pixels[1:], ALPHA, atol=0.005)
+    assert any("are divided by it" in note for note in found.notes) == multiplied
+    doubted = name.endswith("exr") and not multiplied and not asked
+    assert any("exceed their alpha" in each for each in found.warnings) == doubted
+
+
+def test_values_beside_an_alpha_are_never_divided(tmp_path: Path) -> None:
+    texels = np.tile(np.array([0.2, 0.3, 0.4, 0.5], np.float32), (4, 4, 1))
+    write_image(tmp_path / "wood_maskmap.exr", texels, "half")
+    found = mipbake.load([tmp_path / "wood_maskmap.exr"], maps={"normal": None, "base_color": None})
+    np.testing.assert_allclose(found.maps["metallic"].pixels, 0.2, atol=1e-3)
+
+
+def test_colours_that_this_program_wrote_are_not_divided(tmp_path: Path) -> None:
+    """Colours in its EXR files are not multiplied by the alpha beside them."""
+    write_image(tmp_path / "a_color.png", np.tile(np.array([30, 20, 10, 200], np.uint8), (4, 4, 1)))
+    mipbake.bake(bake_colour(tmp_path, "a_color.png"), method="linear").save(tmp_path / "out")
+    (path,) = (each for each in (tmp_path / "out").glob("*color*.exr"))
+    (tmp_path / "b_color.exr").write_bytes(path.read_bytes())
+    again = bake_colour(tmp_path, "b_color.exr").maps["base_color"].pixels
+    np.testing.assert_allclose(again[0, 0], srgb_to_linear(np.array([30, 20, 10]) / 255), rtol=0.01)
