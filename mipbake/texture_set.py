@@ -278,7 +278,7 @@ def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str
         first = sources[0]
         assert first.path is not None
         image = read_image(first.path, first.layer, first.metadata)
-        return {s.role: decode_map(s, image, found.options.normal_length, into.get(s.role)) for s in sources}
+        return {s.role: decode_map(s, image, found.options, into.get(s.role)) for s in sources}
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
@@ -289,13 +289,11 @@ def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str
 
 def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
     """Over everything that decides the pixels: files, channels, encodings, convention and options."""
-    sources = [
-        (role, m.source.sha256, m.source.channels, m.source.encoding, m.source.inverted, m.source.constant)
-        for role, m in maps.items()
-    ]
+    read = [(role, m.source) for role, m in maps.items()]
+    sources = [(role, s.sha256, s.channels, s.encoding, s.inverted, s.constant, *s.applied) for role, s in read]
     asked = found.options
     factors = sorted(asked.factors.items())
-    options = (found.convention.name, asked.normal_length, asked.wrap, factors)
+    options = (found.convention.name, asked.normal_length, asked.wrap, factors, asked.alpha)
     return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
 
 

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import memory
+from mipbake.io.colour import unit_range
 from mipbake.io.declared_colour import Colour
-
-STRAIGHT, PREMULTIPLIED = "straight", "premultiplied"
-ALPHAS = (STRAIGHT, PREMULTIPLIED)
+from mipbake.io.options import STRAIGHT
 
 
 @dataclass(frozen=True)
@@ -168,10 +167,22 @@ def straight(colours: NDArray[np.generic], alpha: NDArray[np.generic]) -> NDArra
 
     Where alpha is 0 there is no colour to find: it stays as it is stored.
     """
-    from mipbake.io.colour import unit_range
-
     out = memory.empty(colours.shape)
     for some in memory.some_rows(out):
         weight = unit_range(alpha[some])[..., None]
         out[some] = unit_range(colours[some]) / np.where(weight > 0, weight, np.float32(1))
     return out
+
+
+def share_beyond(colours: NDArray[np.generic], alpha: NDArray[np.generic]) -> float:
+    """Share of the texels whose colour exceeds alpha, as no reflectance does that was multiplied by it."""
+    slack = np.float32(1.5 / np.iinfo(colours.dtype.name).max if colours.dtype.kind == "u" else _ROUNDED)
+    count = 0
+    for some in memory.some_rows(colours):
+        most = unit_range(alpha[some]) * (1 + np.float32(_ROUNDED)) + slack
+        count += int(np.count_nonzero(unit_range(colours[some]).max(-1) > most))
+    return count / alpha.size
+
+
+_ROUNDED = 2e-3
+"""What half floats, twice rounded, may be off."""

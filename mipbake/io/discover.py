@@ -24,7 +24,7 @@ from mipbake.io.matches import (
 from mipbake.io.messages import listed
 from mipbake.io.names import colour_space_of
 from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
-from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
+from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, STRAIGHT, LoadOptions
 from mipbake.io.read import Header
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken
 from mipbake.io.specular import take_specular
@@ -146,8 +146,16 @@ def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) 
         convention=c.meaning.convention,
         orientation=header.declared.orientation,
         layer=(header.declared.part, header.declared.layer),
+        alpha=_alpha(role, header, options),
         metadata=options.metadata,
     )
+
+
+def _alpha(role: str, header: Header, options: LoadOptions) -> str:
+    """Only colours are multiplied by alpha: beside values that are data it is one more of them."""
+    if role not in COLOUR_ROLES or header.alpha < 0:
+        return STRAIGHT
+    return options.alpha or header.declared.alpha
 
 
 def log_declared(header: Header, log: Log) -> None:

@@ -18,9 +18,10 @@ import numpy as np
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.colour_names import named_space
-from mipbake.io.declared import PREMULTIPLIED, STRAIGHT, Declared, Window, orientation
+from mipbake.io.declared import Declared, Window, orientation
 from mipbake.io.declared_colour import Colour, coded, primaries_of
 from mipbake.io.icc import profile_colour
+from mipbake.io.options import PREMULTIPLIED, STRAIGHT
 
 if TYPE_CHECKING:
     import OpenImageIO
