@@ -53,7 +53,9 @@ def basis(pixels: np.ndarray, codec: str, srgb: bool = True) -> bytes:
 
 
 @pytest.mark.parametrize("supercompress", [False, True])
-@pytest.mark.parametrize("name", [n for n in READ_FORMATS if "BC3" not in n])
+@pytest.mark.parametrize(
+    "name", [n for n in READ_FORMATS if not n.startswith(("BC1_RGBA", "BC2", "BC3", "UASTC_RRRG"))]
+)
 def test_level_0_of_every_format_is_read(name: str, supercompress: bool, tmp_path: Path) -> None:
     made = READ_FORMATS[name]
     level = smooth(channels=made.channels)
@@ -167,7 +169,6 @@ def test_sets_of_ktx2_and_webp_are_read(tmp_path: Path) -> None:
     found = mipbake.load(folder)
     assert "opacity" not in found.maps  # blocks of BC7 have an alpha that says nothing
     assert found.maps["base_color"].source.encoding == "sRGB"
-    assert "wood_basecolor.ktx2: the file says sRGB" in found.notes
     assert np.abs(found.maps["normal"].pixels - normals).mean() < 0.05
     assert not [text for text in found.warnings if "normals along the surface" not in text]
 

@@ -38,7 +38,7 @@ class Header:
     """What a header says.
 
     Args:
-        width, height: of level 0. levels: how many. dxgi: the DXGI format; 0 for one that an older header has.
+        width, height: of level 0. levels: how many. dxgi: the DXGI format; None for one that an older header has.
         alpha: what alpha is. several: what makes it more than one image, and how to get one; empty where it is one.
         size: of the header.
     """
@@ -46,7 +46,7 @@ class Header:
     width: int
     height: int
     levels: int
-    dxgi: int
+    dxgi: int | None
     alpha: int
     several: str
     size: int
@@ -57,9 +57,12 @@ def header(data: bytes) -> Header | None:
     if data[:4] != MAGIC or len(data) < 4 + _HEADER.size:
         return None
     fields = _HEADER.unpack_from(data, 4)
-    letters, caps2 = fields[10].to_bytes(4, "little"), fields[16]
-    dimension, misc, layers, alpha, dxgi, size = 0, 0, 1, 0, 0, 4 + _HEADER.size
-    if letters == b"DX10" and len(data) >= START:
+    letters, caps2 = fields[10].to_bytes(4, "little"), fields[17]
+    dimension, misc, layers, alpha, size = 0, 0, 1, 0, 4 + _HEADER.size
+    dxgi: int | None = None
+    if letters == b"DX10":
+        if len(data) < START:
+            return None
         dxgi, dimension, misc, layers, alpha = _DX10.unpack_from(data, size)
         size = START
     elif letters in _MULTIPLIED:
@@ -103,10 +106,10 @@ def decoded(data: bytes, name: str) -> GpuTexture:
         raise InputError(f"{name} is not a DDS file with a whole header")
     if found.several:
         raise InputError(f"{name} holds {found.several}")
-    if not found.dxgi:
+    if found.dxgi is None:
         raise InputError(f"{name} has an older DDS header: expected the header of Direct3D 10")
     width, height, count = found.width, found.height, found.levels
-    made = next((each for each in READ_FORMATS.values() if each.dxgi == found.dxgi), None)
+    made = next((each for each in READ_FORMATS.values() if found.dxgi and each.dxgi == found.dxgi), None)
     if made is None:
         known = ", ".join(name for name, each in READ_FORMATS.items() if each.dxgi)
         raise InputError(f"{name} has the DXGI format {found.dxgi}: expected one of {known}")

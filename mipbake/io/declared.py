@@ -37,10 +37,12 @@ class Declared:
         orientation: a number from 1 to 8, as in TIFF and Exif: how the stored rows and columns are turned.
         turn_is_pixels: whether every reader of the format must turn the image, as with TIFF, and not only those that
             care for Exif.
+        texels_alone: whether vectors keep their values where the image is turned: writers of KTX 2 turn what was right.
         window: where the stored texels lie; None where they are the image.
         channels: which stored channels the image has, in the order red, green, blue, alpha; empty for all of them.
         swizzle: what each channel of the image is, in letters: r, g, b, a, 0 or 1; empty for the channels as stored.
-        alpha: whether colours are multiplied by alpha ("premultiplied") or not ("straight").
+        alpha: whether colours are multiplied by alpha ("premultiplied") or not ("straight"), or alpha is no opacity
+            ("custom").
         colour: of the image's colours.
         part, layer: which of the file's images this is, and what its channels are called; of formats that have several.
         notes: what else is said, in sentences without the file's name.
@@ -49,6 +51,7 @@ class Declared:
 
     orientation: int = 1
     turn_is_pixels: bool = False
+    texels_alone: bool = False
     window: Window | None = None
     channels: tuple[int, ...] = ()
     swizzle: str = ""
@@ -70,7 +73,8 @@ def in_gltf(said: Declared) -> Declared:
     """What counts where a glTF document holds the image: the document says the rest, and its readers ignore Exif."""
     warnings = said.warnings
     if said.orientation != 1 and not said.turn_is_pixels:
-        warnings += (f"its Exif orientation {said.orientation} is ignored, as in all textures of glTF",)
+        key = "KTXorientation" if said.texels_alone else "Exif orientation"
+        warnings += (f"its {key} {said.orientation} is ignored, as in all textures of glTF",)
     return replace(
         said,
         orientation=said.orientation if said.turn_is_pixels else 1,

@@ -144,7 +144,7 @@ def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) 
         c.reason,
         channels_named=bool(c.meaning.channels),
         convention=c.meaning.convention,
-        orientation=header.declared.orientation,
+        orientation=1 if header.declared.texels_alone else header.declared.orientation,
         layer=(header.declared.part, header.declared.layer),
         alpha=_alpha(role, header, options),
         metadata=options.metadata,

@@ -20,6 +20,7 @@ from mipbake.io import disk
 from mipbake.io.colour_names import named_space
 from mipbake.io.declared import Declared, Window, orientation
 from mipbake.io.declared_colour import Colour, coded, primaries_of
+from mipbake.io.gpu_says import dds_said
 from mipbake.io.icc import profile_colour
 from mipbake.io.options import PREMULTIPLIED, STRAIGHT
 
@@ -229,4 +230,5 @@ _READERS: Mapping[str, Callable[[Path, Spec], Declared]] = {
     "tiff": _tiff,
     "targa": _targa,
     "jpegxl": _turned_by_its_decoder,
+    "dds": dds_said,
 }

@@ -15,7 +15,7 @@ from mipbake.io.json_text import parsed
 from mipbake.io.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
 from mipbake.io.messages import listed
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
-from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
+from mipbake.io.options import CUSTOM, ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
 from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import IgnoredFile, Log, spoken
@@ -239,6 +239,8 @@ def _preferred(role: str, several: Sequence[Match], options: LoadOptions, log: L
 def take_alpha_as_opacity(chosen: dict[str, Match], options: LoadOptions, log: Log) -> None:
     base = chosen.get("base_color")
     if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
+        return
+    if base.header.declared.alpha == CUSTOM:
         return
     chosen["opacity"] = Match(base.header, Meaning("opacity", "A"), BASE_ALPHA)
     log.notes.append(alpha_note(base.header.path))

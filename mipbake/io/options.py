@@ -35,6 +35,9 @@ NORMAL_CONVENTIONS = ("opengl", "directx")
 NORMAL_LENGTHS = ("ignore", "roughness")
 STRAIGHT, PREMULTIPLIED = "straight", "premultiplied"
 ALPHAS = (STRAIGHT, PREMULTIPLIED)
+CUSTOM = "custom"
+"""What a file may say, but no user: alpha is something else than opacity."""
+
 ORIGINS = ("option", "document")
 WRAP_MODES = ("wrap", "clamp")
 

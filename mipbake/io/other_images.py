@@ -1,4 +1,4 @@
-"""Images that OpenImageIO does not read: AVIF, and level 0 of KTX 2 textures and of DDS ones of half floats."""
+"""Images that OpenImageIO does not read: AVIF, level 0 of KTX 2 textures, and of some DDS ones."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from mipbake.errors import InputError, MipbakeError
 from mipbake.io import dds, ktx2
 from mipbake.io.blocks import from_blocks
-from mipbake.io.colour import LINEAR, SRGB
+from mipbake.io.colour import LINEAR
 from mipbake.io.declared import Declared, orientation
 from mipbake.io.declared_colour import Colour
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.io.gpu_says import ktx2_said, of_header
 from mipbake.io.messages import one_line
 from mipbake.io.uastc import transcoded
 
@@ -23,7 +24,7 @@ _AVIF = (b"ftypavif", b"ftypavis")
 _ORIENTATION = 0x112
 """Number of the tag, in TIFF and Exif."""
 
-START = 132
+START = dds.START
 """Bytes of a file that tell whether it is one of these."""
 
 _HALF_FLOATS = tuple(made.dxgi for made in GPU_FORMATS.values() if made.is_float)
@@ -37,8 +38,7 @@ class Outline:
         width, height: of level 0, in texels.
         channels: how many. alpha: the index of alpha; -1: none.
         depth: "uint8" or "half".
-        declared: what the file says of the image. Size and channels here are those of the stored texels, before it is
-            applied.
+        declared: what the file says of the image. The size here is that of the stored texels, before it is applied.
     """
 
     width: int
@@ -51,12 +51,17 @@ class Outline:
 
 def is_other(start: bytes) -> bool:
     """Whether a file with these first bytes is one of these images."""
-    return start[: len(ktx2.IDENTIFIER)] == ktx2.IDENTIFIER or start[4:12] in _AVIF or _is_half_dds(start)
+    return start[: len(ktx2.IDENTIFIER)] == ktx2.IDENTIFIER or start[4:12] in _AVIF or _is_other_dds(start)
 
 
-def _is_half_dds(start: bytes) -> bool:
-    dxgi = int.from_bytes(start[128:132], "little")
-    return start[:4] == b"DDS " and start[84:88] == b"DX10" and dxgi in _HALF_FLOATS
+def _is_other_dds(start: bytes) -> bool:
+    """Whether a DDS file has half floats, is older and has colours that are multiplied by alpha, or has to be refused
+    by the name of what it holds."""
+    head = dds.header(start)
+    if head is None:
+        return False
+    older = head.dxgi is not None and head.size < dds.START
+    return head.dxgi in _HALF_FLOATS or older or bool(head.several)
 
 
 def outline(data: bytes, path: Path) -> Outline:
@@ -64,23 +69,31 @@ def outline(data: bytes, path: Path) -> Outline:
     if data[4:12] in _AVIF:
         pixels, said = _avif(data, path)
         return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", said)
-    if data[:4] == b"DDS ":
-        texture = dds.decoded(data, str(path))
-        count = texture.format.channels
-        return Outline(texture.width, texture.height, count, _alpha(count), "half", _in(LINEAR))
+    if data[:4] == dds.MAGIC:
+        texture, head = dds.decoded(data, str(path)), dds.header(data[:START])
+        count, half = texture.format.channels, texture.format.is_float
+        said = Declared() if head is None else of_header(head, count, _alpha(count))
+        said = replace(said, colour=Colour(named=LINEAR, by="the file") if half else Colour())
+        depth = "half" if half else "uint8"
+        kept = len(said.channels) or count
+        return Outline(texture.width, texture.height, kept, _alpha(kept), depth, said)
     found = ktx2.outline(data, str(path))
-    said = _in(SRGB if found.srgb else LINEAR)
-    width, height = found.levels[0]
+    ktx2.check_single(found.several, str(path))
     if found.texels == ktx2.ETC1S:
-        channels = 4 if ktx2.has_alpha_slice(data) else 3
-        return Outline(width, height, channels, _alpha(channels), "uint8", said)
-    made = ktx2.stored(data, str(path)).format
-    depth = "half" if made.is_float else "uint8"
-    return Outline(width, height, made.channels, _alpha(made.channels), depth, said)
+        taken, alpha, depth = found.channels, found.alpha, "uint8"
+    else:
+        made = ktx2.stored(data, str(path)).format
+        taken, depth = made.decoded_channels, "half" if made.is_float else "uint8"
+        alpha = _alpha(len(taken))
+    said, count, alpha = ktx2_said(found, len(taken), alpha, _lost(taken, alpha))
+    return Outline(*found.levels[0], count, alpha, depth, said)
 
 
-def _in(space: str) -> Declared:
-    return Declared(colour=Colour(named=space, by="the file"))
+def _lost(taken: tuple[int, ...], alpha: int) -> str:
+    """Which letters of a swizzle mean what, where channels of decoded texels are left out, because they repeat red."""
+    if taken == (0, 3):
+        return "agbr" if alpha < 0 else "aggrbr"
+    return "grbr" if taken == (0,) else ""
 
 
 def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
@@ -88,11 +101,12 @@ def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
     if data[4:12] in _AVIF:
         return _avif(data, path)[0]
     try:
-        if data[:4] == b"DDS ":
-            return from_blocks(_finest(dds.decoded(data, str(path))))[0]
-        if ktx2.outline(data, str(path)).texels == ktx2.ETC1S:
-            texels: NDArray[np.generic] = transcoded(data)[..., : outline(data, path).channels]
-            return texels
+        if data[:4] == dds.MAGIC:
+            texels = from_blocks(_finest(dds.decoded(data, str(path))))[0]
+            return texels[..., list(outline(data, path).declared.channels) or slice(None)]
+        found = ktx2.outline(data, str(path))
+        if found.texels == ktx2.ETC1S:
+            return np.asarray(transcoded(data)[..., found.channels])
         return from_blocks(_finest(ktx2.decoded(data, str(path))))[0]
     except (MipbakeError, RuntimeError) as error:  # the transcoder of UASTC says RuntimeError
         told = one_line(str(error))

@@ -210,6 +210,8 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
         if others:
             told = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
             said = replace(said, notes=(*said.notes, told))
+    elif said.channels:
+        channels, alpha = len(said.channels), said.channels.index(alpha) if alpha in said.channels else -1
     elif kind == "tiff":
         count = 1
         while image.seek_subimage(count, 0):
