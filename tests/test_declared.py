@@ -114,7 +114,7 @@ Channels = dict[str, float]
 
 
 def write_exr(path: Path, *parts: Channels, names: Sequence[str] = (), window: Any = None, **attributes: Any) -> Path:
-    """An OpenEXR file of 6 x 4 texels in parts, with constant channels; `window`: x, y, and the display's width, height."""
+    """6 x 4 texels in parts, with constant channels; `window`: x, y, and width and height of the display window."""
     import OpenImageIO as oiio  # noqa: N813
 
     specs = []
