@@ -221,11 +221,8 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
     if layer is None and channels > 3:
         unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
         if unknown:
-            notes = (
-                *said.notes,
-                f"the file does not say what {listed(unknown)} of its channels mean: they are left out",
-            )
-            said = replace(said, notes=notes)
+            told = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
+            said = replace(said, notes=(*said.notes, told))
     said = said if metadata else in_gltf(said)
     width, height = said.size(spec.width, spec.height)
     return Header(path, width, height, channels, alpha, depth, said)
