@@ -12,6 +12,7 @@ import pytest
 
 import mipbake
 from mipbake._srgb import srgb_to_linear
+from mipbake.cli.main import main
 from mipbake.errors import InputError
 from mipbake.io.read import read_header, read_image
 
@@ -114,7 +115,7 @@ Channels = dict[str, float]
 
 
 def write_exr(path: Path, *parts: Channels, names: Sequence[str] = (), window: Any = None, **attributes: Any) -> Path:
-    """An OpenEXR file of 6 x 4 texels in parts, with constant channels; `window`: x, y, and the display's width, height."""
+    """6 x 4 texels in parts, with constant channels; `window`: x, y, and width and height of the display window."""
     import OpenImageIO as oiio  # noqa: N813
 
     specs = []
@@ -323,3 +324,38 @@ def test_windows_without_sense_are_refused(window: tuple[int, ...], tmp_path: Pa
     path = write_exr(tmp_path / "a.exr", RGB, window=window)
     with pytest.raises(InputError, match=r"a\.exr stores 6 x 4 texels at .* expected a data window within"):
         read_header(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "alpha", "note"), [(1, "straight", True), (3, "straight", False), (4, "premultiplied", False)]
+)
+@pytest.mark.parametrize("corner", [0, 0x10, 0x20, 0x30])
+def test_what_targa_says(corner: int, kind: int, alpha: str, note: bool, tmp_path: Path) -> None:
+    """The corner that texels begin in, and the kind of alpha."""
+    image = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+    stored = image[:: 1 if corner & 0x20 else -1, :: -1 if corner & 0x10 else 1, [2, 1, 0, 3]]
+    head = bytes([0, 0, 2, *bytes(9)]) + struct.pack("<HH", 3, 2) + bytes([32, corner | 8])
+    data = head + np.ascontiguousarray(stored).tobytes()
+    extension = struct.pack("<H", 495) + bytes(492) + bytes([kind])
+    path = tmp_path / "a.tga"
+    path.write_bytes(data + extension + struct.pack("<II", len(data), 0) + b"TRUEVISION-XFILE.\0")
+    found = read_image(path)
+    np.testing.assert_array_equal(found.pixels, image)
+    assert (found.header.declared.alpha, bool(found.header.declared.notes)) == (alpha, note)
+
+
+def test_channels_without_a_meaning_are_told(tmp_path: Path) -> None:
+    write_alpha(tmp_path / "a_color.tif", False, extra=0)
+    found = bake_colour(tmp_path, "a_color.tif")
+    assert "opacity" not in found.maps
+    assert "a_color.tif: the file does not say what is in its channels channel3: they are left out" in found.notes
+
+
+def test_the_command_line_decides_over_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_alpha(tmp_path / "a_color.tif", True, extra=1)
+    given = ["inspect", str(tmp_path), "--map", "roughness=0.5", "--map", "normal=none"]
+    for asked, divided in ([], True), (["--alpha", "straight"], False):
+        assert main([*given, *asked]) == 0
+        assert ("are divided by it" in capsys.readouterr().out) == divided
+    assert main([*given, "--alpha", "half"]) == 2
+    assert "straight, premultiplied" in capsys.readouterr().err

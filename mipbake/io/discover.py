@@ -192,19 +192,17 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
         log.notes.append(f"{name}: its name says {what}")
         return named
     encoding, colour = default_colour_space(header.is_integer), header.declared.colour
-    if colour.space is not None:
-        said = canonical_colour_space(colour.space)
-        if said != encoding or colour.named:
-            log.notes.append(f"{name}: {colour.by} says {said}")
-        return said
+    said = None if colour.space is None else canonical_colour_space(colour.space)
+    if said is not None and (said != encoding or colour.named):
+        log.notes.append(f"{name}: {colour.by} says {said}")
+    elif header.depth not in ("uint8", "half", "float"):
+        log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
     if colour.unknown:
         log.warnings.append(
             f"{name}: {colour.by} says colours that are not known here ({colour.unknown}), which are taken as "
             f"{encoding}: convert them, or say what they are (--colour-space, colour_space in Python)"
         )
-    if header.depth not in ("uint8", "half", "float"):
-        log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
-    return encoding
+    return said or encoding
 
 
 def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:

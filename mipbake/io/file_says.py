@@ -49,9 +49,11 @@ def _turned_by_its_decoder(path: Path, spec: Spec) -> Declared:
 
 
 def _profile(spec: Spec) -> Colour:
-    """What an ICC profile says; nothing where there is none."""
-    profile = spec.getattribute("ICCProfile")
-    return Colour() if profile is None else profile_colour(np.asarray(profile, np.uint8).tobytes())
+    """What an ICC profile says, else code points; nothing where there is neither."""
+    profile, codes = spec.getattribute("ICCProfile"), spec.getattribute("CICP")
+    if profile is not None:
+        return profile_colour(np.asarray(profile, np.uint8).tobytes())
+    return coded(int(codes[0]), int(codes[1]), "its code points") if codes is not None else Colour()
 
 
 def _openexr(path: Path, spec: Spec) -> Declared:
@@ -220,7 +222,9 @@ def _tiff_shorts(path: Path, tag: int) -> tuple[int, ...]:
 def _targa(path: Path, spec: Spec) -> Declared:
     """Kind 4 of the extension area; OpenImageIO puts the first texel into the top left corner itself."""
     del path
-    return Declared(alpha=PREMULTIPLIED if spec.getattribute("targa:alpha_type") == 4 else STRAIGHT)
+    kind = spec.getattribute("targa:alpha_type")
+    notes = ("it says that its alpha has no meaning, but it is read",) if kind in (1, 2) else ()
+    return Declared(alpha=PREMULTIPLIED if kind == 4 else STRAIGHT, notes=notes)
 
 
 _READERS: Mapping[str, Callable[[Path, Spec], Declared]] = {

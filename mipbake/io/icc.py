@@ -87,7 +87,8 @@ def _curve(data: bytes) -> NDArray[np.float64]:
         raise ValueError(kind)
     (form,) = struct.unpack_from(">H", data, 8)
     count = (1, 3, 4, 5, 7)[form]
-    g, a, b, c, d, e, f = (*np.frombuffer(data, ">i4", count, 12) / 65536, *np.zeros(7 - count))
+    given = [value / 65536 for value in struct.unpack_from(f">{count}i", data, 12)]
+    g, a, b, c, d, e, f = given + [0.0] * (7 - count)
     if form == 0:
         return np.asarray(_GRID**g)
     curved = np.maximum(a * _GRID + b, 0) ** g

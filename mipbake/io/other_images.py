@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, MipbakeError
-from mipbake.io import dds, ktx2
+from mipbake.io import avif, dds, ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import LINEAR
-from mipbake.io.declared import Declared, orientation
+from mipbake.io.declared import Declared
 from mipbake.io.declared_colour import Colour
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
 from mipbake.io.gpu_says import ktx2_said, of_header
@@ -21,9 +20,6 @@ from mipbake.io.messages import one_line
 from mipbake.io.uastc import transcoded
 
 _AVIF = (b"ftypavif", b"ftypavis")
-_ORIENTATION = 0x112
-"""Number of the tag, in TIFF and Exif."""
-
 START = dds.START
 """Bytes of a file that tell whether it is one of these."""
 
@@ -67,7 +63,7 @@ def _is_other_dds(start: bytes) -> bool:
 def outline(data: bytes, path: Path) -> Outline:
     """What is known of an image. InputError where it is broken or of a kind that is not read."""
     if data[4:12] in _AVIF:
-        pixels, said = _avif(data, path)
+        pixels, said = avif.decoded(data, path)
         return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", said)
     if data[:4] == dds.MAGIC:
         texture, head = dds.decoded(data, str(path)), dds.header(data[:START])
@@ -99,7 +95,7 @@ def _lost(taken: tuple[int, ...], alpha: int) -> str:
 def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
     """(H, W, C) texels of level 0, uint8 or float16. InputError where they cannot be decoded."""
     if data[4:12] in _AVIF:
-        return _avif(data, path)[0]
+        return avif.decoded(data, path)[0]
     try:
         if data[:4] == dds.MAGIC:
             texels = from_blocks(_finest(dds.decoded(data, str(path))))[0]
@@ -119,21 +115,3 @@ def _finest(texture: GpuTexture) -> GpuTexture:
 
 def _alpha(channels: int) -> int:
     return 3 if channels == 4 else -1
-
-
-def _avif(data: bytes, path: Path) -> tuple[NDArray[np.generic], Declared]:
-    """(H, W, 1, 3 or 4) texels as stored, and what the file says of them; files of more than 8 bits come with 8."""
-    from PIL import Image, features
-
-    if not features.check("avif"):
-        raise InputError(f"{path} is an AVIF image, which this build of Pillow does not read: convert it to PNG")
-    try:
-        with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
-            texels = np.asarray(image)
-            # Pillow gives the properties irot and imir as an orientation, and applies neither.
-            said = Declared(orientation=orientation(image.getexif().get(_ORIENTATION)), turn_is_pixels=True)
-    except (OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InputError(
-            f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
-        ) from error
-    return (texels if texels.ndim == 3 else texels[..., None]), said

@@ -17,7 +17,7 @@ from mipbake import memory
 from mipbake.errors import InputError
 from mipbake.io import disk
 from mipbake.io.declared import Declared, arranged, in_gltf
-from mipbake.io.messages import told_by
+from mipbake.io.messages import listed, told_by
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -220,6 +220,11 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
         image.seek_subimage(0, 0)
         if count > 1:
             said = replace(said, warnings=(*said.warnings, f"it holds {count} images: only the first is read"))
+    if layer is None and channels > 3:
+        unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
+        if unknown:
+            told = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
+            said = replace(said, notes=(*said.notes, told))
     said = said if metadata else in_gltf(said)
     width, height = said.size(spec.width, spec.height)
     return Header(path, width, height, channels, alpha, depth, said)

@@ -62,12 +62,14 @@ def take_specular(
         if "roughness" not in options.maps:
             chosen["roughness"] = Match(found, gloss, f"named {_word(found.path)}")
     space = options.colour_space
-    encoding = default_colour_space(found.is_integer) if space is None else canonical_colour_space(space)
+    encoding = canonical_colour_space(space or found.colour_space or default_colour_space(found.is_integer))
     channels = "RGB" if found.channels - (found.alpha >= 0) >= 3 else "Y"
     reason = f"{_CONVERTED} (of {chosen['base_color'].header.path.name})" if "base_color" in chosen else _CONVERTED
     return MapSource(
         *("metallic", found.path, channels, found.width, found.height, found.depth, encoding, False, reason),
         converted=True,
+        layer=(found.declared.part, found.declared.layer),
+        metadata=options.metadata,
     )
 
 
