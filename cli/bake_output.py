@@ -93,7 +93,8 @@ class Printer(Listener):
     def document(self, result: BakedDocument, bytes_before: int) -> None:
         """See Listener."""
         sizes = f"{bytes_before / 1e6:.2f} MB in, {result.bytes / 1e6:.2f} MB out"
-        self.session.print(f"wrote {result.out}: {sizes}")
+        plain = ["textures with plain levels, PSNR of their blocks:"] if result.plain else []
+        self.session.print(*plain, *(f"  {cost}" for cost in result.plain), f"wrote {result.out}: {sizes}")
 
     def failed(self, failure: NotBaked) -> None:
         """See Listener."""
@@ -109,7 +110,7 @@ def told(result: Result) -> dict[str, Any]:
     if isinstance(result, Planned):
         return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, "planned": result.why}
     if isinstance(result, BakedDocument):
-        about = {"document": True, "files": result.files, "measured": result.measured}
+        about = {"document": True, "files": result.files, "measured": result.measured, "plain": result.plain}
         return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, **about}
     return {
         "source": result.source,

@@ -15,7 +15,7 @@ from mipbake._allocator import keep_freed_memory
 from mipbake.cli.session import Session
 from mipbake.device import PROCESSOR
 from mipbake.errors import UsageError
-from mipbake.io.options import NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
+from mipbake.io.options import ALPHAS, NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
 from mipbake.memory import default, limited, parsed, told
 from mipbake.pixel_filter import FILTERS
 
@@ -80,6 +80,14 @@ def _reading(
         Optional[bool],  # noqa: UP045
         typer.Option("--gloss/--no-gloss", help="Whether the roughness map is inverted.", show_default="by file name"),
     ] = DEFAULTS.roughness_is_gloss,
+    alpha: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar=one_of(ALPHAS),
+            help="Whether colours beside an alpha are stored as they are, or multiplied by it.",
+            show_default="as the file says",
+        ),
+    ] = DEFAULTS.alpha,
     wrap_u: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.")] = DEFAULTS.wrap[0],
     wrap_v: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.")] = DEFAULTS.wrap[1],
 ) -> LoadOptions:
@@ -90,6 +98,7 @@ def _reading(
         normal_convention=normal_convention,
         normal_length=normal_length,
         roughness_is_gloss=gloss,
+        alpha=alpha,
         wrap=(wrap_u, wrap_v),
     )
 

@@ -12,6 +12,7 @@ from mipbake.bake import bake
 from mipbake.directions import facing, led
 from mipbake.errors import UsageError
 from mipbake.io.colour import unit_range
+from mipbake.io.declared import turn_vectors
 from mipbake.io.decode import unit_directions
 from mipbake.io.layout import LAYOUTS, channels_of
 from mipbake.io.normal import normalised
@@ -132,7 +133,7 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
     unit, source = texture_set.maps[role].pixels, texture_set.maps[role].source
     if source.path is None:
         return unit
-    stored = unit_range(taken(source, read_image(source.path)))
+    stored = unit_range(taken(source, read_image(source.path, source.layer, source.metadata)))
     count = min(stored.shape[2], 3 if role == "normal" else 2)
     if stored.shape[:2] != unit.shape[:2] or count < 2:
         return unit
@@ -141,11 +142,13 @@ def _as_stored(texture_set: TextureSet, role: str) -> Level:
     if role == "normal":
         if texture_set.convention.name == "directx":
             vectors[..., 1] *= -1
+        turn_vectors(vectors, source.orientation)
         again = normalised(vectors)
         # What was not a normal has been filled from around it.
         filled = holes(again, np.linalg.norm(vectors, axis=-1))
         vectors[filled], again[filled] = unit[filled], unit[filled]
     else:
+        turn_vectors(vectors, source.orientation)
         again[..., :2] = unit_directions(vectors[..., :2])
     return vectors if np.abs(again - unit).max() < _SAME else unit
 

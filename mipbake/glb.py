@@ -4,6 +4,7 @@ own."""
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,14 +15,14 @@ from typing import Any
 from mipbake._version import __version__
 from mipbake.content import Content, Recipe
 from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.glb_plain import averaged_files
+from mipbake.glb_plain import PlainCost, averaged_files
 from mipbake.io import json_text, ktx2
 from mipbake.io.blocks import from_blocks
 from mipbake.io.decode import resized
 from mipbake.io.gltf.container import unpacked
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.materials import GltfBake
-from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.gltf.plain import SIDE, PlainTexture
 from mipbake.io.gltf.quad import QuadOptions, standalone
 from mipbake.io.gltf.ranges import Ranges, usual_ranges
 from mipbake.io.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
@@ -34,9 +35,6 @@ from mipbake.material import GLTF_MODELS
 from mipbake.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.packing import Normals
 from mipbake.texture_set import TextureSet
-
-SIDE = 4
-"""The specification of KHR_texture_basisu takes images whose sides are multiples of it."""
 
 _OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
@@ -167,25 +165,32 @@ def save_document(
     plain: Sequence[PlainTexture] = (),
     levels: int | None = None,
     recipe: Recipe | None = None,
-) -> None:
+) -> tuple[PlainCost, ...]:
     """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
 
     Args:
-        plain: textures that are averaged. levels: how many they get; None for all.
+        plain: textures that are averaged, unless blocks cost them too much. levels: how many they get; None for all.
         recipe: hashes of what it is made from, which `made_from` gives back.
+
+    Returns:
+        What blocks cost the averaged textures.
 
     Raises:
         OutputError: the file is somebody else's, or cannot be written.
     """
     check_file(path, document.path)
+    averaged = averaged_files(document, plain, levels)
+    costs = tuple(cost for *_, cost in averaged)
     about = {
         "version": __version__,
         "materials": {bake.name: _about(stack, made) for bake, stack, made in results},
+        **({"plain": [str(cost) for cost in costs]} if costs else {}),
         **({"recipe": dict(recipe)} if recipe else {}),
     }
     baked = [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results]
-    data = rewritten(document, baked, about, averaged_files(document, plain, levels))
-    replaced_file(path, data)
+    shown = [(texture, data) for texture, data, cost in averaged if not cost.stays]
+    replaced_file(path, rewritten(document, baked, about, shown))
+    return costs
 
 
 def check_file(path: Path, *sources: Path) -> None:
@@ -216,15 +221,18 @@ def _multiple(side: int) -> int:
 
 
 def multiple_of_side(texture_set: TextureSet) -> TextureSet:
-    """A texture set whose sides are multiples of `SIDE`, resampled upwards and noted where they were not."""
+    """A texture set whose sides are multiples of `SIDE`, resampled upwards and noted where they were not.
+
+    Emission, which does not share the texels, is enlarged by whole factors: every texel keeps its value.
+    """
     width, height = (_multiple(side) for side in (texture_set.width, texture_set.height))
     maps = dict(texture_set.maps)
     for role, each in texture_set.maps.items():
-        rows, columns = each.pixels.shape[:2]
         if role in SHADING_ROLES:
             maps[role] = resized(each, width, height, texture_set.wrap)
         elif role == "emissive":
-            maps[role] = resized(each, _multiple(columns), _multiple(rows), texture_set.wrap)
+            rows, columns = (SIDE // math.gcd(SIDE, side) for side in each.pixels.shape[:2])
+            maps[role] = replace(each, pixels=each.pixels.repeat(rows, 0).repeat(columns, 1))
     if (width, height) == (texture_set.width, texture_set.height):
         return replace(texture_set, maps=maps)
     note = (

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 from mipbake._version import __version__
 from mipbake.fill import fill
 from mipbake.io import ktx2
+from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import SRGB, decode, unit_range
-from mipbake.io.decode import upsample
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.extracted import Extracted
-from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.gltf.plain import PlainTexture, shown_by
 from mipbake.io.gltf.slots import COLOUR
-from mipbake.io.gltf.write import SIDE
 from mipbake.io.gpu_files import KTX2, GpuFile
+from mipbake.io.gpu_format import GpuTexture
 from mipbake.io.layout import COLOUR as COLOUR_ENCODING
 from mipbake.io.layout import UNIT, FileChannel, FileLayout
 from mipbake.io.map_files import Levels, MapFile, quantised_levels
@@ -32,13 +33,40 @@ from mipbake.pixel_filter import filtered_levels
 
 Image = NDArray[np.float32]
 
+LEAST_PSNR = 40.0
+"""dB of level 0, below which blocks visibly change a texture, which then stays as it is. A guess."""
+
+
+@dataclass(frozen=True)
+class PlainCost:
+    """What blocks cost an averaged texture.
+
+    Args:
+        shown: what shows it.
+        psnr: peak signal-to-noise ratio of level 0, in dB, of stored values between 0 and 1; infinite where nothing
+            changed.
+    """
+
+    shown: str
+    psnr: float
+
+    @property
+    def stays(self) -> bool:
+        """Whether the document keeps the image as it is, because blocks cost it too much."""
+        return self.psnr < LEAST_PSNR
+
+    def __str__(self) -> str:
+        if self.stays:
+            return f"{self.shown} stays as it is: blocks would leave it {self.psnr:.1f} dB, less than {LEAST_PSNR:g}"
+        return f"{self.shown}: {'exact' if self.psnr == float('inf') else f'{self.psnr:.1f} dB'}"
+
 
 def averaged_files(
     document: Document, plain: Sequence[PlainTexture], levels: int | None = None
-) -> list[tuple[PlainTexture, bytes]]:
-    """Gives each texture a KTX 2 file of box-filtered levels: level 0 is the image, resampled where its sides are not
-    multiples of `SIDE`. Colours are averaged linearly, by opacity where they have one, and opacity that is tested
-    against a cutoff keeps its coverage.
+) -> list[tuple[PlainTexture, bytes, PlainCost]]:
+    """Gives each texture a KTX 2 file of box-filtered levels, and says what its blocks cost: level 0 is the image.
+    Colours are averaged linearly, by opacity where they have one, and opacity that is tested against a cutoff keeps its
+    coverage.
 
     Args:
         document: the document that the textures belong to.
@@ -50,13 +78,15 @@ def averaged_files(
     container = GpuFile(KTX2, GLB_TEXELS[0])
     about = json.dumps({"method": "linear", "pixel_filter": "box", "version": __version__})
 
-    def encode(given: tuple[PlainTexture, Image]) -> tuple[PlainTexture, bytes]:
+    def encode(given: tuple[PlainTexture, Image]) -> tuple[PlainTexture, bytes, PlainCost]:
         texture, pixels = given
         chain = averaged(texture, pixels)[:levels]
         kinds = [COLOUR_ENCODING if texture.holds == COLOUR else UNIT] * 3 + [UNIT] * (pixels.shape[-1] - 3)
         layout = FileLayout("plain", tuple(FileChannel("plain", i, kind, "") for i, kind in enumerate(kinds)), False)
-        file = MapFile(container, layout, chain)
-        return texture, ktx2.encoded(container.texture(layout, quantised_levels(file), about), supercompress=True)
+        wanted = quantised_levels(MapFile(container, layout, chain))
+        made = container.texture(layout, wanted, about)
+        cost = PlainCost(shown_by(document, texture), _psnr(made, wanted[0]))
+        return texture, b"" if cost.stays else ktx2.encoded(made, supercompress=True), cost
 
     with temporary_folder() as folder, ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
         images = _Images(document, folder)
@@ -70,16 +100,22 @@ class _Images:
         self._images = Extracted(document, folder)
 
     def pixels_of(self, texture: PlainTexture) -> Image:
-        """(H, W, 3), or 4 with the alpha that is read, in [0, 1], linear, sides multiples of `SIDE`."""
+        """(H, W, 3), or 4 with the alpha that is read, in [0, 1], linear."""
         header, stored = self._images.header(texture.image), self._images.pixels(texture.image)
         several = header.channels - (header.alpha >= 0) >= 3
         colours = np.broadcast_to(stored[..., :3] if several else stored[..., :1], (*stored.shape[:2], 3))
         parts = [decode(colours, SRGB) if texture.holds == COLOUR else unit_range(colours)]
         if texture.alpha:
             parts.append(unit_range(stored[..., header.alpha : header.alpha + 1]))
-        pixels = np.concatenate(parts, -1)
-        height, width = (-(-side // SIDE) * SIDE for side in pixels.shape[:2])
-        return np.ascontiguousarray(upsample(pixels, width, height, texture.wrap))
+        return np.ascontiguousarray(np.concatenate(parts, -1))
+
+
+def _psnr(made: GpuTexture, wanted: NDArray[np.generic]) -> float:
+    """Of level 0 of a texture, which has been made of texels of 8 bits."""
+    (found,) = from_blocks(replace(made, levels=made.levels[:1]))
+    error = np.subtract(found[..., : wanted.shape[-1]], wanted, dtype=np.float32) / np.float32(255)
+    mean = float(np.square(error).mean(dtype=np.float64))
+    return float("inf") if mean == 0 else float(-10 * np.log10(mean))
 
 
 def averaged(texture: PlainTexture, pixels: Image) -> Levels:

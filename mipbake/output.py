@@ -14,6 +14,9 @@ from mipbake.io.quantise import fits
 from mipbake.io.tiles import name_without, names_tile
 from mipbake.packing import SEPARATE, SOURCE, Normals, pack
 
+BLOCK = 4
+"""Texels along a side of a block."""
+
 
 @dataclass(frozen=True)
 class Output:
@@ -97,7 +100,8 @@ def planned(output: Output, content: Content, levels: int | None = None, beside:
             them.
 
     A file with values outside 0 to 1 (emission, heights) takes half floats where its texels would be integers and the
-    container has them.
+    container has them. Where the format names no texels, a file whose sides are not whole blocks takes texels without
+    blocks.
     """
     files = []
     packing = SEPARATE if output.packing == SOURCE and not content.source_files else output.packing
@@ -106,6 +110,8 @@ def planned(output: Output, content: Content, levels: int | None = None, beside:
         container = output.container
         if packed.name in output.texels:
             container = FORMATS[container.name][output.texels[packed.name]]
+        elif output.format == container.name and not whole_blocks(chain):
+            container = _without_blocks(container)
         container = _fitting(container, named, chain)
         if beside and not packed.shades and container.encodings != ENCODINGS and not _fits(container, named, chain):
             continue
@@ -119,6 +125,43 @@ def _name(output: Output, set_name: str, packed: FileLayout, tile: int) -> str:
         return output.naming.format(set=set_name, file=file)
     name = output.naming.format(set=name_without(set_name, tile), file=file)
     return name if names_tile(file, tile) else f"{name}.{tile}"
+
+
+def whole_blocks(levels: Levels) -> bool:
+    """Whether level 0 is made of whole blocks of 4 x 4 texels, as Direct3D, WebGL and WebGPU want it."""
+    return not any(side % BLOCK for side in levels[0].shape[:2])
+
+
+def block_warnings(outputs: Sequence[Output], content: Content, names_texels: bool = True) -> list[str]:
+    """A sentence for each output with files of blocks that some sizes do not fill.
+
+    `names_texels`: whether outputs count whose format names their texels.
+    """
+    odd = [chain[0].shape[1::-1] for _, chain in content.maps() if not whole_blocks(chain)]
+    said = []
+    for output in outputs if odd else ():
+        container = output.container
+        size = f"files of {' x '.join(map(str, odd[0]))} texels"
+        plain = f"{container.name}:{_without_blocks(container).texels}"
+        if container.exact or not container.ladder:
+            continue
+        if output.format == container.name:
+            said.append(
+                f"{output.format}: {size} are not compressed, because Direct3D, WebGL and WebGPU take blocks only with "
+                f"sides that are multiples of {BLOCK}: resize the maps to have them compressed"
+            )
+        elif names_texels:
+            said.append(
+                f"{output.format}: {size} are made of blocks, and Direct3D, WebGL and WebGPU take such files only with "
+                f"sides that are multiples of {BLOCK}: resize the maps, or use --format {plain}"
+            )
+    return said
+
+
+def _without_blocks(container: Container) -> Container:
+    """The container with the smallest texels that are not compressed."""
+    plain = (FORMATS[container.name][texels] for texels in container.ladder)
+    return next((each for each in plain if each.exact), container)
 
 
 def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Container:

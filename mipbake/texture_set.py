@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake.directions import untangled
 from mipbake.errors import InputError, UsageError
 from mipbake.io.colour import LINEAR
+from mipbake.io.declared import turn_vectors
 from mipbake.io.decode import (
     DecodedMap,
     TextureMap,
@@ -200,7 +201,9 @@ def load(
     into = places(found, _ARRAY_CHANNELS)
     decoded = _read(found, into)
     normals = decoded["normal"].map.pixels
-    found = settle_convention(found, tiles(normals), is_constant(normals))
+    some, orientation = tiles(normals), found.sources["normal"].orientation
+    turn_vectors(some, orientation)  # green down then looks like red to the left, or like green down
+    found = settle_convention(found, some, is_constant(normals))
     warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
     maps: dict[str, TextureMap] = {}
     for role in found.sources:
@@ -213,6 +216,8 @@ def load(
             continue
         if role == "normal" and found.convention.name == "directx":
             texture.pixels[..., 1] *= -1
+        if role == "normal":
+            turn_vectors(texture.pixels, orientation)
         if role in options.factors:
             texture = replace(texture, pixels=scaled(texture.pixels, role, options.factors[role]))
         maps[role] = resized(texture, found.width, found.height, options.wrap) if role in SHADING_ROLES else texture
@@ -259,36 +264,36 @@ def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
 
 def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
     """Every source decoded at its own size; each file is read once, files side by side. `into`: from `places`."""
-    by_file: dict[Path, list[MapSource]] = {}
+    by_file: dict[tuple[Path, tuple[int, str]], list[MapSource]] = {}
     decoded: dict[str, DecodedMap] = {}
     for role, source in found.sources.items():
         if source.path is not None:
-            by_file.setdefault(source.path, []).append(source)
+            by_file.setdefault((source.path, source.layer), []).append(source)
         elif role in SHADING_ROLES:
             decoded[role] = DecodedMap(constant_map(source, found.width, found.height, into.get(role)))
         else:
             decoded[role] = DecodedMap(constant_map(source, 1, 1))
 
-    def read_file(item: tuple[Path, list[MapSource]]) -> dict[str, DecodedMap]:
-        image = read_image(item[0])
-        return {s.role: decode_map(s, image, found.options.normal_length, into.get(s.role)) for s in item[1]}
+    def read_file(sources: list[MapSource]) -> dict[str, DecodedMap]:
+        first = sources[0]
+        assert first.path is not None
+        image = read_image(first.path, first.layer, first.metadata)
+        return {s.role: decode_map(s, image, found.options, into.get(s.role)) for s in sources}
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
-        for part in pool.map(read_file, by_file.items()):
+        for part in pool.map(read_file, by_file.values()):
             decoded.update(part)
     return decoded
 
 
 def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
     """Over everything that decides the pixels: files, channels, encodings, convention and options."""
-    sources = [
-        (role, m.source.sha256, m.source.channels, m.source.encoding, m.source.inverted, m.source.constant)
-        for role, m in maps.items()
-    ]
+    read = [(role, m.source) for role, m in maps.items()]
+    sources = [(role, s.sha256, s.channels, s.encoding, s.inverted, s.constant, *s.applied) for role, s in read]
     asked = found.options
     factors = sorted(asked.factors.items())
-    options = (found.convention.name, asked.normal_length, asked.wrap, factors)
+    options = (found.convention.name, asked.normal_length, asked.wrap, factors, asked.alpha)
     return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
 
 

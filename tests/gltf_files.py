@@ -25,11 +25,15 @@ DRACO = bytes(range(7, 107))
 
 @cache
 def png(kind: str, size: int = 16, channels: int = 3) -> bytes:
-    """A PNG whose pixels follow from its arguments; `kind` "normal" is a smooth normal map, green up."""
+    """A PNG whose pixels follow from its arguments; `kind` "normal" is a smooth normal map, green up, "smooth" a ramp
+    that blocks hold, and all else is noise."""
     rng = np.random.default_rng([size, channels, *kind.encode()])
     pixels = rng.integers(30, 220, (size, size, channels)).astype(np.uint8)
     if kind.startswith("normal"):
         pixels = encoded(height_field(size, size, seed=len(kind)))
+    elif kind.startswith("smooth"):
+        ramp = np.add.outer(np.arange(size) * 4, np.arange(size) * 8)[..., None]
+        pixels = (20 + ramp * 200 // (12 * size) + len(kind) * np.arange(channels)).astype(np.uint8)
     with tempfile.TemporaryDirectory() as folder:
         return write_image(Path(folder) / "a.png", pixels).read_bytes()
 

@@ -51,10 +51,13 @@ def encoded(normals: np.ndarray, directx: bool = False) -> np.ndarray:
 
 
 def pixels_for(role: str, size: int = 32) -> np.ndarray:
-    """(size, size, C) uint8 that is plausible for a role: base_color, normal, packed, packed_alpha or any grey map."""
+    """(size, size, C) uint8 that is plausible for a role: base_color, normal, normal_alpha, packed, packed_alpha or any
+    grey map."""
     rng = np.random.default_rng(len(role))
     if role == "normal":
         return encoded(height_field(size, size))
+    if role == "normal_alpha":
+        return np.concatenate([encoded(height_field(size, size)), pixels_for("roughness", size)], -1)
     channels = {"base_color": 3, "emissive": 3, "packed": 3, "packed_alpha": 4, "anisotropy": 3}.get(role, 1)
     return rng.integers(20, 235, (size, size, channels)).astype(np.uint8)
 

@@ -89,7 +89,7 @@ COLOUR_MODEL = struct.unpack_from("<I", ktx2(1), 48)[0] + 12
     [
         (of_another_kind(COLOUR_MODEL, "<B", 163), "ETC1S, linear, 8 x 8, 4 levels"),
         (of_another_kind(COLOUR_MODEL, "<B", 200), "colour model 200, linear, 8 x 8, 4 levels"),
-        (of_another_kind(12, "<I", 157), "Vulkan format 157, linear, 8 x 8, 4 levels"),
+        (of_another_kind(12, "<I", 157), "UASTC (Vulkan format 157), linear, 8 x 8, 4 levels"),
         (of_another_kind(36, "<I", 6), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
         (of_another_kind(44, "<I", 1), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
     ],

@@ -104,6 +104,41 @@ PROVIDERS: dict[str, Files] = {
         "vbrkbj_2K_Gloss.jpg": ("roughness", {"roughness": ("Y", True)}),
         "vbrkbj_2K_Cavity.jpg": ("occlusion", {}),
     },
+    "megascans": {
+        "T_Moss_2K_D.png": ("base_color", {"base_color": ("RGB", False)}),
+        "T_Moss_2K_N.png": ("normal", {"normal": ("RGB", False)}),
+        "T_Moss_2K_ORDp.png": (
+            "packed",
+            {"occlusion": ("R", False), "roughness": ("G", False), "height": ("B", False)},
+        ),
+    },
+    "mask with detail": {
+        "Moss_Albedo.png": ("base_color", {"base_color": ("RGB", False)}),
+        "Moss_Normal.png": ("normal", {"normal": ("RGB", False)}),
+        "Moss_MADS.png": (
+            "packed_alpha",
+            {"metallic": ("R", False), "occlusion": ("G", False), "roughness": ("A", True)},
+        ),
+    },
+    "cryengine": {
+        "wall_diff.png": ("base_color", {"base_color": ("RGB", False)}),
+        "wall_ddna.png": ("normal_alpha", {"normal": ("RGB", False), "roughness": ("A", True)}),
+        "wall_displ.png": ("height", {"height": ("Y", False)}),
+    },
+    "ambient occlusion in two letters": {
+        "crate_albedo.png": ("base_color", {"base_color": ("RGB", False)}),
+        "crate_nmp.png": ("normal", {"normal": ("RGB", False)}),
+        "crate_mrao.png": (
+            "packed",
+            {"metallic": ("R", False), "roughness": ("G", False), "occlusion": ("B", False)},
+        ),
+    },
+    "copies": {
+        "wood_basecolor (1).png": ("base_color", {"base_color": ("RGB", False)}),
+        "wood_ddn(2).png": ("normal", {"normal": ("RGB", False)}),
+        "wood_rough_1k - Copy (2).png": ("roughness", {"roughness": ("Y", False)}),
+        "wood_metallic copy 3.png": ("metallic", {"metallic": ("Y", False)}),
+    },
     "plain": {
         "albedo.png": ("base_color", {"base_color": ("RGB", False)}),
         "normals.png": ("normal", {"normal": ("RGB", False)}),
@@ -159,6 +194,9 @@ def test_names_tell_the_normal_convention(stem: str, convention: str | None) -> 
         "Tiles136C_2K",
         "rusty_metal_02",
         "rough_wall_3",
+        "rough_1",
+        "nomads",
+        "(1)",
         "preview",
         "1k",
         "",
@@ -244,6 +282,7 @@ def test_of_both_conventions_opengl_is_taken_unless_the_option_says_otherwise(tm
         ({"orm": "packed"}, "roughness", "roughness.png"),
         ({"gloss": "roughness"}, "roughness", "roughness.png"),
         ({"height": "height", "bump": "height"}, "height", "height.png"),
+        ({"roughness (1)": "roughness", "roughness - Copy": "roughness"}, "roughness", "roughness.png"),
     ],
 )
 def test_a_map_of_its_own_is_preferred_and_that_is_said(

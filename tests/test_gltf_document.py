@@ -209,6 +209,17 @@ def test_images_that_cannot_be_read(case: str, tmp_path: Path) -> None:
         image_bytes(document, 0)
 
 
+@pytest.mark.parametrize("uri", ["maps\\a.png", "maps%5Ca.png"])
+def test_backslashes_lead_into_folders_unless_a_file_is_called_so(uri: str, tmp_path: Path) -> None:
+    made = GltfFile()
+    made.json["images"].append({"uri": uri})
+    document = read_document(made.write(tmp_path / "a"))
+    (tmp_path / "maps").mkdir()
+    for place, kind in ((tmp_path / "maps" / "a.png", "inside"), (tmp_path / "maps\\a.png", "literal")):
+        place.write_bytes(png(kind))
+        assert image_bytes(document, 0)[0] == png(kind)
+
+
 def test_a_glb_ends_at_4_gib() -> None:
     class Huge(bytes):
         def __len__(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 import mipbake
 from mipbake.errors import InputError
+from mipbake.glb import multiple_of_side
 from mipbake.glb_plain import averaged
 from mipbake.io.blocks import from_blocks
 from mipbake.io.colour import srgb_to_linear
@@ -21,6 +23,7 @@ from mipbake.io.read import read_image
 from mipbake.pixel_filter import filtered_levels
 
 from .gltf_files import GltfFile, check_structure, image_of, png
+from .input_files import plain_set, write_image
 from .test_presets import run
 
 CLEARCOAT, SHEEN = "KHR_materials_clearcoat", "KHR_materials_sheen"
@@ -30,9 +33,9 @@ NORMAL, COAT, COAT_NORMAL, GLOW, LEAF = range(5)
 def car(**coat: Any) -> GltfFile:
     """A material with a normal map, a clearcoat with textures of its own, and one that glows."""
     made = GltfFile()
-    for name, size, channels in (("normal", 16, 3), ("coat", 16, 3), ("normal coat", 16, 3), ("glow", 10, 3)):
+    for name, size, channels in (("normal", 16, 3), ("coat", 16, 3), ("normal coat", 16, 3), ("smooth", 16, 3)):
         made.texture(made.image(png(name, size, channels), name))
-    made.texture(made.image(png("leaf", 16, 4), "leaf"))
+    made.texture(made.image(png("smooth leaf", 16, 4), "leaf"))
     held = {
         "clearcoatFactor": 0.8,
         "clearcoatTexture": {"index": COAT},
@@ -153,11 +156,44 @@ def test_plain_textures_are_told_and_averaged(tmp_path: Path) -> None:
     told = next(line for line in said.splitlines() if "not prefiltered" in line)
     assert "emissiveTexture of material 0 (Car)" in told and "plain antialiased levels" in told
     chain = levels_of(document, binary, document["materials"][0]["emissiveTexture"]["index"])
-    assert [level.shape[:2] for level in chain] == [(12, 12), (6, 6), (3, 3), (1, 1)]  # 10 x 10 is no multiple of 4
+    assert [len(level) for level in chain] == [16, 8, 4, 2, 1]
     path = tmp_path / "glow.png"
-    path.write_bytes(png("glow", 10))
+    path.write_bytes(png("smooth"))
     mean = srgb_to_linear(read_image(path).pixels / 255).mean((0, 1))
-    np.testing.assert_allclose(srgb_to_linear(chain[-1][0, 0] / 255), mean, atol=0.03)
+    np.testing.assert_allclose(srgb_to_linear(chain[-1][0, 0] / 255), mean, atol=0.01)
+    (cost,) = document["asset"]["extras"]["mipbake"]["plain"]
+    assert re.fullmatch(r"emissiveTexture of material 0 \(Car\): [45]\d\.\d dB", cost) and cost in said
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "noise", "sampler", "told"),
+    [
+        ("pixel art.png", (32, 32), False, {"magFilter": 9728}, "single texels (magFilter NEAREST)"),
+        ("palette.png", (8, 8), True, {}, "an image of 8 x 8 texels"),
+        ("mask.png", (30, 17), False, {"wrapS": 33071}, "an image of 30 x 17 texels"),
+        ("noise.jpg", (16, 16), True, {"minFilter": 9987}, "stays as it is: blocks would leave it"),
+    ],
+)
+def test_what_blocks_would_harm_stays_byte_for_byte(
+    tmp_path: Path, name: str, size: tuple[int, int], noise: bool, sampler: dict[str, int], told: str
+) -> None:
+    made = car()
+    across, down = (np.arange(side) * 200 // side for side in size)
+    pixels = np.random.default_rng(1).integers(0, 256, (*size[::-1], 3)) if noise else np.add.outer(down, across) // 2
+    data = write_image(tmp_path / name, pixels.astype(np.uint8)).read_bytes()
+    made.json["samplers"].append(sampler)
+    glow = made.texture(made.image(data, "mine", "image/jpeg" if name.endswith("jpg") else "image/png"), 1)
+    made.json["materials"][0]["emissiveTexture"] = {"index": glow}
+    document, binary, said = bake(made, tmp_path)
+    texture = document["textures"][document["materials"][0]["emissiveTexture"]["index"]]
+    assert image_of(document, binary, glow) == data and document["samplers"][texture["sampler"]] == sampler
+    assert any(told in line and "emissiveTexture of material 0 (Car)" in line for line in said.splitlines())
+
+
+def test_the_emission_of_a_square_is_enlarged_by_whole_factors(tmp_path: Path) -> None:
+    palette = np.random.default_rng(1).integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    found = multiple_of_side(mipbake.load(plain_set(tmp_path, emissive=palette))).maps["emissive"].pixels
+    np.testing.assert_allclose(found, srgb_to_linear(palette / 255).repeat(2, 0), atol=1e-6)
 
 
 def test_colours_and_amounts_of_one_image_part(tmp_path: Path) -> None:
@@ -210,4 +246,4 @@ def test_what_something_else_shows_stays_and_is_told(tmp_path: Path) -> None:
     assert (
         "emissiveTexture of material 0 (Car) stay as they are in a GLB: something else shows the same texture" in said
     )
-    assert image_of(document, binary, document["materials"][0]["emissiveTexture"]["index"]) == png("glow", 10)
+    assert image_of(document, binary, document["materials"][0]["emissiveTexture"]["index"]) == png("smooth")

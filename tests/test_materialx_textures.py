@@ -20,6 +20,14 @@ def folder(tmp_path: Path) -> Path:
     return write_textures(tmp_path)
 
 
+def test_backslashes_lead_into_folders_unless_a_file_is_called_so(folder: Path) -> None:
+    (folder / "maps").mkdir()
+    for name in ("maps/color.png", "maps\\color.png"):
+        write_image(folder / name, pixels_for("base_color"))
+        found = only(document(folder, surface(image("base", "color3", "maps\\color.png"), base_color="base")))
+        assert mipbake.load(found.files, found.options).maps["base_color"].source.path == folder / name
+
+
 # --- colour spaces and placement
 
 

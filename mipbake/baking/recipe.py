@@ -144,7 +144,7 @@ def _told(found: Discovery, known: Mapping[Path, str]) -> list[Any]:
     asked = found.options
     options = (
         *(asked.colour_space, asked.normal_convention, asked.normal_length, asked.roughness_is_gloss, asked.wrap),
-        *(sorted(asked.factors.items()), asked.alpha_cutoff),
+        *(sorted(asked.factors.items()), asked.alpha_cutoff, asked.alpha),
     )
     sources = [[role, *_source(source, known)] for role, source in found.sources.items()]
     return [found.name, found.convention.name, found.warnings, options, sources]
@@ -153,7 +153,7 @@ def _told(found: Discovery, known: Mapping[Path, str]) -> list[Any]:
 def _source(source: MapSource, known: Mapping[Path, str]) -> list[Any]:
     if source.path is None:
         return [source.constant]
-    read_as = [source.channels, source.encoding, source.inverted, source.converted]
+    read_as = [source.channels, source.encoding, source.inverted, source.converted, *source.applied]
     return [source.path.name, known.get(source.path) or file_hash(source.path), *read_as]
 
 

@@ -12,6 +12,7 @@ from mipbake.compare.costs import Cost
 from mipbake.content import Provenance
 from mipbake.errors import MipbakeError
 from mipbake.found import SetReport
+from mipbake.glb_plain import PlainCost
 from mipbake.jobs import Failure, Job
 from mipbake.prefilter import Stop
 from mipbake.stack import MipStack
@@ -78,12 +79,14 @@ class BakedDocument:
     Args:
         source: the document. out: the GLB. files: the same, with its size.
         measured: material to what its textures give back, as `mipbake.Check.glb` tells it.
+        plain: what blocks cost textures that are averaged.
     """
 
     source: Path
     out: Path
     files: tuple[WrittenFile, ...]
     measured: Mapping[str, Mapping[str, Any] | None]
+    plain: tuple[PlainCost, ...] = ()
 
     @property
     def bytes(self) -> int:

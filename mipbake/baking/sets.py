@@ -27,7 +27,7 @@ from mipbake.io.tiles import FIRST
 from mipbake.jobs import Job
 from mipbake.manifest import check_output, is_replaceable, is_stack_folder
 from mipbake.material import MODELS
-from mipbake.output import GLB_TEXELS, check_outputs
+from mipbake.output import GLB_TEXELS, block_warnings, check_outputs
 from mipbake.prefilter import METHODS, Sitting, discard, size_of
 from mipbake.presets import Preset
 from mipbake.sidecars import FORMAT, sidecar_named
@@ -210,7 +210,7 @@ def _write(
         listing = stack.files(listed, asked.level_count)
         left_out = sidecar_named(asked.options.sidecar, listing, stack.tile).left_out
     blocks = any(not each.container.exact for each in asked.outputs)
-    engine: list[str] = []
+    engine = block_warnings(outputs, stack, names_texels=asked.preset is None)  # of which a preset speaks itself
     if asked.preset:
         engine += asked.preset.check(texture_set.width, texture_set.height, blocks)
         engine += asked.preset.check_sampler(stack.provenance.sampler)

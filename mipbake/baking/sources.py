@@ -210,9 +210,9 @@ def _write_document(
     results = [(part.job.bake, part.stack, part.textures) for part in parts if part.job.bake is not None]
     recipe = run.ingredients.document([job for job in found if isinstance(job, Job) and job.source == source])
     save = partial(save_document, path, first.document, results, first.plain, run.asked.level_count, recipe)
-    first.using(save)
+    plain = first.using(save)
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     measured = {bake.name: textures.measured for bake, _, textures in results}
-    made = BakedDocument(source, path, (WrittenFile(path, size),), measured)
+    made = BakedDocument(source, path, (WrittenFile(path, size),), measured, plain)
     run.listener.document(made, before)
     return made

@@ -33,6 +33,7 @@ _READ = {
     "normal-convention": "normal_convention",
     "normal-length": "normal_length",
     "gloss": "roughness_is_gloss",
+    "alpha": "alpha",
     "alpha-cutoff": "alpha_cutoff",
 }
 _WRAP = ("wrap-u", "wrap-v")

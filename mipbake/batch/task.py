@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import unquote
 
 from mipbake import memory
 from mipbake.baking.options import BakeOptions
@@ -24,7 +23,7 @@ from mipbake.io import disk, json_text
 from mipbake.io.archives import GLTF, MATERIALX
 from mipbake.io.gltf.document import Document
 from mipbake.io.gltf.images import image_files
-from mipbake.io.gltf.uris import file_of
+from mipbake.io.gltf.uris import file_of, spellings
 from mipbake.io.options import LoadOptions
 from mipbake.io.publish import temporary_folder
 from mipbake.io.sources import Discovery
@@ -149,7 +148,8 @@ def _named(document: Path) -> Iterator[Path]:
         uris = [each["uri"] for kind in ("images", "buffers") for each in content.get(kind, ()) if "uri" in each]
     except (OSError, ValueError, TypeError, AttributeError, KeyError):  # a GLB, or one that is broken itself
         return
-    yield from (document.parent / unquote(uri) for uri in uris if isinstance(uri, str) and ":" not in uri)
+    named = (uri for uri in uris if isinstance(uri, str) and ":" not in uri)
+    yield from (document.parent / text for uri in named for text in spellings(uri))
 
 
 def _discoveries(job: Job) -> list[Discovery]:

@@ -91,10 +91,11 @@ def chosen(
     if len(ladder) < 2:
         return output
     kinds = FORMATS[output.container.name]
-    files = [file for file in stack.files(output) if file.layout.shades and file.container.texels == ladder[0]]
+    files = [file for file in stack.files(output) if file.layout.shades and file.container.texels in ladder]
+    first = [ladder.index(file.container.texels) for file in files]  # sides or values may want better texels
     variants = {}
     for index, file in enumerate(files):
-        for step, texels in enumerate(ladder):
+        for step, texels in list(enumerate(ladder))[first[index] :]:
             variants[f"{texels} {index}"] = Decoded(file, kinds[texels], stack, ranges)
             progress((index + (step + 1) / len(ladder)) / len(files) / 2)
     # Engines decode colours by the slot of the material: what stands there stays sRGB-encoded.
@@ -102,7 +103,7 @@ def chosen(
     steps = [len(ladder) - (srgb and file.layout.is_colour) for file in files]
     found = losses(texture_set, opened(stack), variants, part_of(progress, 1, 2))
     added = {name: _added(loss) for name, loss in found.items()}
-    choice = dict.fromkeys(range(len(files)), 0)
+    choice = dict(enumerate(first))
     allowed = _added(dict.fromkeys(PAIR_SETS, LIMIT))
 
     def brought(index: int, step: int) -> NDArray[np.float64]:

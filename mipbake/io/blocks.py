@@ -70,7 +70,7 @@ def from_blocks(texture: GpuTexture) -> list[Texels]:
         kind = np.dtype(np.float16 if made.is_float else np.uint8)
         return [np.frombuffer(data, kind).reshape(height, width, -1) for data, (width, height) in sized]
     if made.name.startswith("UASTC"):
-        return [level[..., : made.channels] for level in uastc.decompressed(texture)]
+        return [level[..., made.decoded_channels] for level in uastc.decompressed(texture)]
     large = sum(width * height > _AT_ONCE for width, height in sizes)
     out = [_by_strips(data, made, width, height) for data, (width, height) in sized[:large]]
     if large < len(sizes):

@@ -29,7 +29,10 @@ from mipbake.io.publish import parents, replacing, writing
 if sys.platform != "win32":
     import fcntl
 
-DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RecursionError, zipfile.BadZipFile, zlib.error)
+DAMAGED = (
+    *(OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RecursionError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 """What reading raises where a file is damaged, or is none of these."""
 
 AT_ONCE = 1 << 22

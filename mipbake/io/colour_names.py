@@ -10,6 +10,7 @@ import re
 from functools import cache
 
 from mipbake.io.colour import LINEAR, SRGB
+from mipbake.io.declared_colour import Colour
 
 RAW = "raw"
 """What a name tells of values that no transform has touched. A map of colours is then read as linear Rec.709."""
@@ -25,14 +26,14 @@ _PRIMARIES = {
 }
 _SPELLINGS = {
     SRGB: "srgb srgbtexture srgbtx srgbrec709 srgbrec709scene srgbencodedrec709srgb utilitysrgbtexture utilitysrgb "
-    "inputgenericsrgbtexture genericsrgbtexture srgbdisplay",
+    "inputgenericsrgbtexture genericsrgbtexture srgbdisplay srgbrec709display",
     LINEAR: "lin linear rawlinear",
     "ACEScg": "acescg acesacescg",
     "ACEScc": "acescc acesacescc",
     "ACEScct": "acescct acesacescct",
     "ACES2065-1": "aces20651 acesaces20651",
-    "Display P3": "displayp3 srgbp3d65 srgbp3d65scene srgbencodedp3d65",
-    "Adobe RGB (1998)": "adobergb adobergb1998",
+    "Display P3": "displayp3 srgbp3d65 srgbp3d65scene srgbp3d65display srgbencodedp3d65",
+    "Adobe RGB (1998)": "adobergb adobergb1998 g22adobergb g22adobergbscene",
     RAW: "raw utilityraw noncolor noncolour noncolordata noncolourdata",
 }
 _MOST_WORDS = 6
@@ -49,35 +50,22 @@ def _spaces() -> dict[str, str]:
     return spaces
 
 
-_CHROMATICITIES = {
-    LINEAR: (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329),
-    "ACEScg": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
-    "ACES2065-1": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
-    "linear Display P3": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
-    "linear ITU-R BT.2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
-    "linear Adobe RGB (1998)": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.329),
-}
-"""x and y of red, green, blue and white: ITU-R BT.709 and BT.2020, SMPTE ST 2065-1 and EG 432-1, Adobe RGB (1998), and
-S-2014-004 of the Academy."""
-
-_SAME = 0.002
-"""Chromaticities that differ by less are written with fewer digits."""
+_SILENT = ("", "unknown", "data", "isdata", "auto", RAW)
+_UNSPECIFIC = ("lin", "linear", "scenelinear")
 
 
-def told_by_file(name: object, chromaticities: object) -> str | None:
-    """The colour space that an OpenEXR file tells: by its name, else linear light of the primaries that it lists.
-
-    None where it tells none, or one that is not known.
-    """
-    if isinstance(name, str):
-        space = _spaces().get("".join(chunk[0] for chunk in _CHUNK.finditer(name)).lower())
-        return None if space == RAW else space
-    if not isinstance(chromaticities, tuple) or len(chromaticities) != 8:
-        return None
-    for space, known in _CHROMATICITIES.items():
-        if all(abs(float(found) - wanted) < _SAME for found, wanted in zip(chromaticities, known, strict=True)):
-            return space
-    return None
+def named_space(name: object, attribute: str, otherwise: Colour) -> Colour:
+    """What a file says of its colours that names their space in an attribute; `otherwise` where it does not."""
+    if not isinstance(name, str):
+        return otherwise
+    spelt = "".join(chunk[0] for chunk in _CHUNK.finditer(name)).lower()
+    space = _spaces().get(spelt)
+    if spelt in _SILENT or space == RAW or (spelt in _UNSPECIFIC and otherwise.primaries):
+        return otherwise
+    if space is None and spelt in _UNSPECIFIC:
+        space = LINEAR
+    by = "the file" if space else f"its {attribute}"
+    return Colour(transfer="" if space else name[:40], named=space or "", by=by)
 
 
 def split_colour_space(stem: str) -> tuple[str, str | None]:

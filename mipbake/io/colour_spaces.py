@@ -45,7 +45,7 @@ def _acescct(encoded: Values) -> Values:
 
 
 def _bt2020(encoded: Values) -> Values:
-    """ITU-R BT.2020, for 10 bits."""
+    """ITU-R BT.709, and BT.2020 for 10 bits."""
     a, joint = 1.099, 0.018
     curved = (np.maximum(encoded, 0) + (a - 1)) / a
     return np.where(encoded < a * joint**0.45 - (a - 1), encoded / 4.5, curved ** (1 / 0.45))
@@ -81,12 +81,15 @@ _ADOBE = (
     (-3.7086719795080537e-07, -0.042926950998185075, 1.0429319655961493),
 )
 
+_REC709 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 COLOUR_SPACES: Mapping[str, ColourSpace] = {
     "ACEScg": ColourSpace(_AP1, None),
     "ACES2065-1": ColourSpace(_AP0, None),
     "ACEScc": ColourSpace(_AP1, _acescc),
     "ACEScct": ColourSpace(_AP1, _acescct),
     "Display P3": ColourSpace(_P3, srgb_to_linear),
+    "ITU-R BT.709": ColourSpace(_REC709, _bt2020),
     "ITU-R BT.2020": ColourSpace(_REC2020, _bt2020),
     "Adobe RGB (1998)": ColourSpace(_ADOBE, partial(_powered, exponent=563 / 256)),
 }

@@ -1,11 +1,13 @@
-"""DDS files with the header of Direct3D 10: a texture of any DXGI format with its levels, written and read."""
+"""DDS files with the header of Direct3D 10: a texture of any DXGI format with its levels, written and read. Of older
+headers those are read whose colours are multiplied by alpha, because OpenImageIO overflows where it divides them."""
 
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 
 from mipbake.errors import InputError
-from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture, level_size
+from mipbake.io.gpu_format import READ_FORMATS, GpuTexture, level_size
 
 MAGIC = b"DDS "
 _HEADER = struct.Struct("<7I44s8I4I I")  # DDS_HEADER: sizes, 11 reserved, DDS_PIXELFORMAT, caps, reserved
@@ -18,6 +20,61 @@ _CAPS_LEVELS = 0x8 | 0x400000  # complex, mipmap
 _FOUR_CC = 0x4
 _TEXTURE_2D = 3
 _CUBE = 0x4  # D3D11_RESOURCE_MISC_TEXTURECUBE
+_CAPS_CUBE, _CAPS_VOLUME = 0x200, 0x200000
+_TEXTURE_3D = 4
+
+START = 4 + _HEADER.size + _DX10.size
+"""Bytes of a file that `header` looks at."""
+
+PREMULTIPLIED, OPAQUE, CUSTOM = 2, 3, 4
+"""What alpha is, in the header of Direct3D 10. 0 is unknown, 1 is straight."""
+
+_MULTIPLIED = {b"DXT2": 74, b"DXT4": 77}
+"""Four letters of formats whose colours are multiplied by alpha, to the DXGI format of their blocks."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a header says.
+
+    Args:
+        width, height: of level 0. levels: how many. dxgi: the DXGI format; None for one that an older header has.
+        alpha: what alpha is. several: what makes it more than one image, and how to get one; empty where it is one.
+        size: of the header.
+    """
+
+    width: int
+    height: int
+    levels: int
+    dxgi: int | None
+    alpha: int
+    several: str
+    size: int
+
+
+def header(data: bytes) -> Header | None:
+    """The header that `START` bytes hold; None where they do not begin a DDS file."""
+    if data[:4] != MAGIC or len(data) < 4 + _HEADER.size:
+        return None
+    fields = _HEADER.unpack_from(data, 4)
+    letters, caps2 = fields[10].to_bytes(4, "little"), fields[17]
+    dimension, misc, layers, alpha, size = 0, 0, 1, 0, 4 + _HEADER.size
+    dxgi: int | None = None
+    if letters == b"DX10":
+        if len(data) < START:
+            return None
+        dxgi, dimension, misc, layers, alpha = _DX10.unpack_from(data, size)
+        size = START
+    elif letters in _MULTIPLIED:
+        dxgi, alpha = _MULTIPLIED[letters], PREMULTIPLIED
+    several = ""
+    if caps2 & _CAPS_CUBE or misc & _CUBE:
+        several = "a cube map: extract one face as an image of its own"
+    elif caps2 & _CAPS_VOLUME or dimension == _TEXTURE_3D:
+        several = "a 3D texture: extract one slice as an image of its own"
+    elif layers > 1:
+        several = f"an array of {layers} layers: extract one layer as an image of its own"
+    return Header(fields[3], fields[2], max(1, fields[6]), dxgi, alpha & 7, several, size)
 
 
 def encoded(texture: GpuTexture) -> bytes:
@@ -44,21 +101,21 @@ def encoded(texture: GpuTexture) -> bytes:
 
 def decoded(data: bytes, name: str) -> GpuTexture:
     """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
-    if data[:4] != MAGIC or len(data) < 4 + _HEADER.size + _DX10.size:
-        raise InputError(f"{name} is not a DDS file with a Direct3D 10 header")
-    fields = _HEADER.unpack_from(data, 4)
-    height, width, count, four_cc = fields[2], fields[3], max(1, fields[6]), fields[10]
-    if four_cc != int.from_bytes(b"DX10", "little"):
+    found = header(data[:START])
+    if found is None:
+        raise InputError(f"{name} is not a DDS file with a whole header")
+    if found.several:
+        raise InputError(f"{name} holds {found.several}")
+    if found.dxgi is None:
         raise InputError(f"{name} has an older DDS header: expected the header of Direct3D 10")
-    dxgi, dimension, flags, layers, _ = _DX10.unpack_from(data, 4 + _HEADER.size)
-    made = next((each for each in GPU_FORMATS.values() if dxgi and each.dxgi == dxgi), None)
+    width, height, count = found.width, found.height, found.levels
+    made = next((each for each in READ_FORMATS.values() if found.dxgi and each.dxgi == found.dxgi), None)
     if made is None:
-        known = ", ".join(name for name, each in GPU_FORMATS.items() if each.dxgi)
-        raise InputError(f"{name} has the DXGI format {dxgi}: expected one of {known}")
-    most = max(width, height).bit_length()
-    if dimension != _TEXTURE_2D or flags & _CUBE or layers != 1 or not (width and height) or count > most:
-        raise InputError(f"{name} is not a single two-dimensional texture with its levels")
-    at, levels = 4 + _HEADER.size + _DX10.size, []
+        known = ", ".join(name for name, each in READ_FORMATS.items() if each.dxgi)
+        raise InputError(f"{name} has the DXGI format {found.dxgi}: expected one of {known}")
+    if not (width and height) or count > max(width, height).bit_length():
+        raise InputError(f"{name} declares {count} levels of {width} x {height} texels, which no texture has")
+    at, levels = found.size, []
     for index in range(count):
         size = made.level_size(*level_size(width, height, index))
         if at + size > len(data):

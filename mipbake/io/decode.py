@@ -12,8 +12,9 @@ from mipbake import memory
 from mipbake.directions import untangled
 from mipbake.errors import InputError
 from mipbake.io.colour import LINEAR, SRGB, decode, unit_range
+from mipbake.io.declared import share_beyond, straight, turn_vectors
 from mipbake.io.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
-from mipbake.io.options import COLOUR_ROLES, SCALAR_ROLES
+from mipbake.io.options import COLOUR_ROLES, PREMULTIPLIED, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import Image
 from mipbake.io.sources import MapSource, spoken, taken
 from mipbake.io.steep import held, holes, warning
@@ -50,14 +51,16 @@ class TextureMap:
 
 @dataclass(frozen=True)
 class DecodedMap:
-    """A map at its own size, green of normals as stored; `lost_variance` (H, W) where normals were shorter than one."""
+    """A map at its own size, x and y of normals as stored, which are turned when it is known what green means;
+    `lost_variance` (H, W) where normals were shorter than one.
+    """
 
     map: TextureMap
     warnings: tuple[str, ...] = ()
     lost_variance: Pixels | None = None
 
 
-def decode_map(source: MapSource, image: Image, normal_length: str, out: Pixels | None = None) -> DecodedMap:
+def decode_map(source: MapSource, image: Image, options: LoadOptions, out: Pixels | None = None) -> DecodedMap:
     """The values of one role out of a file's image; InputError when they cannot be that role's.
 
     `out`: (H, W, C) where they may be written, which saves a copy; not where they are written in any case.
@@ -65,21 +68,24 @@ def decode_map(source: MapSource, image: Image, normal_length: str, out: Pixels 
     stored = taken(source, image)
     source = replace(source, sha256=image.sha256)
     if source.role == "normal":
-        return _normal(source, stored, normal_length, out)
+        return _normal(source, stored, options.normal_length, out)
     if source.role == "anisotropy":
         return _anisotropy(source, stored)
+    warnings: tuple[str, ...] = ()
+    if source.alpha == PREMULTIPLIED:
+        stored, notes, warnings = _divided(stored, image, options.alpha == PREMULTIPLIED)
+        source = replace(source, notes=(*source.notes, *notes))
     if source.role in COLOUR_ROLES or source.converted:
         colours = np.broadcast_to(stored, (*stored.shape[:2], 3))
         whole = source.encoding not in (SRGB, LINEAR)  # a product of matrices has other bits, row by row
         pixels = decode(colours, source.encoding) if whole else _by_rows(colours, source.encoding, out)
     else:
         pixels = _by_rows(stored, LINEAR, out)
-    warnings: tuple[str, ...] = ()
     if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
-        warnings = (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
+        warnings += (f"{image.header.path.name}: its channels differ; red is taken as the roughness",)
     if source.role in _RANGES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
-        pixels, notes, doubts = _clipped(pixels, source)
-        source = replace(source, notes=(*source.notes, *notes))
+        pixels, clipped, doubts = _clipped(pixels, source)
+        source = replace(source, notes=(*source.notes, *clipped))
         warnings += tuple(doubts)
     if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
         top = np.iinfo(stored.dtype.name).max
@@ -90,6 +96,30 @@ def decode_map(source: MapSource, image: Image, normal_length: str, out: Pixels 
     if source.inverted:
         np.subtract(np.float32(1), pixels, out=pixels)
     return DecodedMap(TextureMap(pixels, source), warnings)
+
+
+_FEW = 1e-3
+"""Share of texels whose colours may exceed alpha by the ringing of a filter. A guess."""
+
+
+def _divided(
+    stored: NDArray[np.generic], image: Image, insisted: bool
+) -> tuple[NDArray[np.generic], tuple[str, ...], tuple[str, ...]]:
+    """Colours without the alpha that they were multiplied with, a note and a warning.
+
+    Colours that exceed their alpha were not multiplied by it, whatever their format means: unless the user insists.
+    """
+    alpha, label = image.pixels[..., image.header.alpha], image.header.path.name
+    if alpha.min() >= (np.iinfo(alpha.dtype.name).max if alpha.dtype.kind == "u" else 1):
+        return stored, (), ()
+    share = 0.0 if insisted else share_beyond(stored, alpha)
+    if share <= _FEW:
+        return straight(stored, alpha), (f"{label}: its colours are multiplied by alpha, and are divided by it",), ()
+    warning = (
+        f"{label}: such files hold colours that are multiplied by alpha, but {share:.0%} of its colours exceed their "
+        "alpha: all are taken as they are; say --alpha premultiplied or straight (alpha in Python)"
+    )
+    return stored, (), (warning,)
 
 
 def _by_rows(stored: NDArray[np.generic], colour_space: str, out: Pixels | None) -> Pixels:
@@ -212,6 +242,7 @@ def _anisotropy(source: MapSource, stored: NDArray[np.generic]) -> DecodedMap:
         source = replace(source, notes=(*source.notes, f"{label}: it is grey, and is taken as the strength along +X"))
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
+        turn_vectors(out, source.orientation)
     np.clip(values[..., -1], 0, 1, out=out[..., 2])
     return DecodedMap(TextureMap(out, source))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mipbake.errors import InputError
-from mipbake.io.colour import LINEAR, canonical_colour_space, default_colour_space, is_linear
+from mipbake.io.colour import LINEAR, SRGB, canonical_colour_space, default_colour_space, is_linear
 from mipbake.io.colour_names import RAW
 from mipbake.io.matches import (
     NO_ROLE,
@@ -24,7 +24,7 @@ from mipbake.io.matches import (
 from mipbake.io.messages import listed
 from mipbake.io.names import colour_space_of
 from mipbake.io.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
-from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, LoadOptions
+from mipbake.io.options import CARRIED, COLOUR_ROLES, ORIGINS, ROLES, SCALAR_ROLES, SHADING_ROLES, STRAIGHT, LoadOptions
 from mipbake.io.read import Header
 from mipbake.io.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken
 from mipbake.io.specular import take_specular
@@ -83,7 +83,7 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     """
     name, folder, files = list_files(path)
     name = options.name or name
-    matches, ignored = classified(files, options.maps)
+    matches, ignored = classified(files, options)
     log = Log()
     chosen = choose(matches, folder, options, log)
     take_alpha_as_opacity(chosen, options, log)
@@ -131,8 +131,7 @@ def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) 
         inverted = options.roughness_is_gloss
     if inverted:
         log.notes.append(f"{header.path.name}: it holds gloss, which is inverted to roughness")
-    if header.subimages > 1:
-        log.warnings.append(f"{header.path.name} holds {header.subimages} images: only the first is read")
+    log_declared(header, log)
     return MapSource(
         role,
         header.path,
@@ -145,7 +144,26 @@ def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) 
         c.reason,
         channels_named=bool(c.meaning.channels),
         convention=c.meaning.convention,
+        orientation=1 if header.declared.texels_alone else header.declared.orientation,
+        layer=(header.declared.part, header.declared.layer),
+        alpha=_alpha(role, header, options),
+        metadata=options.metadata,
     )
+
+
+def _alpha(role: str, header: Header, options: LoadOptions) -> str:
+    """Only colours are multiplied by alpha: beside values that are data it is one more of them."""
+    if role not in COLOUR_ROLES or header.alpha < 0:
+        return STRAIGHT
+    return options.alpha or header.declared.alpha
+
+
+def log_declared(header: Header, log: Log) -> None:
+    """What a file says of its image and what was made of it, once for all roles that take it."""
+    said, name = header.declared, header.path.name
+    turn = [f"it is turned, as its orientation {said.orientation} says"] if said.orientation != 1 else []
+    for some, into in (([*turn, *said.notes], log.notes), (said.warnings, log.warnings)):
+        into += [told for each in some if (told := f"{name}: {each}") not in into]
 
 
 def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions, log: Log) -> str:
@@ -159,6 +177,11 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
                 f"{name}: its name says {named}, but {spoken(role)} is no colour: its values are taken as they are "
                 "stored; export it as raw values if that is wrong"
             )
+        elif header.colour_space not in (None, SRGB) and not is_linear(str(header.colour_space)):
+            log.notes.append(
+                f"{name}: {header.declared.colour.by} says {header.colour_space}, but {spoken(role)} is no colour: its "
+                "values are taken as they are stored"
+            )
         return DATA
     if asked is not None:
         if named not in (None, asked):
@@ -168,14 +191,18 @@ def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions
         what = f"{told}, taken as {named}" if told == RAW else named
         log.notes.append(f"{name}: its name says {what}")
         return named
-    encoding = header.colour_space or default_colour_space(header.is_integer)
-    if header.colour_space is not None:
-        encoding = canonical_colour_space(header.colour_space)
-        log.notes.append(f"{name}: the file says {encoding}")
-        return encoding
-    if header.depth not in ("uint8", "half", "float"):
+    encoding, colour = default_colour_space(header.is_integer), header.declared.colour
+    said = None if colour.space is None else canonical_colour_space(colour.space)
+    if said is not None and (said != encoding or colour.named):
+        log.notes.append(f"{name}: {colour.by} says {said}")
+    elif header.depth not in ("uint8", "half", "float"):
         log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
-    return encoding
+    if colour.unknown:
+        log.warnings.append(
+            f"{name}: {colour.by} says colours that are not known here ({colour.unknown}), which are taken as "
+            f"{encoding}: convert them, or say what they are (--colour-space, colour_space in Python)"
+        )
+    return said or encoding
 
 
 def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:

@@ -6,23 +6,25 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-_RGBSDA, _BC1, _BC3, _BC4, _BC5, _BC7, _UASTC = (
-    1,
-    128,
-    130,
-    131,
-    132,
-    134,
-    166,
-)  # colour models of Khronos's data formats 1.3
-_UASTC_RGB, _UASTC_RGBA, _UASTC_RG = 0, 3, 6
+_RGBSDA, _BC1, _BC2, _BC3, _BC4, _BC5, _BC7, _UASTC = 1, 128, 129, 130, 131, 132, 134, 166
+"""Colour models of Khronos's data formats 1.3."""
+
+_BC1_ALPHA = 1
+_UASTC_RGB, _UASTC_RGBA, _UASTC_RRR, _UASTC_RRRG, _UASTC_RG = 0, 3, 4, 5, 6
 _RED, _GREEN, _BLUE, _ALPHA = 0, 1, 2, 15
 _LINEAR_ALPHA, _SIGNED, _FLOAT = 0x10, 0x40, 0x80
 _ONE, _MINUS_ONE = 0x3F800000, 0xBF800000  # as float32
 _BLOCK_UPPER = 0xFFFFFFFF
 
 
-_UASTC_CHANNELS = {_UASTC_RG: 2, _UASTC_RGB: 3, _UASTC_RGBA: 4}
+_UASTC_CHANNELS = {
+    _UASTC_RRR: (0,),
+    _UASTC_RG: (0, 1),
+    _UASTC_RRRG: (0, 3),
+    _UASTC_RGB: (0, 1, 2),
+    _UASTC_RGBA: (0, 1, 2, 3),
+}
+"""What the blocks are declared to hold, to the channels of decoded texels that hold it: RRRG keeps green in alpha."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,16 @@ class GpuFormat:
     @property
     def channels(self) -> int:
         """Channels that texels have, before they are compressed and after."""
-        if self.side == 1:
-            return len(self.samples)
-        return {_BC1: 3, _BC3: 4, _BC4: 1, _BC5: 2, _BC7: 4}.get(self.model) or _UASTC_CHANNELS[self.samples[0].channel]
+        return len(self.decoded_channels)
+
+    @property
+    def decoded_channels(self) -> tuple[int, ...]:
+        """Which channels of the texels that a decoder gives these are."""
+        if self.model == _UASTC:
+            return _UASTC_CHANNELS[self.samples[0].channel]
+        colours = 4 if self.samples[0].channel == _BC1_ALPHA else 3
+        blocks = {_BC1: colours, _BC2: 4, _BC3: 4, _BC4: 1, _BC5: 2, _BC7: 4}
+        return tuple(range(blocks.get(self.model, len(self.samples))))
 
     def level_size(self, width: int, height: int) -> int:
         """Bytes of a level."""
@@ -121,8 +130,17 @@ _ONLY_READ = (
     GpuFormat("R8G8B8_UNORM", 23, 0, 1, _RGBSDA, 1, 3, False, _unorm(3, False)),
     GpuFormat("R8G8B8_SRGB", 29, 0, 1, _RGBSDA, 1, 3, True, _unorm(3, True)),
     GpuFormat("R16G16B16_SFLOAT", 90, 0, 2, _RGBSDA, 1, 6, False, _half(3)),
+    GpuFormat("BC1_RGBA_UNORM_BLOCK", 133, 71, 1, _BC1, 4, 8, False, _blocks(64, _BC1_ALPHA)),
+    GpuFormat("BC1_RGBA_SRGB_BLOCK", 134, 72, 1, _BC1, 4, 8, True, _blocks(64, _BC1_ALPHA)),
+    GpuFormat("BC2_UNORM_BLOCK", 135, 74, 1, _BC2, 4, 16, False, _blocks(128, 0)),
+    GpuFormat("BC2_SRGB_BLOCK", 136, 75, 1, _BC2, 4, 16, True, _blocks(128, 0)),
     GpuFormat("BC3_UNORM_BLOCK", 137, 77, 1, _BC3, 4, 16, False, _blocks(128, 0)),
     GpuFormat("BC3_SRGB_BLOCK", 138, 78, 1, _BC3, 4, 16, True, _blocks(128, 0)),
+    GpuFormat("UASTC_RRR_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RRR)),
+    GpuFormat("UASTC_RRR_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RRR)),
+    GpuFormat("UASTC_RRRG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RRRG)),
+    GpuFormat("UASTC_RRRG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RRRG)),
+    GpuFormat("UASTC_RG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RG)),
 )
 
 READ_FORMATS: Mapping[str, GpuFormat] = {**GPU_FORMATS} | {each.name: each for each in _ONLY_READ}

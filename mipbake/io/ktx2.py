@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import struct
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import ModuleType
 
 from mipbake.errors import InputError
@@ -22,8 +23,10 @@ _INDEX = struct.Struct("<4I2Q")  # offset and length of descriptor, key-value da
 _LEVEL = struct.Struct("<3Q")  # offset, length, length when inflated
 _START = len(IDENTIFIER) + _HEADER.size + _INDEX.size
 
-NONE, ZSTANDARD = 0, 2
-"""supercompressionScheme of levels in the specification: as they are, or a Zstandard stream each."""
+NONE, BASIS_LZ, ZSTANDARD, ZLIB = range(4)
+"""supercompressionScheme of levels in the specification: as they are, one for ETC1S alone, or a stream for each."""
+
+_SCHEMES = {BASIS_LZ: "BasisLZ"}
 
 MOST = 65536
 """Texels along a side; no graphics card has more, and a header that declares more is broken. The specification has no
@@ -100,12 +103,25 @@ class Outline:
         texels: what they are stored as. srgb: whether colours are encoded so.
         levels: (width, height) of each, finest first.
         readable: whether `decoded` reads files of this kind.
+        transfer, primaries: of the descriptor, as numbers of the data format specification; 0 is unspecified.
+        premultiplied: whether the descriptor says that colours are multiplied by alpha.
+        channels: of decoded texels of ETC1S, those that the texture has; empty for other texels.
+        alpha: of ETC1S, which of these is alpha; -1: none.
+        several: what makes it more than one image of two dimensions, and how to get one; empty where it is one.
+        values: key-value data.
     """
 
     texels: str
     srgb: bool
     levels: tuple[tuple[int, int], ...]
     readable: bool
+    transfer: int = 0
+    primaries: int = 0
+    premultiplied: bool = False
+    channels: tuple[int, ...] = ()
+    alpha: int = -1
+    several: str = ""
+    values: Mapping[str, bytes] = field(default_factory=dict)
 
 
 def outline(data: bytes, name: str) -> Outline:
@@ -115,43 +131,90 @@ def outline(data: bytes, name: str) -> Outline:
     except struct.error as error:
         raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
     _check_size(head, name, 0)  # 0 levels are to be made by who loads the file
-    other = _MODELS.get(head.model, f"colour model {head.model}") if not head.vulkan else f"Vulkan format {head.vulkan}"
+    channels, alpha = _etc1s_channels(head.channels) if _texels(head) == ETC1S else ((), -1)
     return Outline(
-        other if head.made is None else head.made.name,
+        _texels(head),
         head.transfer == _SRGB,
         tuple(level_size(head.width, head.height, index) for index in range(max(1, head.count))),
-        head.made is not None and not head.several and head.scheme in (NONE, ZSTANDARD),
+        head.made is not None and not head.several and head.scheme in (NONE, ZSTANDARD, ZLIB),
+        head.transfer,
+        head.primaries,
+        head.premultiplied,
+        channels,
+        alpha,
+        head.several,
+        _values_of(data, name),
     )
 
 
 ETC1S = "ETC1S"
-_MODELS = {163: ETC1S, 166: "UASTC"}
-"""Colour models of textures that are transcoded when they are loaded, and have no Vulkan format."""
+_MODELS = {
+    **{128: "BC1", 129: "BC2", 130: "BC3", 131: "BC4", 132: "BC5", 133: "BC6H", 134: "BC7"},
+    **{160: "ETC1", 161: "ETC2", 162: "ASTC", 163: ETC1S, 164: "PVRTC", 165: "PVRTC2", 166: "UASTC"},
+    **{167: "UASTC HDR 4x4", 168: "UASTC HDR 6x6"},
+}
+"""Colour models in the data format specification."""
 
-_ALPHA_SLICE = 15
-"""Channel of the second sample of ETC1S where it is alpha, in the specification."""
+
+def _texels(head: _Head) -> str:
+    """What texels are stored as, by the name that users know."""
+    if head.made is not None:
+        return head.made.name
+    number = f"Vulkan format {head.vulkan}"
+    name = _MODELS.get(head.model)
+    if name is None:
+        return number if head.vulkan else f"colour model {head.model}"
+    return f"{name} ({number})" if head.vulkan else name
 
 
-def has_alpha_slice(data: bytes) -> bool:
-    """Whether a file of ETC1S, whose header `outline` has read, has alpha beside its colours."""
-    descriptor_at, length, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    second = descriptor_at + 4 + 24 + 16  # total size, basic block, first sample
-    return bool(length >= 4 + 24 + 32 and len(data) > second + 3 and data[second + 3] & 15 == _ALPHA_SLICE)
+_RED_SLICE, _GREEN_SLICE, _ALPHA_SLICE = 3, 4, 15
+"""Channels of the samples of ETC1S that hold the same number in red, green and blue."""
+
+
+def _etc1s_channels(slices: Sequence[int]) -> tuple[tuple[int, ...], int]:
+    """The channels of decoded texels that a texture of these slices has, and the index of alpha; the second slice is
+    decoded to alpha, whatever it holds."""
+    colours = (0,) if slices[0] == _RED_SLICE else (0, 1, 2)
+    second = slices[1:2]
+    alpha = len(colours) if second == (_ALPHA_SLICE,) else -1
+    return (*colours, *(3 for _ in second)), alpha
 
 
 @dataclass(frozen=True)
 class _Head:
-    """The fields of a header; `several`: whether there are layers, faces or slices; `made`: None for other formats."""
+    """The fields of a header; `several`: which layers, faces or slices there are; `channels`: of the descriptor's
+    samples; `made`: None for other formats."""
 
     vulkan: int
     width: int
     height: int
-    several: bool
+    several: str
     count: int
     scheme: int
     model: int
+    primaries: int
     transfer: int
+    premultiplied: bool
+    channels: tuple[int, ...]
     made: GpuFormat | None
+
+
+_PREMULTIPLIED = 1  # flag of the descriptor
+_MOST_SAMPLES = 16  # of the descriptor; formats that are known here have four at most
+
+
+def _several(depth: int, layers: int, faces: int) -> str:
+    """What is more than one image; one layer, or one slice, is an image."""
+    found = [
+        (f"a cube map of {faces} faces", "face", "--face") if faces != 1 else None,
+        (f"an array of {layers} layers", "layer", "--layer") if layers > 1 else None,
+        (f"a 3D texture of {depth} slices", "slice", "--depth") if depth > 1 else None,
+    ]
+    for each in found:
+        if each is not None:
+            what, part, option = each
+            return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
+    return ""
 
 
 def _head(data: bytes, name: str) -> _Head:
@@ -159,19 +222,30 @@ def _head(data: bytes, name: str) -> _Head:
         raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
     vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
     descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    model, _, transfer = struct.unpack_from("<3B", data, descriptor_at + 12)
-    (channel,) = struct.unpack_from("<B", data, descriptor_at + 31)
-    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channel)), None)
-    several = bool(depth or layers or faces != 1)
-    return _Head(vulkan, width, height, several, count, scheme, model, transfer, made)
+    size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
+    samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
+    channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
+    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channels[0])), None)
+    return _Head(
+        vulkan,
+        width,
+        height,
+        _several(depth, layers, faces),
+        count,
+        scheme,
+        model,
+        primaries,
+        transfer,
+        bool(flags & _PREMULTIPLIED),
+        channels,
+        made,
+    )
 
 
 def _check_size(head: _Head, name: str, least: int) -> None:
     """InputError where no texture is so large, or has so many levels, `least` or more."""
     if not head.width or not head.height:
-        raise InputError(
-            f"{name} is not a single two-dimensional texture: expected one without layers, faces and depth"
-        )
+        raise InputError(f"{name} is {head.width} x {head.height} texels: expected a texture of two dimensions")
     if max(head.width, head.height) > MOST:
         raise InputError(f"{name} declares {head.width} x {head.height} texels: expected {MOST} along a side at most")
     most = max(head.width, head.height).bit_length()
@@ -181,14 +255,14 @@ def _check_size(head: _Head, name: str, least: int) -> None:
 
 @dataclass(frozen=True)
 class StoredTexture:
-    """A texture as a file stores it: like `GpuTexture`, with levels that may be Zstandard streams still."""
+    """A texture as a file stores it: like `GpuTexture`, with levels that may still be streams of a scheme."""
 
     format: GpuFormat
     width: int
     height: int
     levels: tuple[bytes, ...]
     values: Mapping[str, bytes]
-    supercompressed: bool
+    scheme: int
 
 
 def stored(data: bytes, name: str) -> StoredTexture:
@@ -203,28 +277,28 @@ def decoded(data: bytes, name: str) -> GpuTexture:
     """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
     found = stored(data, name)
     levels = found.levels
-    if found.supercompressed:
+    if found.scheme != NONE:
+        inflate = _inflated if found.scheme == ZSTANDARD else _inflated_by_zlib
         sizes = (found.format.level_size(*level_size(found.width, found.height, i)) for i in range(len(levels)))
-        levels = tuple(_inflated(*each, name, i) for i, each in enumerate(zip(levels, sizes, strict=True)))
+        levels = tuple(inflate(*each, name, i) for i, each in enumerate(zip(levels, sizes, strict=True)))
     return GpuTexture(found.format, found.width, found.height, levels, found.values)
 
 
 def _stored(data: bytes, name: str) -> StoredTexture:
     head = _head(data, name)
     made, width, height = head.made, head.width, head.height
+    check_single(head.several, name)
     if made is None:
         raise InputError(
-            f"{name} has the Vulkan format {head.vulkan} with colour model {head.model}: expected one of "
-            f"{', '.join(READ_FORMATS)}"
-        )
-    if head.several:
-        raise InputError(
-            f"{name} is not a single two-dimensional texture: expected one without layers, faces and depth"
+            f"{name} has texels of {_texels(head)}, which are not decoded here: expected plain ones of 8 bits or half "
+            "floats, BC1 to BC5, BC7, UASTC or ETC1S; export it as PNG or EXR (ktx extract)"
         )
     _check_size(head, name, 1)
-    if head.scheme not in (NONE, ZSTANDARD):
-        raise InputError(f"{name} has the supercompression scheme {head.scheme}: expected 0 (none) or 2 (Zstandard)")
-    *_, values_at, values_length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    if head.scheme not in (NONE, ZSTANDARD, ZLIB):
+        scheme = _SCHEMES.get(head.scheme, str(head.scheme))
+        raise InputError(
+            f"{name} has the supercompression scheme {scheme}: expected none, Zstandard or zlib; pack it again"
+        )
     levels = []
     for index in range(head.count):
         at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
@@ -232,8 +306,13 @@ def _stored(data: bytes, name: str) -> StoredTexture:
         expected = made.level_size(*level_size(width, height, index))
         if len(levels[-1]) != length or inflated != expected or (head.scheme == NONE and length != expected):
             raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
-    values = _read_values(data[values_at : values_at + values_length], name)
-    return StoredTexture(made, width, height, tuple(levels), values, head.scheme == ZSTANDARD)
+    return StoredTexture(made, width, height, tuple(levels), _values_of(data, name), head.scheme)
+
+
+def check_single(several: str, name: str) -> None:
+    """InputError for more than one image; `several`: of `Outline`."""
+    if several:
+        raise InputError(f"{name} holds {several}")
 
 
 def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int) -> bool:
@@ -262,10 +341,28 @@ def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
         inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
     except library.ZstdError as error:
         raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
+    return _sized(inflated, size, name, index)
+
+
+def _inflated_by_zlib(stored: bytes, size: int, name: str, index: int) -> bytes:
+    """The same for a stream of zlib."""
+    try:
+        inflated = zlib.decompressobj().decompress(stored, size + 1)
+    except zlib.error as error:
+        raise InputError(f"level {index} of {name} is not a zlib stream ({error})") from error
+    return _sized(inflated, size, name, index)
+
+
+def _sized(inflated: bytes, size: int, name: str, index: int) -> bytes:
     if len(inflated) != size:
         found = f"more than {size}" if len(inflated) > size else str(len(inflated))
         raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")
     return inflated
+
+
+def _values_of(data: bytes, name: str) -> dict[str, bytes]:
+    *_, at, length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    return _read_values(data[at : at + length], name)
 
 
 def _read_values(data: bytes, name: str) -> dict[str, bytes]:

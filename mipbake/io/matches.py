@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,7 +15,7 @@ from mipbake.io.json_text import parsed
 from mipbake.io.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
 from mipbake.io.messages import listed
 from mipbake.io.names import Meaning, asset_words, classify, interpretations
-from mipbake.io.options import ROLES, SCALAR_ROLES, LoadOptions
+from mipbake.io.options import CUSTOM, ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.io.read import IMAGE_SUFFIXES, Header, read_header
 from mipbake.io.safe_names import safe_name
 from mipbake.io.sources import IgnoredFile, Log, spoken
@@ -115,8 +115,9 @@ def is_textures(folder: Path) -> bool:
     return folder.name.lower() == "textures"
 
 
-def classified(files: Sequence[Path], decided: Collection[str]) -> tuple[dict[str, list[Match]], list[IgnoredFile]]:
-    """Matches for every role except the roles `decided` by option, and the files that match no role."""
+def classified(files: Sequence[Path], options: LoadOptions) -> tuple[dict[str, list[Match]], list[IgnoredFile]]:
+    """Matches for every role except the roles that options decide, and the files that match no role."""
+    decided = options.maps
     matches: dict[str, list[Match]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     names = dict(zip(images, classify([f.stem for f in images]), strict=True))
@@ -138,8 +139,8 @@ def classified(files: Sequence[Path], decided: Collection[str]) -> tuple[dict[st
         elif not meanings:
             ignored.append(IgnoredFile(file, OUTVOTED))
         else:
-            header = read_header(file)
             for meaning in meanings:
+                header = read_header(file, meaning.role, options.metadata)
                 match = Match(header, meaning, f"named {name.word}")
                 if _has_channels(header, meaning):
                     matches.setdefault(meaning.role, []).append(match)
@@ -168,21 +169,22 @@ def choose(matches: Mapping[str, Sequence[Match]], folder: Path, options: LoadOp
         if role in options.maps:
             choice = options.maps[role]
             if isinstance(choice, (str, os.PathLike)):
-                chosen[role] = explicit(role, choice, folder, _REASONS[options.origin])
+                chosen[role] = explicit(role, choice, folder, options)
         elif role in matches:
             chosen[role] = _preferred(role, matches[role], options, log)
     return chosen
 
 
-def explicit(role: str, choice: str | os.PathLike[str], folder: Path, reason: str) -> Match:
+def explicit(role: str, choice: str | os.PathLike[str], folder: Path, options: LoadOptions) -> Match:
     """The file that a user or a document chose for a role."""
+    reason = _REASONS[options.origin]
     text = os.fspath(choice)
     file, channels = _existing(text, folder), ""
     if file is None and (match := re.fullmatch(r"(.+):([RGBA]{1,4})", text, re.IGNORECASE)):
         file, channels = _existing(match[1], folder), match[2].upper()
     if file is None:
         raise InputError(f"map {role} is {text!r}: no such file, neither in {folder} nor in the working directory")
-    header = read_header(file)
+    header = read_header(file, role, options.metadata)
     if channels:
         _check_channels(role, channels, header)
         return Match(header, Meaning(role, channels), reason)
@@ -237,6 +239,8 @@ def _preferred(role: str, several: Sequence[Match], options: LoadOptions, log: L
 def take_alpha_as_opacity(chosen: dict[str, Match], options: LoadOptions, log: Log) -> None:
     base = chosen.get("base_color")
     if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
+        return
+    if base.header.declared.alpha == CUSTOM:
         return
     chosen["opacity"] = Match(base.header, Meaning("opacity", "A"), BASE_ALPHA)
     log.notes.append(alpha_note(base.header.path))

@@ -4,7 +4,7 @@ A name is split at separators; trailing words about resolution, format, colour s
 remains must END in a known word, so that `rusty_metal_02_diff_1k.jpg` is a base colour and `Metal007.png` is nothing.
 Words may be joined by separators, by capitals or not at all: `base_color`, `BaseColor` and `basecolor` are one word. A
 long word counts even where nothing sets it off: `woodcolor.png` is a base colour unless another file's name says so
-more clearly.
+more clearly. What browsers and file managers add to the name of a copy, ` (1)` or ` - Copy`, says nothing.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class Meaning:
         rank: preference among files of one role, 0 first. Files of the same rank are a conflict.
         convention: "opengl" or "directx" where a normal map's name says so.
         variant: of files of one role and rank the one with the smallest number is taken (`color_VAR1`); 0 for none.
+            Copies of a file (`color (1)`) come after all its variants.
     """
 
     role: str
@@ -60,14 +61,14 @@ _PLAIN_WORDS = {
     "metallic": "metallic metalness metal met mtl metallicmap metalnessmap m",
     "anisotropy": "anisotropy anisotropic aniso anisotropymap",
     "occlusion": "ambientocclusion occlusion occ ao mixedao ambientocclusionmap occlusionmap aomap",
-    "height": "height displacement disp dsp hgt heightmap displacementmap parallax parallaxmap disp16 "
+    "height": "height displacement displ disp dsp hgt heightmap displacementmap parallax parallaxmap disp16 "
     "displacement16 height16 h",
     "emissive": "emissive emission emit emis emissivecolor emissivecolour emissioncolor emissioncolour emissivemap "
     "emissionmap e",
     "opacity": "opacity alpha transparency opac cutout opacitymap alphamap alphamask opacitymask",
 }
 _GLOSS_WORDS = "gloss glossiness smoothness smooth gls glossmap glossinessmap smoothnessmap"
-_NORMAL_WORDS = "normal normals nor norm nrm nml nmap nrm16 normal16 normalmap normalsmap bumpmap"
+_NORMAL_WORDS = "normal normals nor norm nrm nml nmp nmap nrm16 normal16 normalmap normalsmap bumpmap ddn"
 _CONVENTIONS = {
     "": None,
     "gl": "opengl",
@@ -77,8 +78,12 @@ _CONVENTIONS = {
     "directx": "directx",
     "d3d": "directx",
 }
-_PACKED_LETTERS = {"a": "occlusion", "o": "occlusion", "r": "roughness", "m": "metallic"}
-_PACKED_WORDS = "arm orm rma rmo mra mro"
+_PACKED_LETTERS = {"a": "occlusion", "o": "occlusion", "r": "roughness", "m": "metallic", "d": "height"}
+_PACKED_WORDS = {
+    **{word: word for word in ["arm", "orm", "rma", "rmo", "mra", "mro", "ord"]},
+    **{"ordp": "ord", "mrao": "mra"},  # displacement and ambient occlusion, in two letters
+}
+"""Word to what its channels hold, by letter."""
 
 # Recognised, so that `specular_color` is not a base colour and `coat_roughness` not a roughness.
 _UNUSED_OF = "specular spec sheen coat clearcoat subsurface sss transmission detail bent worldspace objectspace"
@@ -101,8 +106,8 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
     words.update((w, (Meaning("roughness", inverted=True, rank=_INVERTED),)) for w in _GLOSS_WORDS.split())
     for base, (suffix, convention) in product((*_NORMAL_WORDS.split(), "n"), _CONVENTIONS.items()):
         words[base + suffix] = (Meaning("normal", convention=convention),)
-    for word in _PACKED_WORDS.split():
-        words[word] = tuple(Meaning(_PACKED_LETTERS[w], c, rank=_PACKED) for w, c in zip(word, "RGB", strict=True))
+    for word, letters in _PACKED_WORDS.items():
+        words[word] = tuple(Meaning(_PACKED_LETTERS[w], c, rank=_PACKED) for w, c in zip(letters, "RGB", strict=True))
     occlusion, roughness, metallic = (
         Meaning(role, c, rank=_PACKED) for role, c in zip(("occlusion", "roughness", "metallic"), "RGB", strict=True)
     )
@@ -113,7 +118,10 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
     smoothness = Meaning("roughness", "A", inverted=True, rank=_PACKED)
     for metal, gloss in product(("metallic", "metal"), ("smoothness", "smooth", "gloss", "glossmap", "glossiness")):
         words[metal + gloss] = (Meaning("metallic", "R", rank=_PACKED), smoothness)
-    words["maskmap"] = (Meaning("metallic", "R", rank=_PACKED), Meaning("occlusion", "G", rank=_PACKED), smoothness)
+    # Blue holds a detail mask, or a displacement: the name does not say which.
+    mask = (Meaning("metallic", "R", rank=_PACKED), Meaning("occlusion", "G", rank=_PACKED), smoothness)
+    words.update(dict.fromkeys(("maskmap", "mads"), mask))
+    words["ddna"] = (Meaning("normal", "RGB"), smoothness)  # CryEngine's
     for colour in ("albedo", "basecolor", "color", "diffuse"):
         for alpha in ("transparency", "opacity", "alpha"):
             words[colour + alpha] = (Meaning("base_color", "RGB"), Meaning("opacity", "A", rank=_PACKED))
@@ -121,7 +129,7 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
 
 
 # Words this short are only trusted behind a separator: the D of Concrete044D is part of the asset's name.
-_NEEDS_SEPARATOR = frozenset({"d", "n", "r", "m", "h", "e", "bc", "id", *_PACKED_WORDS.split()})
+_NEEDS_SEPARATOR = frozenset({"d", "n", "r", "m", "h", "e", "bc", "id", "mads", "ddn", "nmp", *_PACKED_WORDS})
 
 # Words that name materials and pictures as often as maps are only trusted where something sets them off: `gunmetal`.
 _LOOSE = frozenset({"smooth", "cutout", "id", "mask"})
@@ -135,6 +143,8 @@ _TRAILING = re.compile(
 _GLUED_RESOLUTION = re.compile(r"(?<=[A-Za-z])\d{1,2}k$", re.IGNORECASE)
 _CAMEL = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _CHUNK = re.compile(r"[A-Za-z0-9]+")
+_COPY = re.compile(r" ?\((?P<bracketed>\d{1,2})\)$| - copy$| copy( (?P<number>\d{1,2}))?$", re.IGNORECASE)
+_MOST_VARIANTS = 1000
 # Poliigon ends the names of all maps so, even the name of the metalness map.
 _WORKFLOW = re.compile(r"(?P<bare>.+)[ _-]\d{1,2}K[ _-]METALNESS", re.IGNORECASE)
 
@@ -150,7 +160,9 @@ class _Stem:
 
 @lru_cache(maxsize=4096)
 def _stripped(stem: str) -> _Stem:
-    space, variant = None, 0
+    space, variant, copies = None, 0, 0
+    while copied := _COPY.search(stem):
+        stem, copies = stem[: copied.start()], copies + int(copied["bracketed"] or copied["number"] or 1)
     while True:
         bare, found = split_colour_space(stem)
         if found is not None:
@@ -159,7 +171,7 @@ def _stripped(stem: str) -> _Stem:
         chunks = list(_CHUNK.finditer(stem))
         match = _TRAILING.fullmatch(chunks[-1][0]) if len(chunks) > 1 else None
         if match is None:
-            return _Stem(stem, space, variant)
+            return _Stem(stem, space, variant + _MOST_VARIANTS * copies)
         if match["variant"] is not None:
             variant = int(match["variant"] or 1)
         stem = stem[: chunks[-1].start()]
@@ -198,7 +210,7 @@ def interpretations(stem: str) -> list[NameMatch]:
         if meanings is None:
             continue
         separated = words[start][1] and start > 0
-        if separated or word not in _NEEDS_SEPARATOR or (len(word) == 3 and start == 0):
+        if separated or word not in _NEEDS_SEPARATOR or (len(word) >= 3 and start == 0):
             found.append(NameMatch(word, meanings, "".join(w for w, _ in words[:start])))
     if not found and words:
         found = _glued([w for w, _ in words])

@@ -33,6 +33,11 @@ FACTORED_ROLES = ("roughness", "metallic", "normal", "anisotropy", "occlusion", 
 
 NORMAL_CONVENTIONS = ("opengl", "directx")
 NORMAL_LENGTHS = ("ignore", "roughness")
+STRAIGHT, PREMULTIPLIED = "straight", "premultiplied"
+ALPHAS = (STRAIGHT, PREMULTIPLIED)
+CUSTOM = "custom"
+"""What a file may say, but no user: alpha is something else than opacity."""
+
 ORIGINS = ("option", "document")
 WRAP_MODES = ("wrap", "clamp")
 
@@ -61,7 +66,10 @@ class LoadOptions:
         name: of the set, safe as a folder name. None: the name of the folder.
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
             occlusion, anisotropy (its strength). The factor of normal scales x and y before the vectors are made unit.
+        alpha: "straight" where colours are stored as they are, "premultiplied" where they are multiplied by the alpha
+            beside them, and are divided by it. None: as the file says.
         alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
+        metadata: whether what files say of their orientation, alpha and colours counts. In glTF it does not.
         origin: who says all this, "option" or "document": a glTF or MaterialX file, where the user chose nothing.
     """
 
@@ -73,7 +81,9 @@ class LoadOptions:
     wrap: tuple[str, str] = ("wrap", "wrap")
     name: str | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
+    alpha: str | None = None
     alpha_cutoff: float | None = None
+    metadata: bool = True
     origin: str = "option"
 
     def __post_init__(self) -> None:
@@ -82,6 +92,7 @@ class LoadOptions:
             _check_choice(role, choice)
         _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
         _check_member("normal_length", self.normal_length, NORMAL_LENGTHS)
+        _check_member("alpha", self.alpha, (None, *ALPHAS))
         _check_member("origin", self.origin, ORIGINS)
         if not isinstance(self.wrap, tuple) or len(self.wrap) != 2:
             raise UsageError(f"wrap is {self.wrap!r}: expected two modes, one for u and one for v")

@@ -1,8 +1,7 @@
-"""Images that OpenImageIO does not read: AVIF, and level 0 of KTX 2 textures and of DDS ones of half floats."""
+"""Images that OpenImageIO does not read: AVIF, level 0 of KTX 2 textures, and of some DDS ones."""
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,15 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.errors import InputError, MipbakeError
-from mipbake.io import dds, ktx2
+from mipbake.io import avif, dds, ktx2
 from mipbake.io.blocks import from_blocks
-from mipbake.io.colour import LINEAR, SRGB
+from mipbake.io.colour import LINEAR
+from mipbake.io.declared import Declared
+from mipbake.io.declared_colour import Colour
 from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.io.gpu_says import ktx2_said, of_header
 from mipbake.io.messages import one_line
 from mipbake.io.uastc import transcoded
 
 _AVIF = (b"ftypavif", b"ftypavis")
-START = 132
+START = dds.START
 """Bytes of a file that tell whether it is one of these."""
 
 _HALF_FLOATS = tuple(made.dxgi for made in GPU_FORMATS.values() if made.is_float)
@@ -32,7 +34,7 @@ class Outline:
         width, height: of level 0, in texels.
         channels: how many. alpha: the index of alpha; -1: none.
         depth: "uint8" or "half".
-        colour_space: that the file tells for its colours; None where it is silent.
+        declared: what the file says of the image. The size here is that of the stored texels, before it is applied.
     """
 
     width: int
@@ -40,49 +42,67 @@ class Outline:
     channels: int
     alpha: int
     depth: str
-    colour_space: str | None
+    declared: Declared
 
 
 def is_other(start: bytes) -> bool:
     """Whether a file with these first bytes is one of these images."""
-    return start[: len(ktx2.IDENTIFIER)] == ktx2.IDENTIFIER or start[4:12] in _AVIF or _is_half_dds(start)
+    return start[: len(ktx2.IDENTIFIER)] == ktx2.IDENTIFIER or start[4:12] in _AVIF or _is_other_dds(start)
 
 
-def _is_half_dds(start: bytes) -> bool:
-    dxgi = int.from_bytes(start[128:132], "little")
-    return start[:4] == b"DDS " and start[84:88] == b"DX10" and dxgi in _HALF_FLOATS
+def _is_other_dds(start: bytes) -> bool:
+    """Whether a DDS file has half floats, is older and has colours that are multiplied by alpha, or has to be refused
+    by the name of what it holds."""
+    head = dds.header(start)
+    if head is None:
+        return False
+    older = head.dxgi is not None and head.size < dds.START
+    return head.dxgi in _HALF_FLOATS or older or bool(head.several)
 
 
 def outline(data: bytes, path: Path) -> Outline:
     """What is known of an image. InputError where it is broken or of a kind that is not read."""
     if data[4:12] in _AVIF:
-        pixels = _avif(data, path)
-        return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", None)
-    if data[:4] == b"DDS ":
-        texture = dds.decoded(data, str(path))
-        count = texture.format.channels
-        return Outline(texture.width, texture.height, count, _alpha(count), "half", LINEAR)
+        pixels, said = avif.decoded(data, path)
+        return Outline(pixels.shape[1], pixels.shape[0], pixels.shape[2], _alpha(pixels.shape[2]), "uint8", said)
+    if data[:4] == dds.MAGIC:
+        texture, head = dds.decoded(data, str(path)), dds.header(data[:START])
+        count, half = texture.format.channels, texture.format.is_float
+        said = Declared() if head is None else of_header(head, count, _alpha(count))
+        said = replace(said, colour=Colour(named=LINEAR, by="the file") if half else Colour())
+        depth = "half" if half else "uint8"
+        kept = len(said.channels) or count
+        return Outline(texture.width, texture.height, kept, _alpha(kept), depth, said)
     found = ktx2.outline(data, str(path))
-    space = SRGB if found.srgb else LINEAR
-    width, height = found.levels[0]
+    ktx2.check_single(found.several, str(path))
     if found.texels == ktx2.ETC1S:
-        channels = 4 if ktx2.has_alpha_slice(data) else 3
-        return Outline(width, height, channels, _alpha(channels), "uint8", space)
-    made = ktx2.stored(data, str(path)).format
-    depth = "half" if made.is_float else "uint8"
-    return Outline(width, height, made.channels, _alpha(made.channels), depth, space)
+        taken, alpha, depth = found.channels, found.alpha, "uint8"
+    else:
+        made = ktx2.stored(data, str(path)).format
+        taken, depth = made.decoded_channels, "half" if made.is_float else "uint8"
+        alpha = _alpha(len(taken))
+    said, count, alpha = ktx2_said(found, len(taken), alpha, _lost(taken, alpha))
+    return Outline(*found.levels[0], count, alpha, depth, said)
+
+
+def _lost(taken: tuple[int, ...], alpha: int) -> str:
+    """Which letters of a swizzle mean what, where channels of decoded texels are left out, because they repeat red."""
+    if taken == (0, 3):
+        return "agbr" if alpha < 0 else "aggrbr"
+    return "grbr" if taken == (0,) else ""
 
 
 def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
     """(H, W, C) texels of level 0, uint8 or float16. InputError where they cannot be decoded."""
     if data[4:12] in _AVIF:
-        return _avif(data, path)
+        return avif.decoded(data, path)[0]
     try:
-        if data[:4] == b"DDS ":
-            return from_blocks(_finest(dds.decoded(data, str(path))))[0]
-        if ktx2.outline(data, str(path)).texels == ktx2.ETC1S:
-            texels: NDArray[np.generic] = transcoded(data)[..., : outline(data, path).channels]
-            return texels
+        if data[:4] == dds.MAGIC:
+            texels = from_blocks(_finest(dds.decoded(data, str(path))))[0]
+            return texels[..., list(outline(data, path).declared.channels) or slice(None)]
+        found = ktx2.outline(data, str(path))
+        if found.texels == ktx2.ETC1S:
+            return np.asarray(transcoded(data)[..., found.channels])
         return from_blocks(_finest(ktx2.decoded(data, str(path))))[0]
     except (MipbakeError, RuntimeError) as error:  # the transcoder of UASTC says RuntimeError
         told = one_line(str(error))
@@ -95,19 +115,3 @@ def _finest(texture: GpuTexture) -> GpuTexture:
 
 def _alpha(channels: int) -> int:
     return 3 if channels == 4 else -1
-
-
-def _avif(data: bytes, path: Path) -> NDArray[np.generic]:
-    """(H, W, 1, 3 or 4) texels; files of more than 8 bits come with 8."""
-    from PIL import Image, features
-
-    if not features.check("avif"):
-        raise InputError(f"{path} is an AVIF image, which this build of Pillow does not read: convert it to PNG")
-    try:
-        with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
-            texels = np.asarray(image)
-    except (OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InputError(
-            f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
-        ) from error
-    return texels if texels.ndim == 3 else texels[..., None]

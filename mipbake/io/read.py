@@ -1,4 +1,4 @@
-"""Reading image files through OpenImageIO: headers, and pixels in the type that the file stores."""
+"""Reading image files: headers, and pixels in the type that the file stores, where the file says that they belong."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import io
 import os
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from mipbake import memory
 from mipbake.errors import InputError
 from mipbake.io import disk
-from mipbake.io.colour_names import told_by_file
-from mipbake.io.messages import told_by
+from mipbake.io.declared import Declared, arranged, in_gltf
+from mipbake.io.messages import listed, told_by
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -31,6 +31,9 @@ IMAGE_SUFFIXES = frozenset(
     )
 )
 
+Place: TypeAlias = "tuple[int, str]"
+"""Part and layer of a file that has several."""
+
 _NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
 """Types that texels keep, by the name that OpenImageIO has for them."""
 
@@ -40,8 +43,8 @@ AT_ONCE = 1 << 20
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of its image: size in texels, number of channels, the index of alpha (-1: none), stored type,
-    number of images, and the colour space of its colours where the container tells it.
+    """What is known of an image: size in texels, number of channels, the index of alpha (-1: none), stored type, and
+    what the file says of it, which size and channels follow already.
     """
 
     path: Path
@@ -50,8 +53,12 @@ class Header:
     channels: int
     alpha: int
     depth: str
-    subimages: int
-    colour_space: str | None = None
+    declared: Declared = field(default_factory=Declared)
+
+    @property
+    def colour_space(self) -> str | None:
+        """The colour space that the file tells for its colours."""
+        return self.declared.colour.space
 
     @property
     def is_integer(self) -> bool:
@@ -59,17 +66,23 @@ class Header:
         return self.depth not in ("half", "float", "double")
 
 
-def read_header(path: Path) -> Header:
-    """The header of an image file; InputError when it is not an image or has no texels."""
+def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
+    """The header of the image for a role; InputError when the file is not an image or has no texels.
+
+    Args:
+        path: of the file.
+        role: that the image fills: a file of several layers may name one for it.
+        metadata: whether what the file says of orientation, alpha and colours counts; in glTF it does not.
+    """
     if _is_other(path):
-        return _other_header(path, disk.read_bytes(path))
-    return _header(path, _open(path))
+        return _other_header(path, disk.read_bytes(path), metadata)
+    return _header(path, _open(path), role, metadata)
 
 
 @dataclass(frozen=True)
 class Image:
-    """A file's first image: pixels (H, W, C) of uint8, uint16, float16 or float32 with the colours as stored (alpha not
-    multiplied into them), its header, and the file's SHA-256 in hexadecimal.
+    """A file's image: pixels (H, W, C) of uint8, uint16, float16 or float32 with the colours as stored, turned and
+    placed as the file says, its header, and the file's SHA-256 in hexadecimal.
     """
 
     pixels: NDArray[np.generic]
@@ -77,8 +90,8 @@ class Image:
     sha256: str
 
 
-def read_image(path: Path) -> Image:
-    """Every texel of the first image in a file.
+def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Image:
+    """Every texel of an image; see `read_header`. Instead of a role, the place of the layer that a role took.
 
     Raises:
         InputError: the file is not an image, is damaged or cut short, or holds NaN or infinity.
@@ -88,24 +101,32 @@ def read_image(path: Path) -> Image:
         check_png(path, io.BytesIO(data))
     digest = hashlib.sha256(data).hexdigest()
     if _is_other(path):
-        return _other_image(path, data, digest)
+        return _other_image(path, data, digest, metadata)
     del data
     image = _open(path)
-    header = _header(path, image)
+    header = _header(path, image, role, metadata)
     stored = header.depth if header.depth in _NATIVE else "float"
-    pixels = memory.empty((header.height, header.width, header.channels), _NATIVE[stored])
-    for rows, texels in _bands(image, stored):
+    spec, channels = image.spec(), header.declared.channels or tuple(range(image.spec().nchannels))
+    pixels = memory.empty((spec.height, spec.width, len(channels)), _NATIVE[stored])
+    low, high = min(channels), max(channels) + 1
+    order = [channel - low for channel in channels]
+    ordered = order == list(range(high - low))
+    for rows, texels in _bands(image, stored, low, high):
         if texels is None or image.has_error:
             reason = told_by(image.geterror)
             raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
-        pixels[rows] = texels.reshape(-1, *pixels.shape[1:])
+        some = texels.reshape(-1, spec.width, high - low)
+        pixels[rows] = some if ordered else some[..., order]
     image.close()
+    pixels = arranged(pixels, header.declared)
     _check_finite(path, pixels)
     return Image(pixels, header, digest)
 
 
-def _bands(image: OpenImageIO.ImageInput, stored: str) -> Iterator[tuple[slice, NDArray[np.generic] | None]]:
-    """The texels of an image, of one type, some rows at a time; None for rows that cannot be read."""
+def _bands(
+    image: OpenImageIO.ImageInput, stored: str, low: int, high: int
+) -> Iterator[tuple[slice, NDArray[np.generic] | None]]:
+    """Neighbouring channels of an image, of one type, some rows at a time; None for rows that cannot be read."""
     spec = image.spec()
     tall = spec.tile_height or 1
     step = max(1, AT_ONCE // (spec.width * tall)) * tall
@@ -114,9 +135,9 @@ def _bands(image: OpenImageIO.ImageInput, stored: str) -> Iterator[tuple[slice, 
         lines = spec.y + start, spec.y + end
         if spec.tile_width:
             columns = spec.x, spec.x + spec.width
-            texels = image.read_tiles(*columns, *lines, spec.z, spec.z + 1, 0, spec.nchannels, stored)
+            texels = image.read_tiles(*columns, *lines, spec.z, spec.z + 1, low, high, stored)
         else:
-            texels = image.read_scanlines(*lines, spec.z, 0, spec.nchannels, stored)
+            texels = image.read_scanlines(*lines, spec.z, low, high, stored)
         yield slice(start, end), texels
 
 
@@ -128,18 +149,21 @@ def _is_other(path: Path) -> bool:
         return is_other(file.read(START))
 
 
-def _other_header(path: Path, data: bytes) -> Header:
+def _other_header(path: Path, data: bytes, metadata: bool) -> Header:
     from mipbake.io.other_images import outline
 
     found = outline(data, path)
-    _check_size(path, found.width, found.height)
-    return Header(path, found.width, found.height, found.channels, found.alpha, found.depth, 1, found.colour_space)
+    said = found.declared if metadata else in_gltf(found.declared)
+    width, height = said.size(found.width, found.height)
+    _check_size(path, width, height)
+    return Header(path, width, height, found.channels, found.alpha, found.depth, said)
 
 
-def _other_image(path: Path, data: bytes, digest: str) -> Image:
+def _other_image(path: Path, data: bytes, digest: str, metadata: bool) -> Image:
     from mipbake.io.other_images import pixels_of
 
-    header, pixels = _other_header(path, data), pixels_of(data, path)
+    header = _other_header(path, data, metadata)
+    pixels = arranged(pixels_of(data, path), header.declared)
     _check_finite(path, pixels)
     return Image(pixels, header, digest)
 
@@ -171,16 +195,40 @@ def _check_name(path: Path) -> None:
         raise InputError(f"the file name {shown} is not UTF-8: rename the file or its folder") from None
 
 
-def _header(path: Path, image: OpenImageIO.ImageInput) -> Header:
+def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metadata: bool) -> Header:
+    from mipbake.io.exr_layers import taken_layer
+    from mipbake.io.file_says import said_by
+
+    kind = image.format_name()
+    layer, others = taken_layer(path, image, role) if kind == "openexr" else (None, "")
     spec = image.spec()
     _check_size(path, spec.width, spec.height)
-    count, space = 1, None
-    if path.suffix.lower() == ".exr":
-        space = told_by_file(spec.getattribute("oiio:ColorSpace"), spec.getattribute("chromaticities"))
+    said = said_by(path, image)
+    channels, alpha, depth = spec.nchannels, spec.alpha_channel, str(spec.format)
+    if layer:
+        channels, alpha, depth = len(layer.channels), layer.alpha, layer.depth
+        said = replace(said, channels=layer.channels, part=layer.part, layer=layer.name)
+        if others:
+            told = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
+            said = replace(said, notes=(*said.notes, told))
+    elif said.channels:
+        channels, alpha = len(said.channels), said.channels.index(alpha) if alpha in said.channels else -1
+    elif kind == "tiff":
+        count = 1
         while image.seek_subimage(count, 0):
             count += 1
+        image.geterror()  # clears it: the reader calls the end of the images an error
         image.seek_subimage(0, 0)
-    return Header(path, spec.width, spec.height, spec.nchannels, spec.alpha_channel, str(spec.format), count, space)
+        if count > 1:
+            said = replace(said, warnings=(*said.warnings, f"it holds {count} images: only the first is read"))
+    if layer is None and channels > 3:
+        unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
+        if unknown:
+            told = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
+            said = replace(said, notes=(*said.notes, told))
+    said = said if metadata else in_gltf(said)
+    width, height = said.size(spec.width, spec.height)
+    return Header(path, width, height, channels, alpha, depth, said)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.io.options import LoadOptions
+from mipbake.io.options import STRAIGHT, LoadOptions
 from mipbake.io.read import Image
 
 DATA = "data"
@@ -34,6 +34,10 @@ class MapSource:
         convention: "opengl" or "directx" where a normal map's name says so.
         converted: whether the values of the role are made of the values of this file and of another file. A metallic is
             made of the specular colours, which are what is in this file. What is written has the role's name.
+        orientation: how the file says that its image is turned; vectors are turned, too. See `mipbake.io.declared`.
+        layer: of the file, which the role takes; see `mipbake.io.declared`.
+        alpha: "premultiplied" where its colours are to be divided by the alpha beside them, else "straight".
+        metadata: whether what the file says counts; see `LoadOptions`.
         sha256: of the file, in hexadecimal; empty until it has been read.
         notes: what was found while reading, in sentences.
     """
@@ -51,8 +55,17 @@ class MapSource:
     channels_named: bool = False
     convention: str | None = None
     converted: bool = False
+    orientation: int = 1
+    layer: tuple[int, str] = (0, "")
+    alpha: str = STRAIGHT
+    metadata: bool = True
     sha256: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def applied(self) -> tuple[object, ...]:
+        """What of the file's own words decides its values, beside its bytes; for comparing sources."""
+        return (self.orientation, *self.layer, self.alpha, self.metadata)
 
 
 @dataclass(frozen=True)

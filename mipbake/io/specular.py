@@ -54,7 +54,7 @@ def take_specular(
                 f"map {SPECULAR} is {choice!r} beside a metallic map: a set has one of the two, add "
                 "--map metallic=none (maps in Python)"
             )
-        found = explicit(SPECULAR, str(choice), folder, "chosen by option").header
+        found = explicit(SPECULAR, str(choice), folder, options).header
     if found is None:
         return None
     if _word(found.path) in _WITH_GLOSS and found.alpha >= 0 and "roughness" not in chosen:
@@ -62,12 +62,14 @@ def take_specular(
         if "roughness" not in options.maps:
             chosen["roughness"] = Match(found, gloss, f"named {_word(found.path)}")
     space = options.colour_space
-    encoding = default_colour_space(found.is_integer) if space is None else canonical_colour_space(space)
+    encoding = canonical_colour_space(space or found.colour_space or default_colour_space(found.is_integer))
     channels = "RGB" if found.channels - (found.alpha >= 0) >= 3 else "Y"
     reason = f"{_CONVERTED} (of {chosen['base_color'].header.path.name})" if "base_color" in chosen else _CONVERTED
     return MapSource(
         *("metallic", found.path, channels, found.width, found.height, found.depth, encoding, False, reason),
         converted=True,
+        layer=(found.declared.part, found.declared.layer),
+        metadata=options.metadata,
     )
 
 
@@ -80,9 +82,9 @@ def _by_name(chosen: Mapping[str, Match], ignored: Sequence[IgnoredFile], option
     for item in ignored:
         word = _word(item.path)
         if word in _ALONE and gloss:
-            return read_header(item.path)
+            return read_header(item.path, SPECULAR, options.metadata)
         if word in _WITH_GLOSS and ("roughness" not in chosen or gloss):
-            header = read_header(item.path)
+            header = read_header(item.path, SPECULAR, options.metadata)
             if gloss or header.alpha >= 0:
                 return header
     return None

@@ -162,6 +162,7 @@ def _bake(
         wrap=first.slots[0].wrap,
         name=name,
         factors=factors,
+        metadata=False,
         origin="document",
     )
     slots = (COAT_ROUGHNESS,) if first.normal is None else (COAT_ROUGHNESS, COAT_NORMAL)

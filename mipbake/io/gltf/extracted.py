@@ -61,14 +61,14 @@ class Extracted:
         key = self.key(image)
         if key not in self._headers:
             self.pixels(image)
-            self._headers[key] = read_header(self.file(image))
+            self._headers[key] = read_header(self.file(image), metadata=False)
         return self._headers[key]
 
     def pixels(self, image: int) -> NDArray[Any]:
         """Pixels as they are stored; InputError, which names the document and the image, where they are damaged."""
         path = self.file(image)
         try:
-            return read_image(path).pixels
+            return read_image(path, metadata=False).pixels
         except InputError as error:
             label = image_label(image, self.document.all("images")[image])
             # The extracted file is gone when this is read.

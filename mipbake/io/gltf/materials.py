@@ -282,6 +282,7 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
         name=name,
         factors=factors,
         alpha_cutoff=first.cutoff,
+        metadata=False,
         origin="document",
     )
     slots = [s for s in (BASE_COLOUR,) if s in first.slots] + [METALLIC_ROUGHNESS, NORMAL, ANISOTROPIC]

@@ -30,6 +30,7 @@ from mipbake.io.gltf.slots import (
 )
 from mipbake.io.gltf.uses import texture_uses
 from mipbake.io.messages import listed, one_line
+from mipbake.io.read import Header
 
 MaterialSlot: TypeAlias = tuple[int, str]
 """A material's index, and the name of a slot."""
@@ -39,6 +40,12 @@ PREFILTERED = (
     *(DIFFUSE, SPECULAR_AND_GLOSS),  # slots of materials that were not converted, and are left as they are
 )
 """Slots whose averages say something else than their texels: they are baked, or left as they are."""
+
+SIDE = 4
+"""KHR_texture_basisu takes textures whose sides are multiples of it."""
+
+LEAST_SIDE = 16
+"""Texels along a side; smaller images are palettes, ramps and icons, of which every texel counts. A guess."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +91,9 @@ def plain_textures(
                 slot = slot_of(document, material, name, where)
                 if slot is None:
                     continue
-                images.header(slot.image)
-                if slot.texture in untouched:
-                    kept.setdefault("something else shows the same texture", []).append(names[use])
+                unfit = _unfit(slot, images.header(slot.image))
+                if slot.texture in untouched or unfit:
+                    kept.setdefault(unfit or "something else shows the same texture", []).append(names[use])
                 else:
                     found.setdefault((images.key(slot.image), slot.wrap), {})[use] = slot
             except InputError as error:
@@ -95,8 +102,28 @@ def plain_textures(
     notes = [f"{listed(uses)} stay as they are in a GLB: {reason}" for reason, uses in kept.items()]
     shown = [names[use] for texture in made for use in texture.uses]
     if shown:
-        notes.insert(0, f"not prefiltered, and given plain antialiased levels in a GLB: {listed(shown)}")
+        given = "not prefiltered, and given plain antialiased levels in a GLB where blocks hold them well"
+        notes.insert(0, f"{given}: {listed(shown)}")
     return tuple(made), tuple(notes)
+
+
+def shown_by(document: Document, texture: PlainTexture) -> str:
+    """What shows a texture, for messages."""
+    materials = document.all("materials")
+    return listed(f"{slot} of {label_of(index, materials[index])}" for index, slot in texture.uses)
+
+
+def _unfit(slot: Slot, header: Header) -> str:
+    """Why the image of a slot stays as it is, whatever is in it; empty where it does not have to."""
+    sides = (header.width, header.height)
+    if slot.single_texels:
+        return "the sampler shows single texels (magFilter NEAREST), which blocks and averages would change"
+    if min(sides) < LEAST_SIDE or any(side % SIDE for side in sides):
+        return (
+            f"an image of {header.width} x {header.height} texels would have to be resampled or is small: expected "
+            f"sides of {LEAST_SIDE} texels at least that are multiples of {SIDE}"
+        )
+    return ""
 
 
 def _filled(bakes: Sequence[GltfBake]) -> set[MaterialSlot]:

@@ -106,7 +106,8 @@ COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, ("extensions", CLEARCOAT), (("
 """KHR_materials_clearcoat: a second lobe, of a dielectric, on top of the material."""
 
 _CLAMPED, _MIRRORED, _REPEATED = 33071, 33648, 10497
-_WITHOUT_LEVELS = (9728, 9729)  # NEAREST, LINEAR
+_NEAREST, _LINEAR = 9728, 9729
+_WITHOUT_LEVELS = (_NEAREST, _LINEAR)
 
 Mapping2D = tuple[int, tuple[float, ...], float, tuple[float, ...]]
 """Set of texture coordinates, offset, rotation and scale."""
@@ -123,6 +124,7 @@ class Slot:
         wrap: addressing along u and v, each "wrap" or "clamp"; a mirrored texture is nearest to "clamp".
         mirrored: whether it is mirrored along an axis.
         without_levels: whether the sampler shows level 0 alone.
+        single_texels: whether it magnifies without interpolation, as pixel art wants.
     """
 
     name: str
@@ -133,6 +135,7 @@ class Slot:
     wrap: tuple[str, str]
     mirrored: bool
     without_levels: bool
+    single_texels: bool
 
 
 def label_of(index: int, material: Json) -> str:
@@ -196,6 +199,7 @@ def slot_of(document: Document, material: Json, name: str, where: str) -> Slot |
         (u, v),
         _MIRRORED in modes,
         settings.get("minFilter") in _WITHOUT_LEVELS,
+        settings.get("magFilter") == _NEAREST,
     )
 
 

@@ -36,7 +36,7 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
     """
     if _is_data(uri):
         return _data(uri, document, what)
-    if is_remote(uri) or any(_leaves(text, within) for text in _spellings(uri)):
+    if is_remote(uri) or any(_leaves(text, within) for text in spellings(uri)):
         raise InputError(
             f"{what} of {document} lies at {_short(uri)}: expected a path relative to the file, within its folder, so "
             "put the file beside the document, and name it by that path"
@@ -58,7 +58,7 @@ def file_of(uri: object, document: Path, within: Path, what: str) -> Path | None
     """
     if not isinstance(uri, str) or _is_data(uri) or is_remote(uri):
         return None
-    if not all(disk.lies_in(document.parent / text.replace("\\", "/"), within) for text in _spellings(uri)):
+    if not all(disk.lies_in(document.parent / text, within) for text in spellings(uri)):
         raise InputError(f"{what} of {document} lies at {_short(uri)}, which is outside {within}: do not trust it")
     return _existing(uri, document)
 
@@ -67,9 +67,11 @@ def _is_data(uri: str) -> bool:
     return uri[:5].lower() == "data:"
 
 
-def _spellings(uri: str) -> tuple[str, str]:
-    """A URI decoded, and as it stands: some exporters forget to encode."""
-    return urllib.parse.unquote(uri), uri
+def spellings(uri: str) -> tuple[str, ...]:
+    """The paths that a URI can mean, the likeliest first: decoded, and as it stands, because some exporters forget to
+    encode; then both with slashes for the backslashes that exporters on Windows write."""
+    literal = (urllib.parse.unquote(uri), uri)
+    return tuple(dict.fromkeys((*literal, *(text.replace("\\", "/") for text in literal))))
 
 
 def _leaves(path: str, within: bool) -> bool:
@@ -81,7 +83,7 @@ def _leaves(path: str, within: bool) -> bool:
 
 def _existing(uri: str, document: Path) -> Path | None:
     """The file of the first spelling that is one."""
-    for text in _spellings(uri):
+    for text in spellings(uri):
         path = document.parent / text
         with contextlib.suppress(InputError):  # a name that is too long, as a data URI would be that lost its start
             if disk.is_file(path):

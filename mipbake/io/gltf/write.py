@@ -15,15 +15,12 @@ from mipbake.io.gltf.bakes import GltfBake
 from mipbake.io.gltf.buffers import Binary, merged
 from mipbake.io.gltf.document import Document, Json
 from mipbake.io.gltf.images import BASISU, KTX2, stored_image
-from mipbake.io.gltf.plain import PlainTexture
+from mipbake.io.gltf.plain import SIDE, PlainTexture
 from mipbake.io.gltf.ranges import Ranges
 from mipbake.io.gltf.retexture import Replaced, replace_textures
 from mipbake.io.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, info_of, made_holder
 from mipbake.io.gltf.uses import extensions_of, image_uses, view_uses
 from mipbake.io.ktx2 import IDENTIFIER
-
-SIDE = 4
-"""KHR_texture_basisu takes textures whose sides are multiples of this."""
 
 COLOUR_SLOTS = (BASE_COLOUR, EMISSIVE)
 """Slots whose maps are sRGB-encoded."""

@@ -101,13 +101,18 @@ class Document:
         """The path that a filename input means, with the nearest prefix around it; relative to the document that holds
         it, else to the main one. InputError where it lies elsewhere than it may."""
         prefix = self.attribute("fileprefix", value.element)
-        name = ((prefix[0] if prefix else "") + value.text.strip()).replace("\\", "/")
+        name = (prefix[0] if prefix else "") + value.text.strip()
         folders = [folder for e in self.lineage(value.element) if (folder := self.folders.get(e)) is not None]
-        places = [folder / name for folder in (*folders, self.path.parent)]
-        allowed = [path for path in places if self.within is None or disk.lies_in(path, self.within)]
-        if not allowed:
+
+        def allowed(text: str) -> list[Path]:
+            places = (folder / text for folder in (*folders, self.path.parent))
+            return [path for path in places if self.within is None or disk.lies_in(path, self.within)]
+
+        # Exporters on Windows write backslashes, which elsewhere are letters of a name.
+        slashed = allowed(name.replace("\\", "/"))
+        if not slashed:
             raise self.outside(name)
-        return next((path for path in allowed if disk.exists(path)), allowed[0])
+        return next((path for path in (*allowed(name), *slashed) if disk.exists(path)), slashed[0])
 
     def outside(self, name: str) -> InputError:
         """What is said of a file outside the folder that all has to lie in."""
