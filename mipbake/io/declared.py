@@ -38,6 +38,7 @@ class Declared:
         turn_is_pixels: whether every reader of the format must turn the image, as with TIFF, and not only those that
             care for Exif.
         window: where the stored texels lie; None where they are the image.
+        padded: whether some of the window holds no stored texels, and is zero.
         channels: which stored channels the image has, in the order red, green, blue, alpha; empty for all of them.
         swizzle: what each channel of the image is, in letters: r, g, b, a, 0 or 1; empty for the channels as stored.
         alpha: whether colours are multiplied by alpha ("premultiplied") or not ("straight").
@@ -50,6 +51,7 @@ class Declared:
     orientation: int = 1
     turn_is_pixels: bool = False
     window: Window | None = None
+    padded: bool = False
     channels: tuple[int, ...] = ()
     swizzle: str = ""
     alpha: str = STRAIGHT
