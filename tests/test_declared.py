@@ -359,3 +359,9 @@ def test_the_command_line_decides_over_the_file(tmp_path: Path, capsys: pytest.C
         assert ("are divided by it" in capsys.readouterr().out) == divided
     assert main([*given, "--alpha", "half"]) == 2
     assert "straight, premultiplied" in capsys.readouterr().err
+
+
+def test_vectors_without_a_border_are_expected(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a_normal.exr", {"R": 0.5, "G": 0.5, "B": 1.0}, window=(1, 1, 8, 6))
+    with pytest.raises(InputError, match=r"a_normal\.exr stores a part of its display window.* no normal"):
+        mipbake.load([tmp_path / "a_normal.exr"], maps={"roughness": 0.5, "base_color": None})

@@ -39,6 +39,7 @@ class Declared:
             care for Exif.
         texels_alone: whether vectors keep their values where the image is turned: writers of KTX 2 turn what was right.
         window: where the stored texels lie; None where they are the image.
+        padded: whether some of the window holds no stored texels, and is zero.
         channels: which stored channels the image has, in the order red, green, blue, alpha; empty for all of them.
         swizzle: what each channel of the image is, in letters: r, g, b, a, 0 or 1; empty for the channels as stored.
         alpha: whether colours are multiplied by alpha ("premultiplied") or not ("straight"), or alpha is no opacity
@@ -53,6 +54,7 @@ class Declared:
     turn_is_pixels: bool = False
     texels_alone: bool = False
     window: Window | None = None
+    padded: bool = False
     channels: tuple[int, ...] = ()
     swizzle: str = ""
     alpha: str = STRAIGHT

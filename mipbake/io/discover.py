@@ -131,6 +131,11 @@ def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) 
         inverted = options.roughness_is_gloss
     if inverted:
         log.notes.append(f"{header.path.name}: it holds gloss, which is inverted to roughness")
+    if header.declared.padded and role in ("normal", "anisotropy"):
+        raise InputError(
+            f"{header.path} stores a part of its display window, and the rest would be no {spoken(role)}: expected "
+            "texels in all of it; export it without a border"
+        )
     log_declared(header, log)
     return MapSource(
         role,

@@ -10,8 +10,9 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -61,25 +62,26 @@ def _openexr(path: Path, spec: Spec) -> Declared:
     colour = Colour("linear", primaries, by="its chromaticities") if primaries else Colour()
     for attribute in ("colorInteropID", "oiio:ColorSpace"):
         colour = named_space(spec.getattribute(attribute), attribute, colour)
-    window = Window(spec.x - spec.full_x, spec.y - spec.full_y, spec.full_width, spec.full_height)
-    stored = (spec.width, spec.height)
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    if window == Window(0, 0, *stored):
-        window_or_none = None
-    else:
-        window_or_none = window
-        _check_window(path, window, stored)
-        about = f"its data window is {stored[0]} x {stored[1]} at ({window.x}, {window.y})"
-        whole = f"its display window is {window.width} x {window.height}"
-        covers = window.x <= 0 and window.y <= 0 and window.x + stored[0] >= window.width
-        if covers and window.y + stored[1] >= window.height:
-            notes = (f"{about} and {whole}, to which it is cut",)
-        else:
-            warnings = (f"{about} and {whole}: the rest of it is zero",)
     # Colours of OpenEXR are multiplied by alpha, but this program writes them as they are.
     alpha = STRAIGHT if spec.getattribute("mipbake") else PREMULTIPLIED
-    return Declared(window=window_or_none, alpha=alpha, colour=colour, notes=notes, warnings=warnings)
+    return _windowed(path, spec, Declared(alpha=alpha, colour=colour))
+
+
+def _windowed(path: Path, spec: Spec, said: Declared) -> Declared:
+    """With the display window, where it is not what the file stores."""
+    stored = (spec.width, spec.height)
+    window = Window(spec.x - spec.full_x, spec.y - spec.full_y, spec.full_width, spec.full_height)
+    if window == Window(0, 0, *stored):
+        return said
+    _check_window(path, window, stored)
+    about = (
+        f"its data window is {stored[0]} x {stored[1]} at ({window.x}, {window.y}) and its display window is "
+        f"{window.width} x {window.height}"
+    )
+    across = window.x <= 0 and window.x + stored[0] >= window.width
+    if across and window.y <= 0 and window.y + stored[1] >= window.height:
+        return replace(said, window=window, notes=(*said.notes, f"{about}, to which it is cut"))
+    return replace(said, window=window, padded=True, warnings=(*said.warnings, f"{about}: the rest of it is zero"))
 
 
 _MOST = 1 << 31
@@ -168,11 +170,15 @@ def _png_chunks(path: Path) -> Mapping[bytes, bytes]:
         file.seek(8)
         while len(head := file.read(8)) == 8:
             length, kind = struct.unpack(">I4s", head)
-            if kind in (b"IDAT", b"IEND"):
+            if kind in (b"IDAT", b"IEND") or length > _MOST_CHUNK:
                 break
             found.setdefault(kind, file.read(length))
             file.seek(4, 1)
     return found
+
+
+_MOST_CHUNK = 1 << 24
+"""Bytes of the longest chunk that is read for what it says of the image."""
 
 
 def _tiff(path: Path, spec: Spec) -> Declared:
@@ -197,26 +203,35 @@ def _tiff_shorts(path: Path, tag: int) -> tuple[int, ...]:
 
     OpenImageIO does not tell files that say that colours are multiplied by alpha from files that are silent.
     """
-    with disk.opened(path) as file:
-        head = file.read(16)
-        order = "<" if head[:2] == b"II" else ">"
-        big = struct.unpack_from(f"{order}H", head, 2)[0] == 43
-        number, count_size, word = ("Q", 8, 8) if big else ("I", 2, 4)
-        (at,) = struct.unpack_from(f"{order}{number}", head, 8 if big else 4)
-        file.seek(at)
-        (count,) = struct.unpack(f"{order}{'Q' if big else 'H'}", file.read(count_size))
-        size = 4 + 2 * word
-        entries = file.read(min(count, 4096) * size)
-        for start in range(0, len(entries) - size + 1, size):
-            name, kind, many = struct.unpack_from(f"{order}HH{number}", entries, start)
-            if name != tag or kind != 3 or many > 64:
-                continue
-            values = entries[start + 4 + word : start + size]
-            if 2 * many > word:
-                file.seek(struct.unpack(f"{order}{number}", values)[0])
-                values = file.read(2 * many)
-            return struct.unpack_from(f"{order}{many}H", values)
+    try:
+        with disk.opened(path) as file:
+            return _shorts(file, tag)
+    except (struct.error, OverflowError, ValueError, OSError):  # damage, which reading the texels will tell
+        return ()
+
+
+def _shorts(file: BinaryIO, tag: int) -> tuple[int, ...]:
+    head = file.read(16)
+    order = "<" if head[:2] == b"II" else ">"
+    big = struct.unpack_from(f"{order}H", head, 2)[0] == 43
+    number, counted, word = ("Q", "Q", 8) if big else ("I", "H", 4)
+    file.seek(struct.unpack_from(f"{order}{number}", head, 8 if big else 4)[0])
+    (count,) = struct.unpack(f"{order}{counted}", file.read(struct.calcsize(counted)))
+    size = 4 + 2 * word
+    entries = file.read(min(count, 4096) * size)
+    for start in range(0, len(entries) - size + 1, size):
+        name, kind, many = struct.unpack_from(f"{order}HH{number}", entries, start)
+        if name != tag or kind != _SHORT or many > _MOST_SHORTS:
+            continue
+        values = entries[start + 4 + word : start + size]
+        if 2 * many > word:
+            file.seek(struct.unpack(f"{order}{number}", values)[0])
+            values = file.read(2 * many)
+        return struct.unpack_from(f"{order}{many}H", values)
     return ()
+
+
+_SHORT, _MOST_SHORTS = 3, 64
 
 
 def _targa(path: Path, spec: Spec) -> Declared:

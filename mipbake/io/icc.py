@@ -47,7 +47,8 @@ def profile_colour(profile: bytes) -> Colour:
         if b"cicp" in tags:
             return coded(tags[b"cicp"][8], tags[b"cicp"][9], by)
         grey = profile[16:20] == b"GRAY"
-        curves = [_curve(tags[tag]) for tag in ((b"kTRC",) if grey else (b"rTRC", b"gTRC", b"bTRC"))]
+        with np.errstate(all="ignore"):
+            curves = [_curve(tags[tag]) for tag in ((b"kTRC",) if grey else (b"rTRC", b"gTRC", b"bTRC"))]
         if any(np.abs(curve - curves[0]).max() > _SAME for curve in curves):
             return Colour("a curve for each colour", "", by=by)
         return Colour(_named(curves[0]), "" if grey else _primaries(tags), by=by)
