@@ -140,5 +140,5 @@ def test_signs_that_torch_has_left_to_the_reader_are_read() -> None:
 
 @pytest.mark.parametrize("tensor", [torch.rand(4, 1).to_sparse(), torch.rand(4, 1, device="meta")])
 def test_tensors_without_numbers_in_memory(tensor: torch.Tensor) -> None:
-    with pytest.raises(UsageError, match="^values is .*expected"):
+    with pytest.raises(UsageError, match=r"^values is .*expected"):
         stochastic.perturb(tensor, CH1, 0)
