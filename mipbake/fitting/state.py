@@ -133,8 +133,8 @@ class Checkpoint:
         told = about["started"], about["step"], about["checked"], about["seconds"]
         return FitState(values, Moments(first, second, steps), best, *rest, *told)
 
-    def check_fits(self, state: FitState, starts: Sequence[Array], levels: int) -> None:
-        """Checks that what was read is a state of this fit, whoever has changed the file meanwhile.
+    def check_fits(self, state: FitState | None, starts: Sequence[Array], levels: int) -> None:
+        """Checks that what was read, if anything, is a state of this fit, whoever has changed the file meanwhile.
 
         Args:
             starts: what the fit may start from. levels: of the stack.
@@ -142,6 +142,8 @@ class Checkpoint:
         Raises:
             InputError: an array is not as it was written.
         """
+        if state is None:
+            return
         like = FitState.first(starts[0], np.zeros((levels, 1)), {}, np.zeros(levels, np.int64))
         for name, found, expected in (
             *((name, getattr(state, name), getattr(like, name)) for name in ("values", "best", "gains", "rates")),

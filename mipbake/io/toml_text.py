@@ -21,7 +21,7 @@ def parsed(text: str) -> dict[str, Any]:
         ValueError: it is not TOML, is nested too deeply, or holds a larger number.
     """
     try:
-        content = tomllib.loads(text)
+        content: dict[str, Any] = tomllib.loads(text)
         _check(content)
     except RecursionError:
         raise ValueError("its tables and arrays are nested too deeply") from None
