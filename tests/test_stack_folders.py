@@ -143,6 +143,15 @@ def test_a_failing_rename_restores_the_earlier_stack(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["s"]
 
 
+@pytest.mark.parametrize("fmt", ["ktx2", "dds"])
+def test_a_file_that_is_gone_when_it_is_read_back_is_no_mistake_of_the_input(tmp_path, monkeypatch, fmt):
+    write = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", lambda self, data: write(self, data) and self.unlink())
+    with pytest.raises(OutputError):
+        make_stack().save(tmp_path / "s", format=fmt)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("fmt", FORMATS)
 def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
     container = type(format_named(fmt))
@@ -152,7 +161,7 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
         write(self, folder, layout, levels[:-1], wrap, about)
 
     monkeypatch.setattr(container, "write", loses_levels)
-    with pytest.raises(OutputError, match="did not read back"):
+    with pytest.raises(OutputError, match="did not read back|is not complete after writing"):
         make_stack().save(tmp_path / "s", format=fmt)
 
     if not format_named(fmt).exact:

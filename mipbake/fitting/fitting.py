@@ -120,9 +120,8 @@ def fit(
     with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
         file = state = None
         if checkpoint is not None:
-            names = [named(view) for _, view in both]
-            key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
-            file = Checkpoint(Path(checkpoint), key)
+            of = starts.values, stack.model, [named(view) for _, view in both]
+            file = Checkpoint(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
             state = file.load()
             file.check_fits(state, starts.values, len(stack.levels))
         resting, prepared = loop.levels_of(values), []

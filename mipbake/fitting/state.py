@@ -122,7 +122,7 @@ class Checkpoint:
             arrays = read_arrays(self.path, lambda _: None)
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-            values, best, first, second, steps, *rest = (arrays[name] for name in _ARRAYS)
+            values, best, first, second, steps, *levels = (arrays[name] for name in _ARRAYS)
         except DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
@@ -130,8 +130,9 @@ class Checkpoint:
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        told = about["started"], about["step"], about["checked"], about["seconds"]
-        return FitState(values, Moments(first, second, steps), best, *rest, *told)
+        begun, gains, rates, waited, origins = levels
+        told = {name: about[name] for name in ("started", "step", "checked", "seconds")}
+        return FitState(values, Moments(first, second, steps), best, begun, gains, rates, waited, origins, **told)
 
     def check_fits(self, state: FitState | None, starts: Sequence[Array], levels: int) -> None:
         """Checks that what was read, if anything, is a state of this fit, whoever has changed the file meanwhile.

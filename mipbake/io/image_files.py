@@ -57,7 +57,7 @@ def write_image(
     out = OpenImageIO.ImageOutput.create(str(path))
     if out is None:
         raise OutputError(f"cannot write {path}: {told_by(OpenImageIO.geterror)}")
-    specs: list[Any] = []
+    specs: list[OpenImageIO.ImageSpec] = []
     size = 0
     for spec, level in levels:
         if not _put(out, path, spec, following if specs else "Create", np.ascontiguousarray(level)):

@@ -165,8 +165,13 @@ def write_files(
     def write_one(folder: Path, file: MapFile) -> MapFile | None:
         errors: list[float] = []
         quantised = [_quantised(level, file, errors.append) for level in file.levels]
-        file.container.write(folder, file.layout, quantised, wrap, about)
-        _verify(folder, file, quantised)
+        try:
+            file.container.write(folder, file.layout, quantised, wrap, about)
+            _verify(folder, file, quantised)
+        except InputError as error:
+            name, first = file.layout.name, file.container.files(file.layout, len(quantised))[0]
+            check_room(folder / first, sum(level.nbytes for level in quantised))
+            raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
         return replace(file, levels=RoundedLevels(file, sum(errors))) if file.container.exact else None
 
     def write(folder: Path) -> list[MapFile | None]:
@@ -349,12 +354,7 @@ def _verify(folder: Path, file: MapFile, levels: Texels) -> None:
     """Reads a file back and compares: writers are known to report success for files that are incomplete."""
     name, exact = file.layout.name, file.container.exact
     sizes = [(level.shape[0], level.shape[1]) for level in levels]
-    try:
-        for band in file.container.bands(folder, file.layout, sizes):
-            # Containers that are not exact have compared what they compressed themselves.
-            if exact and not np.array_equal(levels[band.level][band.rows], band.texels):
-                raise OutputError(f"level {band.level} of the map {name} changed while it was written: check the disk")
-    except InputError as error:
-        first = file.container.files(file.layout, len(levels))[0]
-        check_room(folder / first, sum(level.nbytes for level in levels))
-        raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
+    for band in file.container.bands(folder, file.layout, sizes):
+        # Containers that are not exact have compared what they compressed themselves.
+        if exact and not np.array_equal(levels[band.level][band.rows], band.texels):
+            raise OutputError(f"level {band.level} of the map {name} changed while it was written: check the disk")
