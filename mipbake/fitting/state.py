@@ -166,8 +166,8 @@ class Checkpoint:
             if not abs(score - then) <= _SAME:
                 raise InputError(
                     f"the checkpoint {self.path} is of another fit: views held out ({scale}) showed its start with "
-                    f"{then:.1f} dB, and show it with {score:.1f} dB now, so the renderer, its shader, the views or the "
-                    "references changed: delete it, or choose another file"
+                    f"{then:.1f} dB, and show it with {score:.1f} dB now, so the renderer, its shader, the views or "
+                    "the references changed: delete it, or choose another file"
                 )
 
 
