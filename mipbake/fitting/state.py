@@ -179,9 +179,9 @@ class Checkpoint:
             then = state.started.get(scale, math.nan)
             if not abs(score - then) <= _SAME:
                 raise InputError(
-                    f"the checkpoint {self.path} is of another fit: views that are held out ({scale}) showed its start "
-                    f"with {then:.1f} dB, and show it with {score:.1f} dB now, so that the renderer, its shader, what "
-                    "the views show or the references are others: delete it, or choose another file"
+                    f"the checkpoint {self.path} is of another fit: views held out ({scale}) showed its start with "
+                    f"{then:.1f} dB, and show it with {score:.1f} dB now, so the renderer, its shader, the views or "
+                    "the references changed: delete it, or choose another file"
                 )
 
 
