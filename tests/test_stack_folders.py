@@ -161,7 +161,7 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
         write(self, folder, layout, levels[:-1], wrap, about)
 
     monkeypatch.setattr(container, "write", loses_levels)
-    with pytest.raises(OutputError, match="did not read back|is not complete after writing"):
+    with pytest.raises(OutputError, match=r"did not read back|is not complete after writing"):
         make_stack().save(tmp_path / "s", format=fmt)
 
     if not format_named(fmt).exact:
