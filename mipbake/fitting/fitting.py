@@ -121,8 +121,7 @@ def fit(
         names = [named(view) for _, view in both]
         key = key_of(starts.values, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
         file = Checkpoint(Path(checkpoint), key)
-        state = file.load()
-        file.check_fits(state, starts.values, len(stack.levels))
+        state = file.load_fitting(starts.values, len(stack.levels))
     resting, prepared = loop.levels_of(values), []
     for done, (index, view) in enumerate(both):
         prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))
