@@ -70,7 +70,8 @@ def test_a_stack_whose_adjustments_are_none(tmp_path: Path) -> None:
     assert main(["bake", str(folder), "-o", str(out), "--method", "linear", "-q", "--format", "png"]) == 0
     file = out / "wood" / "stack.json"
     content = json.loads(file.read_text())
-    for value in (None, True, 1.0, [[1]], {}):
+    values: list[Any] = [None, True, 1.0, [[1]], {}]
+    for value in values:
         content["provenance"]["adjustments"] = value
         file.write_text(json.dumps(content))
         assert main(["info", str(out / "wood")]) == 0
@@ -147,4 +148,4 @@ def test_tensors_that_are_no_block_of_numbers(name: str, kind: str) -> None:
 )
 def test_tensors_at_the_door_of_arrays(tensor: torch.Tensor) -> None:
     with pytest.raises(UsageError, match=r"^material is not an array of numbers .*ops\.shade takes torch tensors$"):
-        shading.shade("gltf", tensor, LIGHT.numpy(), LIGHT.numpy())  # type: ignore[arg-type]
+        shading.shade("gltf", tensor, LIGHT.numpy(), LIGHT.numpy())

@@ -122,8 +122,7 @@ def fit(
         if checkpoint is not None:
             of = starts.values, stack.model, [named(view) for _, view in both]
             file = Checkpoint(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
-            state = file.load()
-            file.check_fits(state, starts.values, len(stack.levels))
+            state = file.load_fitting(starts.values, len(stack.levels))
         resting, prepared = loop.levels_of(values), []
         for done, (index, view) in enumerate(both):
             prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))

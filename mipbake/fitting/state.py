@@ -134,17 +134,21 @@ class Checkpoint:
         told = {name: about[name] for name in ("started", "step", "checked", "seconds")}
         return FitState(values, Moments(first, second, steps), best, begun, gains, rates, waited, origins, **told)
 
-    def check_fits(self, state: FitState | None, starts: Sequence[Array], levels: int) -> None:
-        """Checks that what was read, if anything, is a state of this fit, whoever has changed the file meanwhile.
+    def load_fitting(self, starts: Sequence[Array], levels: int) -> FitState | None:
+        """`load`, and a check that what was read is a state of this fit, whoever has changed the file meanwhile.
 
         Args:
             starts: what the fit may start from. levels: of the stack.
 
         Raises:
-            InputError: an array is not as it was written.
+            InputError: as `load`, or an array is not as it was written.
         """
-        if state is None:
-            return
+        state = self.load()
+        if state is not None:
+            self._check_fits(state, starts, levels)
+        return state
+
+    def _check_fits(self, state: FitState, starts: Sequence[Array], levels: int) -> None:
         like = FitState.first(starts[0], np.zeros((levels, 1)), {}, np.zeros(levels, np.int64))
         for name, found, expected in (
             *((name, getattr(state, name), getattr(like, name)) for name in ("values", "best", "gains", "rates")),
