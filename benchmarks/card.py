@@ -32,7 +32,7 @@ from mipbake.training.data import load_materials
 PAIRS, TEXELS, BATCH = 64, 1024, 5
 SIZES = 1024, 4096
 CONFIGS = "paper-ggx", "paper-beckmann", "paper-cross", "mipbake-1"
-_WARM = 30  # steps that are not counted; a guess
+_WARM = 30  # steps that are not counted
 _CAPTURED = 8  # sets of lobes for the configurations that read them
 
 

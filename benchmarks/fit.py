@@ -56,7 +56,7 @@ ESTIMATES = (81, 82)
 """Seeds of both estimates of a reference."""
 
 PICTURED_LOD, PICTURED_SIDE = 4.0, 144
-"""Pixels see so many texels that methods differ. The picture is enlarged to about so many pixels a side. Guesses."""
+"""Pixels see so many texels that methods differ. The picture is enlarged to about so many pixels a side."""
 
 DIGITS = 5
 """Significant ones of the figures that are kept."""

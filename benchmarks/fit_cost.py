@@ -45,8 +45,8 @@ TEXELS = (256, 512, 1024, 2048)
 
 WINDOW = 128
 
-STEPS, CHECKED = 24, 8  # steps of a fit, and pixels a side of the view that it checks with; guesses
-ROUNDS = 15  # of the doors; a guess
+STEPS, CHECKED = 24, 8  # steps of a fit, and pixels a side of the view that it checks with
+ROUNDS = 15  # of the doors
 
 Array = NDArray[np.float32]
 

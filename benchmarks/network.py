@@ -24,7 +24,7 @@ from mipbake.models.registry import find_weights, load_baker, load_network
 from mipbake.pixel_filter import level_sizes
 
 _WEIGHTS = "mipbake-2"
-_SIDE = 1536  # of the matrices that are multiplied; a guess
+_SIDE = 1536  # of the matrices that are multiplied
 
 
 def stored_of(size: int) -> NDArray[np.float32]:

@@ -36,7 +36,7 @@ CLOCKS = {"wall": time.perf_counter, "processor": time.process_time}
 """Seconds of the wall's clock, or of all threads together, which other processes do not disturb."""
 CLAMP = ("clamp", "clamp")
 LAST = 0.1
-"""Rates fall to this share of what they are at first; a guess."""
+"""Rates fall to this share of what they are at first."""
 
 
 @dataclass(frozen=True)

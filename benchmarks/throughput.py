@@ -44,7 +44,7 @@ LARGE, LARGE_SETS = "hammered_copper", 2
 HELD = "2G"
 """What a bake is held to, as many processes on a small machine are."""
 
-_LOOK = 0.02  # seconds between two looks at the memory of a process; a guess
+_LOOK = 0.02  # seconds between two looks at the memory of a process
 
 
 def make(root: Path, size: int, count: int) -> None:

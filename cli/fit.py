@@ -36,7 +36,7 @@ from mipbake.stack import MipStack, open_stack
 from mipbake.texture_set import TextureSet
 
 DEFAULT_VIEWS = 16
-"""Views at each level of detail. A guess."""
+"""Views at each level of detail."""
 
 DEFAULT_STARTS = DEFAULT_METHOD, "linear"
 

@@ -8,10 +8,10 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 
 _MOST = 1 << 30
-"""Bytes that are kept at most. A guess."""
+"""Bytes that are kept at most."""
 
 _SHARE = 16
-"""Part of a limit of memory that is kept at most. A guess."""
+"""Part of a limit of memory that is kept at most."""
 
 
 def keep_freed_memory(limit: int | None = None) -> None:

@@ -11,7 +11,7 @@ _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 MOSTLY_PYTHON = 2
-"""Threads for work in small steps: more wait for Python's lock. A guess."""
+"""Threads for work in small steps: more wait for Python's lock."""
 
 
 def threads() -> int:

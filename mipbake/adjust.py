@@ -26,7 +26,7 @@ from mipbake.texture_set import TextureSet
 Level = NDArray[np.float32]
 
 _SAME = 1e-5
-"""Difference of unit vectors that is no more than rounding; a guess."""
+"""Difference of unit vectors that is no more than rounding."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ DEFAULT_SAMPLER: BakedSampler = "trilinear"
 """What real-time engines do unless they are told otherwise."""
 
 DEFAULT_AIM = 0.5
-"""From 0, SNR under single lights, to 1, what people see in moving pictures. A guess."""
+"""From 0, SNR under single lights, to 1, what people see in moving pictures."""
 
 
 def baked_sampler(name: str) -> BakedSampler:

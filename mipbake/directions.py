@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from mipbake.material import MIN_ROUGHNESS, Array, Lines, model_named
 
 TOGETHER = 1 << 18
-"""Texels of the finest level whose signs are found together; finer levels follow what they lie over. A guess."""
+"""Texels of the finest level whose signs are found together; finer levels follow what they lie over."""
 
-_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well; a guess
-# What a texel of the next level counts beside a neighbour: a texel has two of these to either side. A guess.
+_LEAST = 1e-3  # strength that counts where there is none: signs are to agree there as well
+# What a texel of the next level counts beside a neighbour: a texel has two of these to either side.
 _BETWEEN = 2.0
 
 _AXIS = np.array([[max(-p, 0), 1 - abs(p), max(p, 0)] for p in (-0.25, 0.25)], np.float32)

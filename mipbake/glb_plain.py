@@ -34,7 +34,7 @@ from mipbake.pixel_filter import filtered_levels
 Image = NDArray[np.float32]
 
 LEAST_PSNR = 40.0
-"""dB of level 0, below which blocks visibly change a texture, which then stays as it is. A guess."""
+"""dB of level 0, below which blocks visibly change a texture, which then stays as it is."""
 
 
 @dataclass(frozen=True)

@@ -32,20 +32,20 @@ from numpy.typing import DTypeLike, NDArray
 from mipbake.errors import OutputError, UsageError
 
 LEAST_SIZE = 1 << 24
-"""Bytes of the smallest array that may lie in a file. A guess."""
+"""Bytes of the smallest array that may lie in a file."""
 
 AT_ONCE = 1 << 16
-"""Texels whose temporaries are small, and hardly outnumbered by what a call costs. A guess."""
+"""Texels whose temporaries are small, and hardly outnumbered by what a call costs."""
 
 SHARE = 1 / 4
 """Share of a limit that arrays of LEAST_SIZE and more may take before files do; the rest is for what works on them, and
-for pages of files. A guess."""
+for pages of files."""
 
 _NEAR = 2 / 3
-"""Share of a limit from which pages are let go of. A guess."""
+"""Share of a limit from which pages are let go of."""
 
 _LEAST_DEFAULT = 2 << 30
-"""Bytes of the default limit, at least, so that small machines bake by every method. A guess."""
+"""Bytes of the default limit, at least, so that small machines bake by every method."""
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 _MOST = 1 << 62

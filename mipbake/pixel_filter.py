@@ -171,11 +171,10 @@ def resample(
 
 PRE_REDUCED = 3
 """A level is filtered from box averages 2^3 times finer than itself: it costs the eighth part of a texel in the
-filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels. A
-guess."""
+filter's width (variance + 1/768 pixel^2, exact for `box`) and makes the whole chain as cheap as its first levels."""
 
 
-# The least cosine of a view for the shape of pixels, and the sine below which pixels are square; guesses.
+# The least cosine of a view for the shape of pixels, and the sine below which pixels are square.
 _LEAST_SLANT, _FACE_ON = 0.1, 1e-6
 
 

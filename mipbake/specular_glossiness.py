@@ -25,16 +25,15 @@ from mipbake.material import DIELECTRIC_F0
 Pixels = NDArray[np.float32]
 
 RANGES = (0.01, 0.03, 0.1)
-"""Differences of diffuse albedo or F0, of 1, that a report counts texels from. Below the first nobody sees any.
-Guesses."""
+"""Differences of diffuse albedo or F0, of 1, that a report counts texels from. Below the first nobody sees any."""
 
 _ROWS = 1 << 17  # texels that are solved at once, so that they stay in the cache
-# Metallics that are tried: first these, then around the best of them. Guesses.
+# Metallics that are tried: first these, then around the best of them.
 _GRID = np.linspace(0.0, 1.0, 17)
 _AROUND, _NARROWINGS = np.linspace(-1.0, 1.0, 9), 4  # each finds the minimum to a quarter of the step before
 _PREFERENCE = 1e-5
 """What a whole metallic costs, beside a sum of six squares: dark materials have two solutions, and rounding to 8 bits
-must not lead from one texel's to the other's. A guess."""
+must not lead from one texel's to the other's."""
 
 
 @dataclass(frozen=True)

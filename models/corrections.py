@@ -69,16 +69,16 @@ CRISP = 3
 """How much more sharpening there is of colours, of lobes, and of normals: -1 for none, to 1 for twice. Not tuned: one
 for each."""
 
-_CAUTION = 2.0  # logarithm of how much an untrained network prefers all texels to the bright ones; a guess
-_DECISION = 5.0  # what an output of 1 counts in that logarithm; a guess
+_CAUTION = 2.0  # logarithm of how much an untrained network prefers all texels to the bright ones
+_DECISION = 5.0  # what an output of 1 counts in that logarithm
 
-_MOST_GAIN = 0.5  # of a metal's colour, as a logarithm; a guess
-_MOST_SPECULAR_GAIN = 1.5  # of a specular reflectance, as a logarithm; a guess
-_MOST_PEAK = 0.5  # of ln gamma; a guess
-_MOST_CHANGE = 3.0  # of ln roughness; a guess
-_NARROWER = 0.1  # ln of roughness: how much narrower a lobe may be than the lobes that it stands for; a guess
-_FARTHEST = 0.5  # share of a lobe's alpha by which its normal may move freely; a guess
-_MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound; a guess
+_MOST_GAIN = 0.5  # of a metal's colour, as a logarithm
+_MOST_SPECULAR_GAIN = 1.5  # of a specular reflectance, as a logarithm
+_MOST_PEAK = 0.5  # of ln gamma
+_MOST_CHANGE = 3.0  # of ln roughness
+_NARROWER = 0.1  # ln of roughness: how much narrower a lobe may be than the lobes that it stands for
+_FARTHEST = 0.5  # share of a lobe's alpha by which its normal may move freely
+_MAX_LENGTH2, _MIN_HEIGHT2 = 0.999, 1e-4  # of baked normals: the derivative of sqrt(1 - x^2) has no bound
 
 
 def _choice(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:

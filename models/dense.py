@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 SLOPE = 0.1
-"""Slope of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does. A guess."""
+"""Slope of the leaky rectifier below zero: no unit dies, and it costs what a plain rectifier does."""
 
 Shape = tuple[int, int]
 

@@ -27,11 +27,11 @@ from mipbake.models.surface import log_tensor
 OUTPUTS = 3
 """Numbers of a decoder that `stretched` takes. Not tuned."""
 
-_MOST_SHARE = 1.5  # share of `lean`'s anisotropy; an untrained network has a third of it; a guess
-_DECISION = 4.0  # what an output of 1 counts in the logit of that share; a guess
-_MOST = 0.98  # share of the anisotropy that a tensor can have; a guess
-_FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree; a guess
-_LEAST = 1e-12  # squared length of a vector whose angle still means something; a guess
+_MOST_SHARE = 1.5  # share of `lean`'s anisotropy; an untrained network has a third of it
+_DECISION = 4.0  # what an output of 1 counts in the logit of that share
+_MOST = 0.98  # share of the anisotropy that a tensor can have
+_FREE = 0.5  # half of the logarithm of the ratio of alphas that is free where closed forms disagree
+_LEAST = 1e-12  # squared length of a vector whose angle still means something
 
 
 def stretched(

@@ -33,8 +33,7 @@ from mipbake.models.tiles import extend
 from mipbake.pixel_filter import Wrap, level_sizes
 
 _VARIANCE_FLOOR = 1e-3
-"""Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite. A
-guess."""
+"""Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite."""
 
 _PERIODIC = ("wrap", "wrap")
 

@@ -33,8 +33,7 @@ _TRILINEAR = 0.8
 """Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
 
 FROM_TOP = 3
-"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is. A
-guess."""
+"""Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""
 
 
 def width_of(level: int, sampler: str) -> float:

@@ -47,12 +47,12 @@ from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 _CODE = 3 + len(FILTERS)
 
 _STEP = 0.1
-"""Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights. A guess."""
+"""Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
 
 _FIRST_GUESS = 0.7
-"""Share of `to_widened` that an untrained network applies. A guess."""
+"""Share of `to_widened` that an untrained network applies."""
 
-_DETAIL_SCALE = 8.0  # of what sharpening added, as an input of the decoder; a guess
+_DETAIL_SCALE = 8.0  # of what sharpening added, as an input of the decoder
 
 
 class MomentNetwork(Network):

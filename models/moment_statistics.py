@@ -16,14 +16,14 @@ from mipbake.material import MaterialModel, most_roughness
 from mipbake.models.channels import parts
 from mipbake.models.moments import Moments, least_roughness, moment_count, moment_places
 
-_FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels; a guess
-_SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed; a guess
+_FARTHEST = 3.0  # standard deviations from the mean slope to the mean slope of bright texels
+_SOFT = 0.05  # logarithm of roughness by which closed forms differ where half of a free change is allowed
 # Share of a square that float32 leaves where an equal square is taken from it; a guess above its rounding.
 _CANCELLED = 4e-7
 _ROUNDING = 2e-6  # what is left of the variance of a constant in float32; a guess above its rounding
-# Variance of normals, of metallic or of a reflectance, where half of a change of colour is; a guess.
+# Variance of normals, of metallic or of a reflectance, where half of a change of colour is.
 _SOFT_VARIANCE = 0.02
-_MOST_ECCENTRIC = 1 - 1e-5  # of a tensor: half of the difference of its eigenvalues over half of their sum; a guess
+_MOST_ECCENTRIC = 1 - 1e-5  # of a tensor: half of the difference of its eigenvalues over half of their sum
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from mipbake.models.channels import (
 
 T = TypeVar("T")
 
-_MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance; a guess
+_MIN_HEIGHT = 0.1  # slopes are cut at 10, 84 degrees: a few steep texels would rule their variance
 
 
 def least_roughness(model: MaterialModel) -> float:

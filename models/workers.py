@@ -20,9 +20,9 @@ from mipbake.errors import UsageError
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")
 
-_MOST = 16  # workers: each holds tens of megabytes; a guess
+_MOST = 16  # workers: each holds tens of megabytes
 _PROCESSOR = torch.device("cpu")
-_AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up; a guess
+_AHEAD = 2  # results for each worker that may wait to be taken: what is made of a large image does not pile up
 
 
 class _Alone:

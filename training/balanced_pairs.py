@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from mipbake.training.balanced_loss import BalancedLossConfig
 
 GRAZING = 0.4
-"""Cosine of the view up to which grazing views are drawn, uniformly. A guess."""
+"""Cosine of the view up to which grazing views are drawn, uniformly."""
 
-# Lobes that pairs are drawn from, so that tails are seen and densities stay finite; guesses.
+# Lobes that pairs are drawn from, so that tails are seen and densities stay finite.
 _WIDER, _LEAST_ALPHA = 1.2, 0.004
-_LEAST_COSINE = 2e-3  # of a light or a view in a density; a guess
-# Most weight of a pair; where densities of a set are hardly covered, chance would give one pair all; a guess.
+_LEAST_COSINE = 2e-3  # of a light or a view in a density
+# Most weight of a pair; where densities of a set are hardly covered, chance would give one pair all.
 _MOST_WEIGHT = 0.5
 
 

@@ -14,7 +14,7 @@ from mipbake.training.data import Materials, draw_crops, step_generator
 from mipbake.training.drawing import Drawer
 from mipbake.training.ranks import Ranks
 
-_KEPT = 8  # batches that are kept for another use; a guess
+_KEPT = 8  # batches that are kept for another use
 _REUSE = 2**62 + 1  # random numbers of their own, apart from every batch's; a seed
 
 

@@ -43,18 +43,14 @@ MODEL = "beckmann"
 Range = tuple[float, float]
 
 _DOMAIN = 0x74776F73  # a seed
-_LEAST = (
-    math.log(model_named(MODEL).least_alpha2) / 2 + 0.01
-)  # ln alpha; a little above what shading raises to; a guess
-_ROUGHEST = 0.0  # ln alpha; a guess
-_DIRECTED = (
-    0.3  # difference of slope variances along two axes, over their sum, from which on bumps have a direction; a guess
-)
+_LEAST = math.log(model_named(MODEL).least_alpha2) / 2 + 0.01  # ln alpha; a little above what shading raises to
+_ROUGHEST = 0.0  # ln alpha
+_DIRECTED = 0.3  # difference of slope variances along two axes, over their sum, from which on bumps have a direction
 
 
 @dataclass(frozen=True)
 class Substance:
-    """A kind of captured material, and what its sets are drawn from. The numbers are guesses.
+    """A kind of captured material, and what its sets are drawn from.
 
     Args:
         reliefs: what its height fields are.
@@ -86,7 +82,7 @@ SUBSTANCES: dict[str, Substance] = {
     "paper": Substance((rock, bumps), 0.0, (0.2, 0.7), (0.0, 0.4), (0.5, 1.6), (0.02, 0.15)),
     "stone": Substance((rock, tiles, smooth), 0.0, (0.04, 0.5), (0.0, 0.3), (0.3, 1.6), (0.02, 0.3)),
 }
-"""Kinds of captured materials. The numbers are guesses."""
+"""Kinds of captured materials."""
 
 
 def captured_set(seed: int, size: int) -> NDArray[np.float32]:

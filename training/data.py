@@ -19,9 +19,9 @@ from mipbake.training.procedural import MODEL, procedural_set
 
 Crops = NDArray[np.float32]  # (B, size, size, C) stored channels
 
-_STRIDES = (2, 4, 8)  # texels of a set from one texel of a patch to the next; a guess
+_STRIDES = (2, 4, 8)  # texels of a set from one texel of a patch to the next
 _VALIDATION_SEEDS = 1_000_000  # generated sets from here on are for validation; a seed
-_GENERATED = 8  # sets for validation, of each generator; a guess
+_GENERATED = 8  # sets for validation, of each generator
 
 
 @dataclass(frozen=True)

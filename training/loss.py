@@ -34,7 +34,7 @@ from mipbake.training.checks import require, require_power_of_two, require_share
 
 EPSILON = 1e-4
 """Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
-patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others. A guess."""
+patch that is predicted black, its normals beyond the horizon, does not outweigh thousands of others."""
 
 
 @dataclass(frozen=True)

@@ -35,13 +35,13 @@ from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS
 
 _ROOMS = "studio", "sky", "lamps", "key"
-_LIGHTS = 32  # of a room that is a map; a guess
-_SAMPLES = 8, 1.5  # of a pixel of level 0 in each estimate, and how many times as many a level more; a guess
-_MOST_SAMPLES = 64  # a guess
-_PLAIN = 0.5  # share of the error of plain averages in what divides an error; a guess
-_FLOOR = 1e-3  # mean square that is as good as none; a guess
-_NOISE = 0.5  # share of the noise of an estimate in what divides an error: noisy pictures say less; a guess
-_BEHIND, _AHEAD = 3.0, 0.94  # what errors count more that are not below this share of plain averages' error; guesses
+_LIGHTS = 32  # of a room that is a map
+_SAMPLES = 8, 1.5  # of a pixel of level 0 in each estimate, and how many times as many a level more
+_MOST_SAMPLES = 64
+_PLAIN = 0.5  # share of the error of plain averages in what divides an error
+_FLOOR = 1e-3  # mean square that is as good as none
+_NOISE = 0.5  # share of the noise of an estimate in what divides an error: noisy pictures say less
+_BEHIND, _AHEAD = 3.0, 0.94  # what errors count more that are not below this share of plain averages' error
 
 
 @dataclass(frozen=True)

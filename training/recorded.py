@@ -24,7 +24,7 @@ from mipbake.models.parameters import Agreement, agreement, agreements_by
 from mipbake.pixel_filter import Wrap
 from mipbake.training.base import Batch, Loss
 
-_WARM = 3  # rounds before a recording, in which libraries make what they keep; a guess
+_WARM = 3  # rounds before a recording, in which libraries make what they keep
 
 _Result = TypeVar("_Result")
 

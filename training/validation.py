@@ -28,9 +28,9 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
 from mipbake.training.data import Materials
 
-LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # levels of detail; a guess
+LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # levels of detail
 _SEED = 20230  # not tuned
-_PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)  # sets and levels of detail in pictures; a guess
+_PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)  # sets and levels of detail in pictures
 _TORUS: Wrap = ("wrap", "wrap")
 _SETS = tuple(PAIR_SETS)
 
@@ -44,7 +44,6 @@ class ValidationEffort:
         pairs: light-view pairs of each pair set. points: pixels of each level of detail.
         samples: of a pixel of the reference. picture_samples: of a pixel of the pictured reference.
 
-    The numbers are guesses.
     """
 
     patches: int = 8

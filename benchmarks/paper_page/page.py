@@ -263,7 +263,7 @@ def _figure_6(measured: Mapping[str, Mapping[str, Kind]], seen: Mapping[str, Map
 
 
 _STRUGGLES = 10.0
-"""dB of a lobe beside the light that a pixel reflects, below which a method struggles. A guess."""
+"""dB of a lobe beside the light that a pixel reflects, below which a method struggles."""
 
 
 def _figure_8(seen: Mapping[str, Mapping[str, float]]) -> Section:

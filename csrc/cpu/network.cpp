@@ -27,7 +27,7 @@ using Index = std::int64_t;
 
 namespace {
 
-// Rows of a sink that a task filters across together, from sums in its scratch. A guess.
+// Rows of a sink that a task filters across together, from sums in its scratch.
 constexpr int kComplete = 8;
 
 using Task = std::function<void(float* scratch)>;

@@ -12,9 +12,9 @@ namespace mipbake {
 // Texels of a row that are decoded at once: a whole number of packets and of blocks of them in every instruction set.
 constexpr int kChunk = 96;
 // Rows of level 0 that are worked on together, and texels to a side of a tile of them: what the encoder holds of a tile
-// stays in a core's second cache. Guesses.
+// stays in a core's second cache.
 constexpr int kBand = 16, kTile = kChunk;
-// Columns that are added up together: what a band has of them stays in a core's second cache. A guess.
+// Columns that are added up together: what a band has of them stays in a core's second cache.
 constexpr int kColumns = 64;
 // Floats that kernels may read and write behind the end of a row of a plane: one packet of any instruction set.
 constexpr int kSlack = 16;

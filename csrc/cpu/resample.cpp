@@ -11,8 +11,8 @@ namespace {
 
 using Index = std::int64_t;
 
-constexpr Index parts_per_thread = 4;               // so that no thread waits long for the last part; a guess
-constexpr Index numbers_per_part = Index(1) << 15;  // that a part reads, at least; a guess
+constexpr Index parts_per_thread = 4;               // so that no thread waits long for the last part
+constexpr Index numbers_per_part = Index(1) << 15;  // that a part reads, at least
 
 }  // namespace
 

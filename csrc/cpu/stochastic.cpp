@@ -20,7 +20,7 @@ void for_each_named(const std::int32_t* touched, Index pixels, Index most, F&& f
     }
 }
 
-constexpr Index elements_per_part = 2048, pixels_per_part = 4096;  // enough to outweigh waking a thread; a guess
+constexpr Index elements_per_part = 2048, pixels_per_part = 4096;  // enough to outweigh waking a thread
 
 }  // namespace
 

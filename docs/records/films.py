@@ -25,8 +25,7 @@ SPARKLE_MORE = 1.25
 """False sparkle over that of LINEAR which is within 25 %."""
 
 NO_SPARKLE = 1e-4
-"""False sparkle that is as good as none: one value in a thousand is too bright by a tenth more than what is let pass.
-A guess."""
+"""False sparkle that is as good as none: one value in a thousand is a tenth brighter than what is let pass."""
 
 APART = 0.1
 """JOD by which two methods differ in a film when their order is asked for."""

@@ -36,7 +36,7 @@ from mipbake.io.leftovers import begun, tidy
 from mipbake.io.publish import reason
 
 THREADS = 4
-"""CPUs of a process, where the number of processes is not said. A guess."""
+"""CPUs of a process, where the number of processes is not said."""
 
 _TRIES = 2
 """How often a task whose process or machine died is begun again."""
@@ -45,7 +45,7 @@ _AHEAD = 2
 """Tasks that wait, as a multiple of those that run, so that no machine waits and one that joins has something to do."""
 
 _LOOK = 0.5
-"""Seconds after which it is looked for signals. A guess."""
+"""Seconds after which it is looked for signals."""
 
 _PATIENCE = 10
 """Seconds in which the head of a cluster must answer."""

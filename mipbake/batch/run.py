@@ -389,7 +389,7 @@ def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
 
 
 _ENTRY = 300_000
-"""Bytes of files that take as long as what an entry takes besides. A guess."""
+"""Bytes of files that take as long as what an entry takes besides."""
 
 
 class _Clock:

@@ -32,9 +32,9 @@ ORIGIN_KERNEL = "box"
 """The averaging kernel that closed forms have where they come from: engines and their tools."""
 
 MEMORY_LIMIT = 1 << 30
-"""Bytes of levels that stay in memory; where all levels together need more, they are kept in files. A guess."""
+"""Bytes of levels that stay in memory; where all levels together need more, they are kept in files."""
 
-_LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory; a guess
+_LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""

@@ -32,10 +32,10 @@ Progress: TypeAlias = Callable[[float], None]
 """Is told the finished share, from 0 to 1."""
 
 LODS: tuple[float, ...] = (0.0, 1.0, 3.0)
-"""Levels of detail that the loss is measured at; the loss is the fall of their mean SNR. A guess."""
+"""Levels of detail that the loss is measured at; the loss is the fall of their mean SNR."""
 
 _COVERAGE_SIDE = 8
-"""Texels along a side of a level; in smaller levels every texel is a great share. A guess."""
+"""Texels along a side of a level; in smaller levels every texel is a great share."""
 
 _POINTS, _SAMPLES, _SEED = 8192, 16, 11
 """Losses hang on the few points that shine. From 1,024 points, the order of variants changed from draw to draw on

@@ -11,10 +11,10 @@ from mipbake.output import GLB
 from mipbake.presets import Preset
 
 LIMIT = 0.3
-"""dB of the shaded result's SNR that files may cost before better texels are chosen, or a warning says so. A guess."""
+"""dB of the shaded result's SNR that files may cost before better texels are chosen, or a warning says so."""
 
 COVERAGE_LIMIT = 0.02
-"""Change of the share of texels that pass an alpha test that a warning says. A guess."""
+"""Change of the share of texels that pass an alpha test that a warning says."""
 
 
 @dataclass(frozen=True)

@@ -27,17 +27,17 @@ from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_render import Cache
 
 MOST_PASSES = 256
-"""Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures. A guess."""
+"""Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures."""
 
 RESOLVED_SHARE = 0.2
 """Noise of a reference that is small enough, as a share of the closest candidate's error: it makes that error 2 %
-larger. A guess."""
+larger."""
 
 UNSEEN = 1 / (255 * math.sqrt(12))
 """Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
 
-LEAST_PASSES = 16  # a guess
-_LEAST_STEP = 1.25  # times as many samples as before; a guess
+LEAST_PASSES = 16
+_LEAST_STEP = 1.25  # times as many samples as before
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,14 @@ Motion = Literal["camera", "light"]
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
 FLOOR_LAST = 4
-"""Level of detail at the top of the floor, where the stack has so many levels; it is 0 at the bottom. A guess."""
+"""Level of detail at the top of the floor, where the stack has so many levels; it is 0 at the bottom."""
 
-_STEP = (0.61, 0.37)  # texels of level 0 to the right and ahead, from frame to frame, on floor and wall; a guess
-_TURN = 0.25  # degrees from frame to frame, of spheres, of meshes and of lights; a guess
+_STEP = (0.61, 0.37)  # texels of level 0 to the right and ahead, from frame to frame, on floor and wall
+_TURN = 0.25  # degrees from frame to frame, of spheres, of meshes and of lights
 _WALL_LOD = 0.25  # level of detail in the middle of the wall; a guess: from 0 to 0.5 over the picture
-_WALL_ANGLE = 12.0  # degrees that the wall is turned by, which spreads its levels of detail; a guess
-_WALL_FIELD = 30.0  # vertical field of view, degrees; a guess
-_SPHERE_LOD = 1.0  # median level of detail of the sphere; a guess
+_WALL_ANGLE = 12.0  # degrees that the wall is turned by, which spreads its levels of detail
+_WALL_FIELD = 30.0  # vertical field of view, degrees
+_SPHERE_LOD = 1.0  # median level of detail of the sphere
 
 
 def motion_named(name: str) -> Motion:

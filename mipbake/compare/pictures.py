@@ -28,7 +28,7 @@ from mipbake.render.mesh_render import Cache, Frame, Passes, Reference, Shot
 from mipbake.render.samplers import Sampler
 
 MAX_PASSES = 768
-"""Most samples for each pixel of a reference, by default. A guess."""
+"""Most samples for each pixel of a reference, by default."""
 
 SHIFT = (0.5, 0.0)
 """Pixels, to the right and upwards, between the two renders that flicker is measured of. Not tuned: flicker is

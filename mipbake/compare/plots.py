@@ -23,12 +23,12 @@ from mipbake.render import candidate
 from mipbake.render.environment import Lighting
 
 SLICE_PASSES = 384
-"""Samples for each pixel in the reference of a temporal slice, both halves together. A guess."""
+"""Samples for each pixel in the reference of a temporal slice, both halves together."""
 
-_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to; a guess
+_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
-_SIDE, _LIGHTS, _SAMPLES = 24, 256, 64  # effort on the search for the worst pixel; a guess
-_RIM = 0.999  # radius of the disc of directions, off the horizon by a little; a guess
+_SIDE, _LIGHTS, _SAMPLES = 24, 256, 64  # effort on the search for the worst pixel
+_RIM = 0.999  # radius of the disc of directions, off the horizon by a little
 
 
 class Slice(NamedTuple):

@@ -22,9 +22,9 @@ from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 _SHARES, _BEYOND = (0.5, 0.75, 0.9, 0.97), (2.0, 4.0)
-"""Shares of slopes within the scales that are tried, and multiples of the largest of these scales. A guess."""
+"""Shares of slopes within the scales that are tried, and multiples of the largest of these scales."""
 
-_APART = 1.1  # scales that are nearer to each other are one; a guess
+_APART = 1.1  # scales that are nearer to each other are one
 _LEVELS = 1 + ceil(max(LODS))  # levels that are measured: not tuned
 _STEP = 1 << (_LEVELS - 1)  # texels of level 0 to a texel of the last of them: not tuned
 

@@ -20,22 +20,22 @@ from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_render import Shot
 from mipbake.render.samplers import level_of_detail
 
-SPHERE_RESOLUTION = (256, 256)  # pixels; a guess
-PLANE_RESOLUTION = (256, 448)  # pixels; a guess
+SPHERE_RESOLUTION = (256, 256)  # pixels
+PLANE_RESOLUTION = (256, 448)  # pixels
 
 EXPOSURE = 1.5
 """Times the environments' own scale, under which a white matte sphere has radiance 1: pictures of common materials then
-fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too. A guess."""
+fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
 
 SMALLEST = 16
 """Least pixels along each side of a view; the window of SSIM takes 11. A guess above that."""
 
-_SPHERE_ANGLE = 25.0  # vertical field of view, degrees; a guess
-_FILLED = 0.94  # share of the picture's half height that the sphere's radius fills; a guess
-_BOTTOM = 35.0  # degrees below the horizon of the lowest row of the plane; a guess
-_MESH_ANGLE = 30.0  # vertical field of view, degrees; a guess
-_MESH_FROM = (25.0, 15.0)  # azimuth and elevation, degrees; a guess
-# Times the distance at which the mesh fills the picture; a guess.
+_SPHERE_ANGLE = 25.0  # vertical field of view, degrees
+_FILLED = 0.94  # share of the picture's half height that the sphere's radius fills
+_BOTTOM = 35.0  # degrees below the horizon of the lowest row of the plane
+_MESH_ANGLE = 30.0  # vertical field of view, degrees
+_MESH_FROM = (25.0, 15.0)  # azimuth and elevation, degrees
+# Times the distance at which the mesh fills the picture.
 _MESH_DISTANCES = {"near": 1.0, "middle": 3.0, "far": 8.0}
 
 

@@ -29,24 +29,23 @@ from mipbake.reference.source import FilteredSource
 from mipbake.texture_set import TextureSet
 
 DEFAULT_SEED = 0  # not tuned
-DEFAULT_POINTS = 8192  # a guess
-DEFAULT_SAMPLES = 64  # a guess
+DEFAULT_POINTS = 8192
+DEFAULT_SAMPLES = 64
 
 STEP = 0.25
-"""Levels of detail between points of a curve, and within a scale. A guess."""
+"""Levels of detail between points of a curve, and within a scale."""
 
 _SIDE_BY_SIDE = 1 << 12
 """Samples of a piece of work from which pieces are worked on side by side: with fewer, threads wait for the
-interpreter. A guess."""
+interpreter."""
 
 _TOGETHER = 256
-"""Points up to which blocks of pairs are one piece of work: calls for few points take longer than what they do. A
-guess."""
+"""Points up to which blocks of pairs are one piece of work: calls for few points take longer than what they do."""
 
-_POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail; a guess
-# Times the samples are spent on flicker there: the reference hardly changes, and noise drowns it; a guess.
+_POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a level of detail
+# Times the samples are spent on flicker there: the reference hardly changes, and noise drowns it.
 _FEW_PIXELS_WORK = 8
-_LEAST_CHANGE_POINTS = 1024  # a guess
+_LEAST_CHANGE_POINTS = 1024
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""

@@ -35,7 +35,7 @@ SHIFTS = ((0.5, 0.0), (0.0, 0.5))
 BLOCKS = PAIRS // BLOCK
 """Blocks of the pairs of a set."""
 
-# Encoding costs far more than a lookup, and no square gives few bright pixels all the weight; a guess.
+# Encoding costs far more than a lookup, and no square gives few bright pixels all the weight.
 _TONE_POINTS = 2048
 
 Radiance = NDArray[np.float32]

@@ -19,10 +19,10 @@ from mipbake.render.samplers import Sampler, level_of_detail, look_up
 Array = NDArray[np.float64]
 
 DEGREES = 0.1
-"""The turn from frame to frame. A guess."""
+"""The turn from frame to frame."""
 
 # Rows see the plane at these angles below its horizon. Footprints grow by 1 / sin^2, twofold from bottom to top.
-_TOP = 35.0  # a guess
+_TOP = 35.0
 _BOTTOM = math.degrees(math.asin(math.sqrt(2) * math.sin(math.radians(_TOP))))
 
 

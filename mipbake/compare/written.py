@@ -23,18 +23,17 @@ from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
 WORST_DIP = 2.0
-"""dB by which a lookup between two levels may be worse than at both of them: more is a defect of what made them. A
-guess."""
+"""dB by which a lookup between two levels may be worse than at both of them: more is a defect of what made them."""
 
 LEAST_SNR = 3.0
 """dB that both levels have where a dip counts. Where the error is as great as what is to be seen, as with plain
-averages of bumpy gloss, a lookup between levels may well be worse than at both. A guess."""
+averages of bumpy gloss, a lookup between levels may well be worse than at both."""
 
 SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets, in a sentence."""
 
 _POINTS, _LEAST_POINTS, _SAMPLES, _SEED = 256, 16, 16, 12  # efforts: guesses; the last is the seed
-_SUSPICIOUS = 1.0  # dB of a dip that is measured again, with more points and other pairs; a guess
+_SUSPICIOUS = 1.0  # dB of a dip that is measured again, with more points and other pairs
 _SURE_POINTS, _SURE_SAMPLES, _SURE_SEED = 1024, 32, 13  # efforts: guesses; the last is the seed
 # Pairs: means over groups of decibels do not hang on the few brightest pairs; as in judging/pairs.py; not tuned here.
 _GROUP = 64

@@ -21,25 +21,25 @@ from mipbake.fitting.protocol import as_answer
 from mipbake.io.signals import uninterrupted
 
 _KEPT = 20
-"""Lines of each stream that errors show. A guess."""
+"""Lines of each stream that errors show."""
 
 _SHOWN = 400
-"""Letters of a line that errors show. A guess."""
+"""Letters of a line that errors show."""
 
 _LONGEST = 1 << 20
-"""Bytes of a line. What is longer is several lines, so that no program fills the memory. A guess."""
+"""Bytes of a line. What is longer is several lines, so that no program fills the memory."""
 
 _CHUNK = 1 << 16
 """Bytes that a pipe of Linux holds."""
 
 _LOOK = 0.25
-"""Seconds between looks at whether a program still lives. A guess."""
+"""Seconds between looks at whether a program still lives."""
 
 _GRACE = 1.0
-"""Seconds for a program whose output has ended to end too, and for what it printed to arrive. A guess."""
+"""Seconds for a program whose output has ended to end too, and for what it printed to arrive."""
 
 _REAP = 5.0
-"""Seconds for the system to end a program that was killed, which takes long where a driver is stuck. A guess."""
+"""Seconds for the system to end a program that was killed, which takes long where a driver is stuck."""
 
 
 class Child:

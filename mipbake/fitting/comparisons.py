@@ -18,10 +18,10 @@ ERRORS = ("both", "displayed", "plain")
 `plain`: the numbers of images as they are."""
 
 _LOSS = 4.0
-"""So many decibels that one part, or one scale, gains make up for one that another loses. A guess."""
+"""So many decibels that one part, or one scale, gains make up for one that another loses."""
 
 LEAST_ERROR = 1e-9
-"""A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before. A guess."""
+"""A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from mipbake.pixel_filter import filter_named
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 
-_HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given; a guess
+_HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given
 
 
 def fit(

@@ -13,7 +13,7 @@ from mipbake.errors import RendererError
 from mipbake.fitting.renderer import Array, Levels, Renderer
 
 _FARTHEST = 2.0**16
-"""How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart. A guess."""
+"""How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart."""
 
 
 @dataclass(frozen=True, eq=False)

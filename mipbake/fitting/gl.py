@@ -58,7 +58,7 @@ SHADERS = ("gltf", "clearcoat", "ramp")
 stylised one whose light falls in steps."""
 
 _KEPT = 4
-"""Stacks of other sizes whose textures are kept: a stack and its source, twice. A guess."""
+"""Stacks of other sizes whose textures are kept: a stack and its source, twice."""
 
 _VERTICES = """
 #version 330

@@ -21,11 +21,11 @@ from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import Stamps
 from mipbake.fitting.state import Checkpoint, FitState, kept_in
 
-DEFAULT_STEPS = 2000  # a guess
+DEFAULT_STEPS = 2000
 
-_PATIENCE = 3  # checks without a gain of a level, after which its rate is halved; a guess
-_LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is; a guess
-_LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget; a guess
+_PATIENCE = 3  # checks without a gain of a level, after which its rate is halved
+_LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is
+_LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
 
 _NO_TILES = np.empty(0, np.intp)
 

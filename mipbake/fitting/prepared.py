@@ -160,7 +160,7 @@ class Preparation:
 _LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
 """Renders of a reference: so many at level of detail 0, twice as many at each level more, up to so many; and so many
 times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al.
-2018), so more views are better than less noise. A guess."""
+2018), so more views are better than less noise."""
 
 
 def passes_for(lod: float, held_out: bool) -> int:

@@ -18,11 +18,11 @@ from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import Stamps
 
 _TRIED = 8
-"""So many views are tried, spread over all of them. A guess."""
+"""So many views are tried, spread over all of them."""
 
 _LEAK = 0.25
 """A view is told of where so much of what all texels change in its picture is changed by texels that its frame does not
-name. Drivers round levels of detail, so that a little is no mistake. A guess."""
+name. Drivers round levels of detail, so that a little is no mistake."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,16 +31,16 @@ _MEMORY = Path("/dev/shm")
 """Where files of Linux lie in memory."""
 
 _END = 5.0
-"""Seconds for a program to end after it was asked to. A guess."""
+"""Seconds for a program to end after it was asked to."""
 
 _MESHES = 512
-"""Meshes whose files are kept for later views. A guess."""
+"""Meshes whose files are kept for later views."""
 
 _PIXEL = 4 * 11
 """Bytes that a pixel of a frame takes, at most: 11 numbers."""
 
 _PIXELS = 1920 * 1080
-"""Pixels of a frame whose size only the program knows. A guess."""
+"""Pixels of a frame whose size only the program knows."""
 
 
 class ProcessRenderer:

@@ -15,8 +15,7 @@ V_contra = TypeVar("V_contra", contravariant=True)
 
 
 TILE = 64
-"""Texels along a side of a tile. Smaller tiles fit what a view shows more closely, and ask more calls of a driver. A
-guess."""
+"""Texels along a side of a tile. Smaller tiles fit what a view shows more closely, and ask more calls of a driver."""
 
 _STAMPS = itertools.count(1)
 

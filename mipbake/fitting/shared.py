@@ -25,40 +25,38 @@ from mipbake.fitting.renderer import Array
 
 _DIFFERENCE = 2.0
 """So many quantisation steps, in the root mean square over texels, a number moves its texels by for a difference of
-pictures. A guess."""
+pictures."""
 
 _DAMPINGS = (0.01, 0.1, 1.0, 10.0)
-"""A level takes the step with the best of these shares of the curvature added to it. Guesses."""
+"""A level takes the step with the best of these shares of the curvature added to it."""
 
 _LEAST_SHARE = 0.01
-"""Pixels of a view read several levels. A level takes part in a view where it has this share of what they read. A
-guess."""
+"""Pixels of a view read several levels. A level takes part in a view where it has this share of what they read."""
 
 _MOST = 1 / 3
-"""All rounds together take so much of a budget at most. A guess."""
+"""All rounds together take so much of a budget at most."""
 
 _WIDEST = 8
 """Of each scale, every view up to every eighth one is learned from. Where even that takes too long, there are no
-rounds. A guess."""
+rounds."""
 
 _PIXELS = 2**14
-"""About so many pixels of a view are learned from. A guess."""
+"""About so many pixels of a view are learned from."""
 
 _HELD = 2**24
-"""Derivatives of so many pixels are held at once, about 400 MB. One view alone may have more. A guess."""
+"""Derivatives of so many pixels are held at once, about 400 MB. One view alone may have more."""
 
 _SAMPLED = 2**16
-"""Means and spreads of a level, and what its limits leave, are taken from about so many of its texels. A guess."""
+"""Means and spreads of a level, and what its limits leave, are taken from about so many of its texels."""
 
 _STOPPED = 0.25
-"""A number stays where it is where limits of channels leave less than so much of what its texels move by, in squares.
-A guess."""
+"""A number stays where it is where limits of channels leave a smaller share of what its texels move by, in squares."""
 
 _FLOOR = 1e-6
-"""So much of the mean curvature is added everywhere: numbers that do the same have one answer. A guess."""
+"""So much of the mean curvature is added everywhere: numbers that do the same have one answer."""
 
 _TRIES = 3
-"""A step is computed about so often, because limits stop numbers. A guess."""
+"""A step is computed about so often, because limits stop numbers."""
 
 
 @dataclass(frozen=True)

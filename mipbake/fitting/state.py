@@ -22,7 +22,7 @@ from mipbake.stochastic import Moments
 
 _FORMAT = 5
 _SAME = 0.25
-"""dB by which scores of the same stack may differ in the same renderer, which may be a little noisy. A guess."""
+"""dB by which scores of the same stack may differ in the same renderer, which may be a little noisy."""
 
 _ARRAYS = ("values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
 

@@ -90,7 +90,7 @@ def _one_by_one(
     return total, counted
 
 
-_LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count; a guess
+_LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count
 
 
 def named(view: Any) -> str:

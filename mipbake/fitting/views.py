@@ -54,9 +54,9 @@ class View:
 
 
 _DISTANCE, _FIELD_OF_VIEW = 4.0, 40.0  # of the camera
-_SIDES = (48, 256)  # fewest and most pixels along a side of a view; a guess
-_TILT = math.radians(60)  # most between a camera and the normal of the plane; a guess
-_LIGHTS = 4  # of a view; one is near the mirror direction of the camera; a guess
+_SIDES = (48, 256)  # fewest and most pixels along a side of a view
+_TILT = math.radians(60)  # most between a camera and the normal of the plane
+_LIGHTS = 4  # of a view; one is near the mirror direction of the camera
 _NEAR_MIRROR = 0.12  # radians, as in docs/conventions.md, section 4
 
 
@@ -108,7 +108,7 @@ def _view(size: tuple[int, int], wrap: tuple[str, str], lod: float, index: int, 
     # The longer side of the footprint is that along the slope.
     texels = 2**lod * side / reach * math.cos(tilt)  # of a unit of the world
     height, width = (n / texels for n in size)  # of the maps in the world
-    repeats = max(1, math.ceil(8 * reach / min(height, width)))  # enough that slanted pictures show no edge; a guess
+    repeats = max(1, math.ceil(8 * reach / min(height, width)))  # enough that slanted pictures show no edge
     mesh = plane(width * repeats, height * repeats, (repeats, repeats)) if endless else plane(width, height)
     room = np.array([width, height]) - (0 if endless else reach)  # so that what is seen once is in the picture
     centre = (rng.random(2) - 0.5) * np.maximum(room, 0)

@@ -57,7 +57,6 @@ class Limits:
             own is a bomb: images are compressed already, and whole sets of constant maps are smaller.
         kept: bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is.
 
-    The numbers are guesses.
     """
 
     files: int = 10_000

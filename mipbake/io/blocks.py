@@ -23,7 +23,7 @@ Texels = NDArray[np.generic]
 Bytes = NDArray[np.uint8]
 
 _AT_ONCE = 1 << 18
-"""Texels whose blocks are made or read together. A guess."""
+"""Texels whose blocks are made or read together."""
 
 
 def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:

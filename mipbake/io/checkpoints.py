@@ -36,7 +36,7 @@ DAMAGED = (
 """What reading raises where a file is damaged, or is none of these."""
 
 AT_ONCE = 1 << 22
-"""Bytes that are copied at a time. A guess."""
+"""Bytes that are copied at a time."""
 
 Make = Callable[[tuple[int, ...], np.dtype[Any]], NDArray[Any]]
 """Makes an array of a shape and a dtype, whose values are then read; ValueError where no such array is expected."""

@@ -25,10 +25,10 @@ _RANGES = dict.fromkeys(("base_color", "roughness", "metallic", "occlusion", "op
 _RANGES["emissive"] = (0.0, np.inf)
 
 _FAR = 1.5
-"""A median this many times the top of a range belongs to values in other units; a guess."""
+"""A median this many times the top of a range belongs to values in other units."""
 
 _MANY = 0.01
-"""Share of texels outside the range of a role from which a note becomes a warning; a guess."""
+"""Share of texels outside the range of a role from which a note becomes a warning."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def decode_map(source: MapSource, image: Image, options: LoadOptions, out: Pixel
 
 
 _FEW = 1e-3
-"""Share of texels whose colours may exceed alpha by the ringing of a filter. A guess."""
+"""Share of texels whose colours may exceed alpha by the ringing of a filter."""
 
 
 def _divided(

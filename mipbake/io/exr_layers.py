@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mipbake.errors import InputError
-from mipbake.io.messages import listed
+from mipbake.io.messages import listed, told_by
 from mipbake.io.names import interpretations
 from mipbake.io.sources import spoken
 
@@ -56,7 +56,7 @@ def taken_layer(path: Path, image: OpenImageIO.ImageInput, role: str | tuple[int
     while image.seek_subimage(part, 0):
         layers += _layers(path, part, image.spec())
         part += 1
-    image.geterror()  # clears what the end of the parts left
+    told_by(image.geterror)  # clears what the end of the parts left
     layer = _chosen(path, layers, role)
     image.seek_subimage(layer.part, 0)
     if layer.depth.startswith("uint"):

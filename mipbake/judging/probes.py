@@ -31,11 +31,11 @@ from mipbake.reference.samples import Pixels
 
 Array = NDArray[np.float64]
 
-_NOISY = 0.03  # noise energy over the signal's at which samples are doubled; a guess
-# Level of detail below which stacks come so near the reference that its noise counts: twice the samples; a guess.
+_NOISY = 0.03  # noise energy over the signal's at which samples are doubled
+# Level of detail below which stacks come so near the reference that its noise counts: twice the samples.
 _FINE = 2.0
-_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others; a guess
-_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups; a guess
+_POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
+_FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,6 @@ class ProbeEffort:
         pictures: small ones, half of them slanted. picture_samples: of the reference at each of their pixels, twice.
         doublings: how often samples are doubled, at most, where the reference stays noisy.
 
-    The numbers are guesses.
     """
 
     groups: int = 32

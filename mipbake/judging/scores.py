@@ -25,12 +25,12 @@ from mipbake.shading import shade
 Array = NDArray[np.float64]
 
 DECIBEL = 10 / math.log(10)  # in a neper of energy: not tuned
-UNLIT = 1e-12  # mean square radiance below which nothing is seen; a guess
+UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws; a seed
-_FLOOR = 1e-7  # error in units of the signal that is as good as none; a guess
+_FLOOR = 1e-7  # error in units of the signal that is as good as none
 # Share of the reference's noise energy below which an error is chance (metrics.snr); of that measure: not tuned here.
 _RESOLVED = 0.01
-_UNSURE = 0.35  # standard error of a logarithm; a guess
+_UNSURE = 0.35  # standard error of a logarithm
 _RADIANCES = 1 << 16  # at a time: they stay in the cache
 
 

@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 KINDS_SHOWN = len(SLANTS)
 """Kinds of pictures, as `weights.SEEN` names them."""
 
-_ROOMS = "studio", "sky", "lamps"  # that pictures are in by turns; a guess
-_FEWEST = 8  # pictures of a level of detail; a guess
-_MOST_SAMPLES = 16  # of a pixel; a guess
-_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0; a guess
+_ROOMS = "studio", "sky", "lamps"  # that pictures are in by turns
+_FEWEST = 8  # pictures of a level of detail
+_MOST_SAMPLES = 16  # of a pixel
+_MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ class Weights:
         terms: name to weight, every name of TERMS.
         group_behind: what a neper counts by which a group of pairs is behind the best rule of engines and tools in that
             very group, in the mean over groups: another rule may be the best there than in the mean over groups.
-        chance: standard errors by which a row of errors may be behind; a guess.
+        chance: standard errors by which a row of errors may be behind.
         tie: nepers below which two errors measure the same. seen_tie: the same, of what is seen.
         group_tie: nepers by which groups may be behind in the mean over them before a level gives way.
         looks_worse: nepers of a term of what is seen by which a closed form may be behind the best ingredient, and its
@@ -91,16 +91,16 @@ _BEHIND = {
     "highlights, hemisphere": 3.0,
 }
 """What a neper counts, in addition, by which a term of pairs is behind the best closed form. What falls behind where
-one bright pair rules a set of pairs counts most. Guesses."""
+one bright pair rules a set of pairs counts most."""
 
-_PAIRS = 0.04  # what a term of pairs counts at an aim of 1, where it is 1 at an aim of 0; a guess
-_SEEN = 0.4, 2.2  # what a term of what is seen counts at an aim of 0, and more at an aim of 1; guesses
-_SEEN_BEHIND = 40.0  # at an aim of 1, and less in proportion to its square; a guess
-_GROUPS = 6.0  # at an aim of 0; a guess
-_TIE, _GIVES_WAY = 0.01, 0.3  # nepers by which a term of pairs may be behind, and how many more at an aim of 1; guesses
-_EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind; a guess
-_LOOKS_WORSE = 0.25  # nepers by which forms may look worse at an aim of 1, as 0.5 was tried at one of 0.5; a guess
-_LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1; a guess
+_PAIRS = 0.04  # what a term of pairs counts at an aim of 1, where it is 1 at an aim of 0
+_SEEN = 0.4, 2.2  # what a term of what is seen counts at an aim of 0, and more at an aim of 1
+_SEEN_BEHIND = 40.0  # at an aim of 1, and less in proportion to its square
+_GROUPS = 6.0  # at an aim of 0
+_TIE, _GIVES_WAY = 0.01, 0.3  # nepers by which a term of pairs may be behind, and how many more at an aim of 1
+_EASED = 2.0  # aim from 0.5 on by which the terms of pairs may be behind
+_LOOKS_WORSE = 0.25  # nepers by which forms may look worse at an aim of 1, as 0.5 was tried at one of 0.5
+_LEAST_BEHIND = 0.02  # share of what being behind counts at an aim of 1
 
 
 def weights_for(aim: float) -> Weights:
@@ -139,4 +139,4 @@ SINGLE_LIGHTS = Weights(
     group_behind=0.0,
 )
 """What the optimum counts, which is a limit of SNR: both pair sets, and nothing that people look at. Bright pairs count
-in addition, because few of the pairs of a descent are bright, and bright ones rule the errors. Guesses."""
+in addition, because few of the pairs of a descent are bright, and bright ones rule the errors."""

@@ -22,12 +22,12 @@ MIN_LOG_ALPHA2 = 4 * math.log(MIN_ROUGHNESS)
 """ln alpha^2 at MIN_ROUGHNESS."""
 
 MAX_LOG_ALPHA2 = 2.0
-"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface. A guess.
+"""Greatest eigenvalue of the log-roughness tensor, beyond any rough surface.
 
 The least one is the floor that shading has, `least_alpha2` of the model."""
 
 MIN_HEIGHT = 0.01
-"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound. A guess."""
+"""Lifted normals are no flatter than this: the derivative of sqrt(1 - r^2) has no bound."""
 
 LEAST_STRENGTH = 1e-3
 """Anisotropy strength that a descent starts from at least: strength is squared when it is shaded, so no gradient leads

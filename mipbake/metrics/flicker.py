@@ -21,7 +21,7 @@ from mipbake.errors import UsageError
 from mipbake.metrics.images import ImageArray, check_same_shape
 from mipbake.metrics.snr import snr_db
 
-# Share of the noise energy in the reference's change; a guess. Chance reaches it below 10^4 values or so.
+# Share of the noise energy in the reference's change. Chance reaches it below 10^4 values or so.
 _RESOLVED = 0.05
 
 

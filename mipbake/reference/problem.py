@@ -15,7 +15,7 @@ from mipbake.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 
-_PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128  # points of a region: so many for each texel, and no fewer than; guesses
+_PIXELS_A_TEXEL, _LEAST_POINTS = 4, 128  # points of a region: so many for each texel, and no fewer than
 
 
 @dataclass(frozen=True)

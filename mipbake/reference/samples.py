@@ -20,7 +20,7 @@ Generators = np.random.Generator | Sequence[np.random.Generator]
 
 _T = TypeVar("_T", bound=np.generic)
 
-_BITS = 14  # of the number of bins; a guess
+_BITS = 14  # of the number of bins
 _BINS = 1 << _BITS  # not tuned
 
 

@@ -28,7 +28,7 @@ JITTERS = 8
 NEW = 0.1
 """Share of the new frame in what is shown. 0.04 to 0.1 are common; a guess within that."""
 
-_ROUNDING = 1e-6  # of depths, of which single floats take part; a guess
+_ROUNDING = 1e-6  # of depths, of which single floats take part
 _HELD = 1  # pixels around a pixel whose colours, and depths, its history is held to
 _USER = "a film with temporal accumulation"
 

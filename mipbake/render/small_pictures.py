@@ -29,16 +29,16 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 SLANTS = (0.5, 1.0), (0.1, 0.5)
-"""Cosines of the angle of view, from and to, of the kinds of pictures: facing the viewer, and slanted. A guess."""
+"""Cosines of the angle of view, from and to, of the kinds of pictures: facing the viewer, and slanted."""
 
 PIXELS = SIDE * SIDE
 """Pixels of a picture."""
 
 _MOST_LOOKUPS = 16  # of a pixel: what engines offer at most, not tuned
-_HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down; a guess
+_HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down
 _MEDIAN = 0.6  # what the median is exposed to, as in films: not tuned
-_CONTRAST = 16.0  # between the median of all pictures and the darkest that one is exposed for; a guess
-_DARK = 1e-6  # radiance below which all pictures are black; a guess
+_CONTRAST = 16.0  # between the median of all pictures and the darkest that one is exposed for
+_DARK = 1e-6  # radiance below which all pictures are black
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ _FLAGS = (
 )
 _KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript"}
 _IDLE_SECONDS = 20.0  # until the page asks again; a guess that is well below every limit of a browser
-_LOOK_SECONDS = 0.2  # between two looks whether Chromium still runs; a guess
+_LOOK_SECONDS = 0.2  # between two looks whether Chromium still runs
 _NOTES = 10  # what the page said last, that errors quote
 _HEAD = 4  # bytes of the number before a header
 

@@ -45,7 +45,7 @@ SIDE = 4
 """KHR_texture_basisu takes textures whose sides are multiples of it."""
 
 LEAST_SIDE = 16
-"""Texels along a side; smaller images are palettes, ramps and icons, of which every texel counts. A guess."""
+"""Texels along a side; smaller images are palettes, ramps and icons, of which every texel counts."""
 
 
 @dataclass(frozen=True)

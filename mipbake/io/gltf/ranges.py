@@ -20,9 +20,9 @@ Values: TypeAlias = NDArray[np.float32]
 
 LEAST_SCALE = 1 / 64
 """The least scale of normals: a step of eight bits is then a slope of 1/8192, below which no lobe is narrow enough to
-show it. A guess."""
+show it."""
 
-_LEAST_Z = 0.05  # slopes of steeper normals are held there; a guess
+_LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255  # a step of eight bits: not tuned
 _USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks/uastc.py)
 

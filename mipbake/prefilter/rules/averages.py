@@ -23,7 +23,7 @@ from mipbake.prefilter.rules.closed_form import ClosedForm
 from mipbake.prefilter.rules.form import Blur, Form, Part, Texels, Whole, stored_part
 
 _MIN_LENGTH = 1e-3
-"""Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length. A guess."""
+"""Shortest average of unit normals: opposite normals cancel, and the formulas divide by the length."""
 
 
 class Averages(NamedTuple):

@@ -17,13 +17,13 @@ Texelwise = Callable[[Array], Array]
 """(rows, W, C) to (rows, W, D), texel by texel."""
 
 CHUNK = 1 << 14
-"""Texels worked on at a time: a dozen channels and their temporaries stay in the cache. A guess."""
+"""Texels worked on at a time: a dozen channels and their temporaries stay in the cache."""
 
 BAND = 1 << 18
-"""Texels of level 0 in a band. A guess."""
+"""Texels of level 0 in a band."""
 
 ROWS = 128
-"""Rows of a band, at least: the filter reaches 16 rows beyond a band on either side, which are read twice. A guess."""
+"""Rows of a band, at least: the filter reaches 16 rows beyond a band on either side, which are read twice."""
 
 
 def texelwise(function: Texelwise, image: Image, out: Image | None = None) -> Image:

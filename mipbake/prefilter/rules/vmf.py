@@ -19,7 +19,7 @@ import numpy as np
 from mipbake.prefilter.rules.averages import RoughnessRule, inverse_kappa
 from mipbake.prefilter.rules.bands import Array
 
-_NEWTON_STEPS = 4  # a guess
+_NEWTON_STEPS = 4
 
 
 def shortening(alpha2: Array) -> Array:

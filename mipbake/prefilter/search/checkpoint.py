@@ -34,12 +34,12 @@ from mipbake.reference.problem import Image
 _ABOUT, _LOCK, _START = "about.json", "lock", "start.npz"
 _FORMAT = 1  # of the files; not tuned
 LEAST_SECONDS = 10.0
-"""Between two writings. A guess."""
+"""Between two writings."""
 
 COST = 0.02
-"""Share of the time that writing may take. A guess."""
+"""Share of the time that writing may take."""
 
-_RATE = 2e8  # bytes that a disk writes in a second, before it is measured; a guess
+_RATE = 2e8  # bytes that a disk writes in a second, before it is measured
 _WORDS = {"source": "the set changed", "options": "the options changed", "weights": "the weights changed"}
 
 Windows = Callable[[int], Mapping[int, tuple[slice, slice]]]

@@ -11,7 +11,7 @@ from mipbake.metrics.pairs import PAIR_SETS
 LOBES = 2
 """Lobes that half vectors of pixels are drawn from (pixel_samples.py). Not tuned: what is drawn from has so many."""
 
-LOOKS = ProbeEffort(groups=16)  # groups of the renders that say whether rounds still help; a guess
+LOOKS = ProbeEffort(groups=16)  # groups of the renders that say whether rounds still help
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,6 @@ class DescentEffort:
         looks: effort of the renders that say, after every few rounds, whether that still helps.
         window: regions of large sets are at most so many texels a side.
 
-    The numbers are guesses.
     """
 
     rounds: int = 40

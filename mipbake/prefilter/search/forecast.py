@@ -15,10 +15,10 @@ from mipbake.prefilter.search.texel_descent import pixels_of_round, renders_of_p
 from mipbake.reference.problem import Problem
 
 FEWEST = 3
-"""Rounds that are worth beginning with a region. A guess."""
+"""Rounds that are worth beginning with a region."""
 
-_SECONDS, _SHARE = 10.0, 0.1  # of descending, or of the budget, after which a forecast is made; guesses
-_OTHER = 1.5  # factor by which a forecast must have been wrong to be told again; a guess
+_SECONDS, _SHARE = 10.0, 0.1  # of descending, or of the budget, after which a forecast is made
+_OTHER = 1.5  # factor by which a forecast must have been wrong to be told again
 # What a round costs, in renders of a pixel. Measured once for a set of 1024 texels a side, and held to no record: a
 # reference sample of a render costs so much, and the pictures of a level as much as so many renders.
 _SAMPLE, _PICTURES = 1 / 35, 4e5

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mipbake.prefilter.search.small_systems import Reals, factored, solved
 
-_ABSOLUTE = 1e-3  # damping in units of the mean over blocks; a guess
+_ABSOLUTE = 1e-3  # damping in units of the mean over blocks
 _BLOCKS = 2048  # blocks whose equations are solved at a time: they stay in the cache
-_TRIES, _STRONGER, _WEAKER = 4, 10.0, 0.2  # dampings that are tried in a round, and how damping changes; a guess
+_TRIES, _STRONGER, _WEAKER = 4, 10.0, 0.2  # dampings that are tried in a round, and how damping changes
 
 
 class System:

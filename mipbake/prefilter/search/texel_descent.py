@@ -36,15 +36,15 @@ from mipbake.prefilter.search.rounds import Held
 from mipbake.reference.problem import Image, Problem, Region
 
 CHECK = 5
-"""Rounds between two looks at what the stack is worth. A guess."""
+"""Rounds between two looks at what the stack is worth."""
 
-_PICTURES = 16  # of a level and round; a guess
-_STILL = 2  # looks in a row at which nothing moved, after which a region is done; a guess
-_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving; a guess
-_OWN_PAIRS = 3  # levels whose pixels have pairs of their own; a guess
-# Times as many common pairs, at most; where pixels are more than this, fewer; a guess.
+_PICTURES = 16  # of a level and round
+_STILL = 2  # looks in a row at which nothing moved, after which a region is done
+_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving
+_OWN_PAIRS = 3  # levels whose pixels have pairs of their own
+# Times as many common pairs, at most; where pixels are more than this, fewer.
 _COMMON, _COMMON_PIXELS = 4, 2048
-_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two; a guess
+_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
 
 
 class Descent:

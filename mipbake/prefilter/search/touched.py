@@ -19,7 +19,7 @@ from mipbake.prefilter.rules.together import Placed, Together
 from mipbake.reference.problem import Image, Problem
 from mipbake.sampling.taps import LinearTaps, linear_taps
 
-MOST = 0.25  # share of a level's texels that lookups read from which on all of its texels are made; a guess
+MOST = 0.25  # share of a level's texels that lookups read from which on all of its texels are made
 
 
 class Touched:

@@ -18,7 +18,7 @@ VISIBLE_JOD = 0.1
 """A smaller difference in JOD is none that is visible. A guess: 53 in 100 people would prefer the better film."""
 
 VISIBLE_FLIP = 0.05
-"""A smaller difference in FLIP, as a share of the greater FLIP, is none that is visible. A guess."""
+"""A smaller difference in FLIP, as a share of the greater FLIP, is none that is visible."""
 
 _JUDGES = ("jod-37", "flip")  # the first of them that was measured decides
 

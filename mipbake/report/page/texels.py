@@ -26,7 +26,6 @@ class Window:
         side: in texels.
         bytes: of texels that a page may hold before they are compressed; larger sets get a smaller window.
 
-    The numbers are guesses.
     """
 
     side: int = 1024
